@@ -1,0 +1,1 @@
+"""The mathematics of the thesis as pure functions of arrays, without Drake."""

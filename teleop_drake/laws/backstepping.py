@@ -1,0 +1,356 @@
+"""Neural-adaptive backstepping with tuning functions (chapters 4 and 5).
+
+One law for n task axes: chapter 4 is n = 1, chapter 5 is n = 2. Hats are left out:
+W1, Psi and W3 are the estimates, W1*, Psi* and W3* what they estimate (the thesis
+numbers the third network 6 in chapter 5).
+
+    s  = (v - v_dd) + Lambda (F_e - F_hd)          auxiliary error       (4.2, 5.2)
+    ds/dt   = Psi* (F_c - F_e) + W1* Phi           the plant, as modelled (4.8, 4.9)
+    dF_e/dt = W3* Phi                              the environment      (4.25, 5.25)
+    alpha   = F_e - Psi^-1 (W1 Phi + G1 s)         virtual control      (4.23, 5.22)
+    z       = F_c - alpha                          control force error  (4.18, 5.17)
+
+Proof that the law below is right, with X~ = X* - X and |X|^2 = tr(X^T X), for
+
+    V2 = s^T P s/2 + z^T z/2 + |W1~|^2/(2 beta1) + |Psi~|^2/(2 beta2)
+         + |W3~|^2/(2 beta3),                                           (4.27, 5.26)
+
+exact networks, no leakage (nu = 0), no supervision (Upsilon = 0) and the projection
+inactive. s' and alpha' are the rates of s and alpha as far as the law knows them
+(s_dot and alpha_dot in the code); e = ds/dt - s' = Psi~ (F_c - F_e) + W1~ Phi.
+
+1.  F_c - F_e = z - Psi^-1 (W1 Phi + G1 s), hence ds/dt = Psi z - G1 s + e, and with
+    P = P^T:    d/dt s^T P s/2 = -s^T P G1 s + s^T P Psi z + s^T P e.
+2.  alpha' differs from the true d(alpha)/dt in two terms only, dF_e/dt and ds/dt:
+    alpha' - d(alpha)/dt = -W3~ Phi + Psi^-1 G1 e. Hence
+    d/dt z^T z/2 = -z^T G2 z - z^T Psi^T P s - z^T W3~ Phi + z^T Psi^-1 G1 e.
+3.  s^T P Psi z cancels z^T Psi^T P s. Both e terms together are g^T e with
+    g = P s + G1^T Psi^-T z, and g^T e = <Psi~, g (F_c - F_e)^T> + <W1~, g Phi^T>.
+4.  The weights add -<W1~, dW1/dt>/beta1 - <Psi~, dPsi/dt>/beta2
+    - <W3~, dW3/dt>/beta3. With the update laws they cancel step 3 and -z^T W3~ Phi.
+
+What remains is  dV2/dt = -s^T P G1 s - z^T G2 z  exactly (4.44, 5.43). No step needs
+Lambda, G1 or G2 to be diagonal or symmetric. It decreases if and only if the
+symmetric parts of P G1 and G2 are positive definite: for P G1 this is NOT implied by
+P > 0 and G1 > 0, which is all that the thesis asks for.
+
+Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) and
+(4.39), (5.37) and (5.39), and prints the opposite one in (4.43), (4.52), (5.42) and
+(5.51).
+"""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _min_eigenvalue(matrix: Array) -> float:
+    """Returns the smallest eigenvalue of a matrix's symmetric part."""
+    return float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BacksteppingGains:
+    """The constants of the law; n is the number of task axes.
+
+    "Positive definite" means x^T A x > 0 for every x != 0; such a matrix need not be
+    symmetric. Matrices are copied and made read-only.
+
+    Attributes:
+        Lambda: Weighs the force error against the velocity error in m/(N s) (n, n),
+            positive definite (4.2, 5.2).
+        G1: Damping of s in 1/s (n, n), such that P G1 is positive definite
+            (4.23, 5.22).
+        G2: Damping of z in 1/s (n, n), symmetric, positive definite (4.32, 5.31).
+        P: Weight of s in V2 (n, n), symmetric, positive definite (5.10); for one
+            axis the thesis has 1.
+        beta1: Adaptation rate of W1, >= 0.
+        beta2: Adaptation rate of Psi, >= 0.
+        beta3: Adaptation rate of W3, >= 0.
+        nu1: Leakage of W1, >= 0 (4.52).
+        nu3: Leakage of W3, >= 0 (4.52).
+        Upsilon: Supervision, pulls Psi back to Psi0, in [0, 1] (4.52).
+        Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n), its
+            determinant positive as that of Psi* is, all singular values greater
+            than `Psi_min`.
+        Psi_min: Limit of the projection in 1/kg, > 0 (4.53).
+
+    Raises:
+        ValueError: If a gain is not finite, has another size than Lambda or is not
+            what is stated above.
+    """
+
+    Lambda: Array
+    G1: Array
+    G2: Array
+    P: Array
+    beta1: float
+    beta2: float
+    beta3: float
+    nu1: float
+    nu3: float
+    Upsilon: float
+    Psi0: Array
+    Psi_min: float
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.Lambda))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type is not float:
+                value = np.array(value, dtype=float)
+                if value.shape != (n, n):
+                    raise ValueError(
+                        f"{field.name} must be a square matrix of the size of Lambda, "
+                        f"({n}, {n}), got shape {value.shape}"
+                    )
+                value.setflags(write=False)
+                object.__setattr__(self, field.name, value)
+            if not np.isfinite(value).all():
+                raise ValueError(f"{field.name} must be finite, got {value}")
+        for name in ("G2", "P"):
+            matrix = getattr(self, name)
+            if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0.0):
+                raise ValueError(f"{name} must be symmetric, got {matrix.tolist()}")
+        for name in ("Lambda", "P", "G2"):
+            matrix = getattr(self, name)
+            if _min_eigenvalue(matrix) <= 0.0:
+                raise ValueError(
+                    f"{name} must be positive definite, got {matrix.tolist()}"
+                )
+        if _min_eigenvalue(self.P @ self.G1) <= 0.0:
+            raise ValueError(
+                "G1 must make P G1 positive definite (s^T P G1 s > 0), "
+                f"got G1 {self.G1.tolist()} with P {self.P.tolist()}"
+            )
+        for name in ("beta1", "beta2", "beta3", "nu1", "nu3"):
+            value = getattr(self, name)
+            if value < 0.0:
+                raise ValueError(f"{name} must be >= 0, got {value}")
+        if not 0.0 <= self.Upsilon <= 1.0:
+            raise ValueError(f"Upsilon must be in [0, 1], got {self.Upsilon}")
+        if self.Psi_min <= 0.0:
+            raise ValueError(f"Psi_min must be > 0, got {self.Psi_min}")
+        sigma = np.linalg.svd(self.Psi0, compute_uv=False)[-1]
+        if sigma <= self.Psi_min or np.linalg.det(self.Psi0) <= 0.0:
+            raise ValueError(
+                "Psi0 must have a positive determinant and singular values greater "
+                f"than Psi_min ({self.Psi_min}), got {self.Psi0.tolist()}"
+            )
+
+    @property
+    def num_axes(self) -> int:
+        """Number n of task axes."""
+        return self.Lambda.shape[0]
+
+
+class BacksteppingState(NamedTuple):
+    """The state of the law, or its time rate; N basis functions per network.
+
+    Attributes:
+        F_c: Control force in N (n).
+        W1: Weights of network 1, which estimates the unknown part of ds/dt, in m/s^2
+            (n, N).
+        Psi: Estimate of (I + Lambda D_e) M_r^-1 in 1/kg (n, n).
+        W3: Weights of network 3, which estimates dF_e/dt, in N/s (n, N).
+    """
+
+    F_c: Array
+    W1: Array
+    Psi: Array
+    W3: Array
+
+
+def state_size(num_axes: int, num_functions: int) -> int:
+    """Returns the size of the state as one vector: n + n N + n^2 + n N.
+
+    Args:
+        num_axes: Number n of task axes.
+        num_functions: Number N of basis functions.
+    """
+    return num_axes * (1 + num_axes + 2 * num_functions)
+
+
+def pack_state(state: BacksteppingState) -> Array:
+    """Returns the state as one vector [F_c, W1, Psi, W3], matrices row by row.
+
+    Args:
+        state: The state, or its time rate.
+    """
+    return np.concatenate([part.ravel() for part in state])
+
+
+def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
+    """Returns the parts of a vector made by pack_state, as views.
+
+    Args:
+        x: The vector, of the size given by state_size.
+        num_axes: Number n of task axes.
+    """
+    n = num_axes
+    nN = (x.size - n - n * n) // 2
+    return BacksteppingState(
+        x[:n],
+        x[n : n + nN].reshape(n, -1),
+        x[n + nN : n + nN + n * n].reshape(n, n),
+        x[n + nN + n * n :].reshape(n, -1),
+    )
+
+
+def initial_state(gains: BacksteppingGains, num_functions: int) -> BacksteppingState:
+    """Returns the initial state: no force, no weights, Psi = Psi0.
+
+    Args:
+        gains: The constants of the law.
+        num_functions: Number N of basis functions.
+    """
+    n = gains.num_axes
+    return BacksteppingState(
+        np.zeros(n),
+        np.zeros((n, num_functions)),
+        gains.Psi0,
+        np.zeros((n, num_functions)),
+    )
+
+
+def auxiliary_error(
+    gains: BacksteppingGains, *, v: Array, v_dd: Array, F_e: Array, F_hd: Array
+) -> Array:
+    """Returns s of (4.2), (5.2) in m/s (n).
+
+    Args:
+        gains: The constants of the law.
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave, v_d(t - T_f), in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave, F_h(t - T_f), in N (n).
+    """
+    return (v - v_dd) + gains.Lambda @ (F_e - F_hd)
+
+
+def control_force_error(
+    gains: BacksteppingGains,
+    state: BacksteppingState,
+    *,
+    Phi: Array,
+    s: Array,
+    F_e: Array,
+) -> Array:
+    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22).
+
+    Args:
+        gains: The constants of the law.
+        state: The state of the law.
+        Phi: Basis functions at the present input (N).
+        s: Auxiliary error in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+    """
+    alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + gains.G1 @ s)
+    return state.F_c - alpha
+
+
+def project(Psi: Array, update: Array, Psi_min: float) -> Array:
+    """Returns proj[update] of (4.53), which keeps Psi invertible.
+
+    Generalises (4.53) from a scalar to a matrix: the singular values of Psi, as it
+    moves along proj[update], do not fall below Psi_min.
+
+    Let Psi = U diag(sigma) V^T, and let U_m, V_m be the columns with
+    sigma <= Psi_min. To first order those singular values move as the eigenvalues of
+    the symmetric part of R = U_m^T update V_m. If S is that symmetric part and S_- its
+    part with negative eigenvalues,
+
+        proj[update] = update - U_m S_- V_m^T.
+
+    With one singular value at the limit this takes the component along u v^T out of
+    an update that would shrink it and leaves every other update alone. Several at
+    the limit, equal or not, are held together: S - S_- has no negative eigenvalue, so
+    none of them shrinks, whichever of the bases U_m, V_m the decomposition returns.
+    For n = 1 and Psi > 0 this is (4.53), with <= in the place of its <.
+
+    Exactly at the limit d(sigma_min)/dt >= 0; in between nothing happens. An
+    integrator may step over the limit by its own error, from where Psi moves along
+    the limit or back. The update is discontinuous in Psi at the limit.
+
+    For n = 1 the projection never increases V2 as long as Psi* >= Psi_min. For n > 1
+    that cannot be promised, because the matrices with singular values >= Psi_min are
+    not a convex set: there the projection keeps Psi invertible and no more.
+
+    Args:
+        Psi: Estimate (n, n).
+        update: What dPsi/dt would be without the limit (n, n).
+        Psi_min: The limit, > 0, in the unit of Psi.
+    """
+    U, sigma, Vt = np.linalg.svd(Psi)
+    at_limit = sigma <= Psi_min
+    if not at_limit.any():
+        return update
+    U_m, Vt_m = U[:, at_limit], Vt[at_limit]
+    R = U_m.T @ update @ Vt_m.T
+    eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)
+    S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
+    return update - U_m @ S_minus @ Vt_m
+
+
+def backstepping_rate(
+    gains: BacksteppingGains,
+    state: BacksteppingState,
+    *,
+    Phi: Array,
+    Phi_dot: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> BacksteppingState:
+    """Returns the time rate of the control force and of all estimates.
+
+    See the top of this file for the derivation and the proof.
+
+    Args:
+        gains: The constants of the law.
+        state: The state of the law.
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their time rate in 1/s (N).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave, v_d(t - T_f), in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave, F_h(t - T_f), in N (n).
+
+    Raises:
+        numpy.linalg.LinAlgError: If Psi is singular.
+    """
+    F_c, W1, Psi, W3 = state
+    G1, G2, Psi_min = gains.G1, gains.G2, gains.Psi_min
+    Psi_inv = np.linalg.inv(Psi)
+    dF = F_c - F_e
+
+    s = auxiliary_error(gains, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd)  # (4.2, 5.2)
+    y1 = W1 @ Phi  # (4.8, 5.8)
+    y3 = W3 @ Phi  # (4.25, 5.25)
+    offset = Psi_inv @ (y1 + G1 @ s)
+    alpha = F_e - offset  # (4.23, 5.22)
+    z = F_c - alpha  # (4.18, 5.17)
+
+    # Update laws (4.52, 5.51), W3 with the sign of the derivation.
+    Ps = gains.P @ s
+    g = Ps + G1.T @ (Psi_inv.T @ z)
+    g_column = g[:, np.newaxis]
+    W1_dot = gains.beta1 * (g_column * Phi - gains.nu1 * W1)
+    Psi_dot = g_column * dF + gains.Upsilon * (gains.Psi0 - Psi)
+    # 1/sigma_min <= |Psi^-1|: far from the limit this spares a decomposition.
+    if np.vdot(Psi_inv, Psi_inv) * Psi_min**2 > 0.9:
+        Psi_dot = project(Psi, Psi_dot, Psi_min)  # (4.53)
+    Psi_dot = gains.beta2 * Psi_dot
+    W3_dot = gains.beta3 * (-z[:, np.newaxis] * Phi - gains.nu3 * W3)
+
+    # The virtual control's rate, as far as it is known (4.31, 5.30).
+    s_dot = Psi @ dF + y1  # (4.36, 5.35)
+    y1_dot = W1_dot @ Phi + W1 @ Phi_dot
+    alpha_dot = y3 + Psi_inv @ (Psi_dot @ offset) - Psi_inv @ (y1_dot + G1 @ s_dot)
+    F_c_dot = alpha_dot - Psi.T @ Ps - G2 @ z  # (4.32, 5.31)
+    return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)

@@ -1,0 +1,170 @@
+"""Gaussian radial basis functions on an equidistant lattice (section 3.2).
+
+A network is y(u) = W Phi(u). The weights W belong to whoever adapts them; this file
+has only the basis functions Phi(u) and their rate of change.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _lattice_axes(
+    lower: ArrayLike, upper: ArrayLike, count: Sequence[int]
+) -> tuple[Array, Array, list[int]]:
+    """Checks and converts the three descriptions of a lattice."""
+    low = np.array(lower, dtype=float, ndmin=1)
+    high = np.array(upper, dtype=float, ndmin=1)
+    if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
+        raise ValueError(
+            f"lower and upper must be vectors of one size, got {lower!r} and {upper!r}"
+        )
+    if len(count) != low.size:
+        raise ValueError(
+            f"count must have one entry per axis ({low.size}), got {list(count)}"
+        )
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+        raise ValueError(
+            "lower must be less than upper on every axis and both finite, "
+            f"got lower {low.tolist()} and upper {high.tolist()}"
+        )
+    counts = [int(c) for c in count]
+    if any(c < 1 or c != given for c, given in zip(counts, count, strict=True)):
+        raise ValueError(f"count must be integers >= 1, got {list(count)}")
+    return low, high, counts
+
+
+def EquidistantLattice(
+    lower: ArrayLike, upper: ArrayLike, count: Sequence[int]
+) -> Array:
+    """Returns equidistant centres mu_i of the basis functions (3.1).
+
+    The first and the last centre of an axis lie on its bounds. An axis with count 1
+    has its only centre in the middle.
+
+    Args:
+        lower: Lower bounds (m), in the unit of the network's input.
+        upper: Upper bounds (m), greater than `lower` on every axis.
+        count: Number of centres per axis (m), each >= 1.
+
+    Returns:
+        Centres (N, m), N = product of `count`; the last axis varies fastest.
+
+    Raises:
+        ValueError: If the sizes differ, a bound is not finite, lower >= upper or a
+            count is not an integer >= 1.
+    """
+    low, high, counts = _lattice_axes(lower, upper, count)
+    axes = [
+        np.linspace(a, b, c) if c > 1 else np.array([(a + b) / 2])
+        for a, b, c in zip(low, high, counts, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, low.size)
+
+
+def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) -> Array:
+    """Returns the distance of neighbouring centres of EquidistantLattice, per axis.
+
+    An axis with count 1 has no neighbours. There the spacing is the axis's whole
+    length, as it is with count 2, so that one function covers the whole interval.
+
+    Args:
+        lower: Lower bounds (m), in the unit of the network's input.
+        upper: Upper bounds (m), greater than `lower` on every axis.
+        count: Number of centres per axis (m), each >= 1.
+
+    Returns:
+        Spacing (m), in the unit of the network's input.
+
+    Raises:
+        ValueError: As EquidistantLattice.
+    """
+    low, high, counts = _lattice_axes(lower, upper, count)
+    return (high - low) / np.maximum(np.array(counts) - 1, 1)
+
+
+class GaussianNetwork:
+    """The basis functions of one network: Phi of (3.1) and its rate of change.
+
+        phi_i(u) = exp(-(u - mu_i)^T R^-1 (u - mu_i)),   i = 1 .. N           (3.1)
+
+    with the centres mu_i on an equidistant lattice and R = diag(widths^2). There is
+    no factor 1/2 in the exponent: at one width from its centre a function is 1/e.
+    The thesis states neither the bounds nor the width; both are choices of the user.
+
+    It holds no weights and does not change after its construction.
+
+    Args:
+        lower: Lower bounds of the lattice (m), in the unit of the input u.
+        upper: Upper bounds of the lattice (m).
+        count: Number of centres per axis (m).
+        width: Width of the functions in units of the lattice spacing, > 0. See
+            `lattice_spacing` for what this means on an axis with one centre.
+
+    Raises:
+        ValueError: As EquidistantLattice, or if `width` is not positive and finite.
+    """
+
+    def __init__(
+        self,
+        *,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        count: Sequence[int],
+        width: float,
+    ):
+        if not (np.isfinite(width) and width > 0):
+            raise ValueError(f"width must be positive and finite, got {width}")
+        self._centres = EquidistantLattice(lower, upper, count)
+        self._widths = width * lattice_spacing(lower, upper, count)
+        self._centres.setflags(write=False)
+        self._widths.setflags(write=False)
+
+    @property
+    def centres(self) -> Array:
+        """The centres mu_i (N, m), read-only."""
+        return self._centres
+
+    @property
+    def widths(self) -> Array:
+        """The square roots of R's diagonal (m), read-only."""
+        return self._widths
+
+    @property
+    def num_inputs(self) -> int:
+        """Size m of the input u."""
+        return self._centres.shape[1]
+
+    @property
+    def num_functions(self) -> int:
+        """Number N of basis functions."""
+        return self._centres.shape[0]
+
+    def evaluate(self, u: Array) -> Array:
+        """Returns Phi(u).
+
+        Args:
+            u: Input (m).
+
+        Returns:
+            Phi (N), each in (0, 1].
+        """
+        offset = (u - self._centres) / self._widths
+        return np.exp(-(offset * offset).sum(axis=1))
+
+    def evaluate_with_rate(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
+        """Returns Phi(u) and dPhi/dt = dPhi/du u_dot, exactly.
+
+        Args:
+            u: Input (m).
+            u_dot: Its time rate (m), in the unit of u per s.
+
+        Returns:
+            (Phi, Phi_dot), both (N); Phi_dot in 1/s.
+        """
+        offset = (u - self._centres) / self._widths
+        Phi = np.exp(-(offset * offset).sum(axis=1))
+        return Phi, Phi * (offset @ (u_dot / self._widths)) * -2.0

@@ -1,0 +1,70 @@
+"""State-space realisation of a transfer function."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _coefficients(name: str, values: ArrayLike) -> Array:
+    coefficients = np.array(values, dtype=float)
+    if coefficients.ndim != 1 or coefficients.size == 0:
+        raise ValueError(f"{name} must be a vector of coefficients, got {values!r}")
+    if not np.isfinite(coefficients).all():
+        raise ValueError(f"{name} must be finite, got {coefficients.tolist()}")
+    return coefficients
+
+
+def realize_transfer_function(
+    numerator: ArrayLike, denominator: ArrayLike, *, num_axes: int = 1
+) -> tuple[Array, Array, Array, Array]:
+    """Returns (A, B, C, D) with C (s I - A)^-1 B + D = H(s) on every axis.
+
+    One axis is in controllable canonical form: with the denominator
+    s^k + a_{k-1} s^{k-1} + ... + a_0 its states x obey
+
+        dx_j/dt = x_{j+1}  (j < k),   dx_k/dt = -a_0 x_1 - ... - a_{k-1} x_k + u.
+
+    The axes do not couple: A to D are block-diagonal, and the states of one axis
+    stand together.
+
+    Args:
+        numerator: Coefficients of H's numerator, highest power of s first.
+        denominator: Coefficients of H's denominator, highest power first; the first
+            one is not zero. H must be proper.
+        num_axes: Number n of equal, independent axes, >= 1.
+
+    Returns:
+        A (n k, n k), B (n k, n), C (n, n k), D (n, n), with k the order of H. D = 0
+        if and only if H is strictly proper.
+
+    Raises:
+        ValueError: If a coefficient is not finite, the denominator's first one is
+            zero, H is improper or num_axes < 1.
+    """
+    num = np.trim_zeros(_coefficients("numerator", numerator), "f")
+    den = _coefficients("denominator", denominator)
+    if den[0] == 0.0:
+        raise ValueError(
+            f"denominator must start with a nonzero coefficient, got {den.tolist()}"
+        )
+    order = den.size - 1
+    if num.size > den.size:
+        raise ValueError(
+            "numerator must not have a higher degree than the denominator (H(s) must "
+            f"be proper), got degrees {num.size - 1} and {order}"
+        )
+    if num_axes < 1:
+        raise ValueError(f"num_axes must be >= 1, got {num_axes}")
+    num = np.pad(num, (den.size - num.size, 0)) / den[0]
+    den = den / den[0]
+
+    A = np.eye(order, k=1)
+    A[-1:] = -den[:0:-1]
+    B = np.zeros((order, 1))
+    B[-1:] = 1.0
+    # What remains of the numerator after the constant part of H.
+    C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
+    D = num[:1, np.newaxis]
+    A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
+    return A, B, C, D

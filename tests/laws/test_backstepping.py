@@ -1,0 +1,609 @@
+"""The backstepping law against its Lyapunov identity, term by term.
+
+On a synthetic plant whose unknown parts the networks can represent exactly,
+
+    ds/dt = Psi* (F_c - F_e) + W1* Phi,   dF_e/dt = W3* Phi,
+
+the derivative of V2 is known in closed form. Nothing in the law can change without
+changing it: every sign and every transposition is flipped below, one at a time.
+"""
+
+import ast
+import copy
+import inspect
+import math
+import types
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from teleop_drake.laws import backstepping
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    BacksteppingState,
+    auxiliary_error,
+    backstepping_rate,
+    control_force_error,
+    initial_state,
+    pack_state,
+    project,
+    state_size,
+    unpack_state,
+)
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+
+seeds = st.integers(0, 2**32 - 1)
+# A busy machine is not a failure.
+unhurried = settings(deadline=None)
+
+
+def _definite(rng: np.random.Generator, n: int) -> np.ndarray:
+    """A symmetric, positive definite matrix with all its entries in use."""
+    root = rng.normal(size=(n, n))
+    return root @ root.T + 0.5 * np.eye(n)
+
+
+def _skew(rng: np.random.Generator, n: int) -> np.ndarray:
+    root = rng.normal(size=(n, n))
+    return root - root.T
+
+
+def _rotation(rng: np.random.Generator, n: int) -> np.ndarray:
+    Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    Q[:, 0] *= np.linalg.det(Q)
+    return Q
+
+
+def _far_from_singular(rng: np.random.Generator, n: int) -> np.ndarray:
+    """A matrix without symmetry, det > 0 and singular values in [1, 3]."""
+    return _rotation(rng, n) * rng.uniform(1.0, 3.0, n) @ _rotation(rng, n)
+
+
+def _random_gains(
+    rng: np.random.Generator, n: int, **overrides: Any
+) -> BacksteppingGains:
+    P = _definite(rng, n)
+    values = {
+        "Lambda": _definite(rng, n) + _skew(rng, n),
+        "G1": np.linalg.solve(P, _definite(rng, n) + _skew(rng, n)),
+        "G2": _definite(rng, n),
+        "P": P,
+        "beta1": rng.uniform(0.1, 2.0),
+        "beta2": rng.uniform(0.1, 2.0),
+        "beta3": rng.uniform(0.1, 2.0),
+        "nu1": rng.uniform(0.1, 1.0),
+        "nu3": rng.uniform(0.1, 1.0),
+        "Upsilon": rng.uniform(0.1, 1.0),
+        "Psi0": _far_from_singular(rng, n),
+        "Psi_min": 0.05,
+    }
+    return BacksteppingGains(**(values | overrides))
+
+
+@dataclass
+class _Truth:
+    """What the estimates estimate."""
+
+    W1: np.ndarray
+    Psi: np.ndarray
+    W3: np.ndarray
+
+
+def _random_truth(rng: np.random.Generator, n: int, N: int) -> _Truth:
+    return _Truth(
+        rng.normal(size=(n, N)), _far_from_singular(rng, n), rng.normal(size=(n, N))
+    )
+
+
+def _random_state(rng: np.random.Generator, n: int, N: int) -> BacksteppingState:
+    return BacksteppingState(
+        rng.normal(size=n),
+        rng.normal(size=(n, N)),
+        _far_from_singular(rng, n),
+        rng.normal(size=(n, N)),
+    )
+
+
+def _z(gains, state, Phi, s, F_e):
+    """Control force error (5.17) with (5.22), for real and complex numbers."""
+    return state.F_c - F_e + np.linalg.inv(state.Psi) @ (state.W1 @ Phi + gains.G1 @ s)
+
+
+def _V2(gains, truth, state, Phi, s, F_e):
+    """Lyapunov function (5.26), for real and complex numbers."""
+    z = _z(gains, state, Phi, s, F_e)
+    return (
+        s @ gains.P @ s / 2
+        + z @ z / 2
+        + np.sum((truth.W1 - state.W1) ** 2) / (2 * gains.beta1)
+        + np.sum((truth.Psi - state.Psi) ** 2) / (2 * gains.beta2)
+        + np.sum((truth.W3 - state.W3) ** 2) / (2 * gains.beta3)
+    )
+
+
+def _violation(law: types.ModuleType, seed: int, n: int, **overrides: Any) -> float:
+    """By how much a law misses dV2/dt at a random point, relative to its terms.
+
+    Leakage and supervision are on unless overridden: their part of dV2/dt is known
+    as well. dV2/dt is taken along the plant's and the law's rates with a complex
+    step, that is without truncation error.
+    """
+    rng = np.random.default_rng(seed)
+    N = 4
+    gains = _random_gains(rng, n, **overrides)
+    truth = _random_truth(rng, n, N)
+    state = _random_state(rng, n, N)
+    Phi, Phi_dot = rng.uniform(0, 1, N), rng.normal(size=N)
+    s, F_e, v_dd, F_hd = rng.normal(size=(4, n))
+    v = s + v_dd - gains.Lambda @ (F_e - F_hd)
+
+    rate = law.backstepping_rate(
+        gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+    )
+    s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
+    F_e_dot = truth.W3 @ Phi
+    h = 1e-30j
+    V2_dot = (
+        _V2(
+            gains,
+            truth,
+            BacksteppingState(*(x + h * y for x, y in zip(state, rate, strict=True))),
+            Phi + h * Phi_dot,
+            s + h * s_dot,
+            F_e + h * F_e_dot,
+        ).imag
+        / h.imag
+    )
+    z = _z(gains, state, Phi, s, F_e)
+    terms = [
+        -s @ gains.P @ gains.G1 @ s,
+        -z @ gains.G2 @ z,
+        gains.nu1 * np.sum((truth.W1 - state.W1) * state.W1),
+        gains.nu3 * np.sum((truth.W3 - state.W3) * state.W3),
+        -gains.Upsilon * np.sum((truth.Psi - state.Psi) * (gains.Psi0 - state.Psi)),
+    ]
+    law_z = law.control_force_error(gains, state, Phi=Phi, s=s, F_e=F_e)
+    return max(
+        abs(V2_dot - sum(terms)) / np.sum(np.abs(terms)),
+        np.linalg.norm(law_z - z) / np.linalg.norm(z),
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@unhurried
+@given(seed=seeds)
+def test_lyapunov_identity_at_random_points(n, seed):
+    assert _violation(backstepping, seed, n) < 1e-9
+    assert _violation(backstepping, seed, n, nu1=0.0, nu3=0.0, Upsilon=0.0) < 1e-9
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_lyapunov_identity_along_a_trajectory(n):
+    rng = np.random.default_rng(n)
+    network = GaussianNetwork(lower=[-1] * n, upper=[1] * n, count=[3] * n, width=1.0)
+    N = network.num_functions
+    gains = _random_gains(rng, n, nu1=0.0, nu3=0.0, Upsilon=0.0, Psi_min=1e-3)
+    truth = _random_truth(rng, n, N)
+    size = state_size(n, N)
+    frequency, amplitude = rng.uniform(1, 5, n), rng.normal(size=n)
+
+    def split(x):
+        u, s, F_e = x[:n], x[n : 2 * n], x[2 * n : 3 * n]
+        return u, s, F_e, unpack_state(x[3 * n : 3 * n + size], n)
+
+    def V2_of(x):
+        u, s, F_e, state = split(x)
+        return _V2(gains, truth, state, network.evaluate(u), s, F_e)
+
+    def rates(t, x):
+        u, s, F_e, state = split(x)
+        v_dd = amplitude * np.sin(frequency * t)
+        F_hd = amplitude * np.cos(frequency * t)
+        # s is a state of the plant; the velocity follows from it.
+        v = s + v_dd - gains.Lambda @ (F_e - F_hd)
+        Phi, Phi_dot = network.evaluate_with_rate(u, v)
+        rate = backstepping_rate(
+            gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+        )
+        s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
+        z = _z(gains, state, Phi, s, F_e)
+        V2_dot = -s @ gains.P @ gains.G1 @ s - z @ gains.G2 @ z
+        return np.concatenate((v, s_dot, truth.W3 @ Phi, pack_state(rate), [V2_dot]))
+
+    x0 = np.concatenate(
+        (rng.normal(size=3 * n), pack_state(initial_state(gains, N)), [0.0])
+    )
+    solution = solve_ivp(
+        rates,
+        (0.0, 1.0),
+        x0,
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-12,
+        t_eval=np.linspace(0.0, 1.0, 21),
+    )
+    assert solution.success
+    V2 = np.array([V2_of(x) for x in solution.y.T])
+    sigma = [np.linalg.svd(split(x)[3].Psi)[1][-1] for x in solution.y.T]
+    assert min(sigma) > 2 * gains.Psi_min  # the projection had no part in it
+    integral = solution.y[-1]
+    assert integral[-1] < -0.02 * V2[0]  # something happened
+    np.testing.assert_allclose(V2 - V2[0], integral, rtol=0, atol=1e-9 * V2[0])
+
+
+LAW_FUNCTIONS = ("auxiliary_error", "control_force_error", "backstepping_rate")
+
+
+def _operators(tree: ast.Module) -> list[ast.AST]:
+    """Every +, binary -, unary - and .T of the law, in the order of the source."""
+    found = []
+    for function in tree.body:
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        if function.name not in LAW_FUNCTIONS:
+            continue
+        for node in ast.walk(function):
+            sign = isinstance(node, ast.BinOp) and isinstance(
+                node.op, (ast.Add, ast.Sub)
+            )
+            minus = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
+            transpose = isinstance(node, ast.Attribute) and node.attr == "T"
+            if sign or minus or transpose:
+                found.append(node)
+    return sorted(found, key=lambda node: (node.lineno, node.col_offset))
+
+
+class _Remove(ast.NodeTransformer):
+    """Replaces a transposition by what it transposes."""
+
+    def __init__(self, target: ast.AST):
+        self._target = target
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        return node.value if node is self._target else self.generic_visit(node)
+
+
+LAW_TREE = ast.parse(inspect.getsource(backstepping))
+
+
+def _mutant(index: int) -> types.ModuleType:
+    """The law's module with its index-th operator flipped."""
+    tree = copy.deepcopy(LAW_TREE)
+    node: Any = _operators(tree)[index]
+    if isinstance(node, ast.BinOp):
+        node.op = ast.Sub() if isinstance(node.op, ast.Add) else ast.Add()
+    elif isinstance(node, ast.UnaryOp):
+        node.op = ast.UAdd()
+    else:
+        tree = _Remove(node).visit(tree)
+    module = types.ModuleType("mutant")
+    exec(compile(tree, "mutant", "exec"), module.__dict__)
+    return module
+
+
+def _describe(node: ast.AST) -> str:
+    return f"{ast.unparse(node)} in line {getattr(node, 'lineno', None)}"
+
+
+# No operator is exempt: with leakage and supervision on, each one of them counts.
+@pytest.mark.parametrize("index", range(len(_operators(LAW_TREE))))
+def test_every_flipped_operator_violates_the_identity(index):
+    mutant = _mutant(index)
+    violations = [_violation(mutant, seed, 2) for seed in range(10)]
+    assert min(violations) > 1e-4, _describe(_operators(LAW_TREE)[index])
+
+
+def test_the_mutants_cover_the_law():
+    nodes = _operators(LAW_TREE)
+    assert sum(isinstance(node, ast.BinOp) for node in nodes) >= 20
+    assert sum(isinstance(node, ast.UnaryOp) for node in nodes) == 1
+    assert sum(isinstance(node, ast.Attribute) for node in nodes) == 3
+
+
+@unhurried
+@given(seed=seeds)
+def test_one_axis_is_chapter_4(seed):
+    rng = np.random.default_rng(seed)
+    N = 3
+    # Psi0 is 4 and the states' Psi in [1, 3]: the limit is often reached.
+    gains = _random_gains(rng, 1, P=[[1.0]], Psi0=[[4.0]], Psi_min=2.0)
+    state = _random_state(rng, 1, N)
+    Phi, Phi_dot = rng.uniform(0, 1, N), rng.normal(size=N)
+    v, v_dd, F_e, F_hd = rng.normal(size=(4, 1))
+    rate = backstepping_rate(
+        gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+    )
+
+    # The scalar equations of chapter 4 as they stand, but for the sign of w3.
+    lam, g1, g2 = (float(x[0, 0]) for x in (gains.Lambda, gains.G1, gains.G2))
+    fc, fe, fh = float(state.F_c[0]), float(F_e[0]), float(F_hd[0])
+    w1, w3 = state.W1[0].tolist(), state.W3[0].tolist()
+    psi, psi0 = float(state.Psi[0, 0]), float(gains.Psi0[0, 0])
+    phi, phi_dot = Phi.tolist(), Phi_dot.tolist()
+    s = float(v[0] - v_dd[0]) + lam * (fe - fh)  # (4.2)
+    y1 = sum(p * w for p, w in zip(phi, w1, strict=True))
+    y3 = sum(p * w for p, w in zip(phi, w3, strict=True))
+    alpha = fe - (y1 + g1 * s) / psi  # (4.23)
+    z = fc - alpha  # (4.18)
+    w1_dot = [
+        gains.beta1 * (p * (s + g1 * z / psi) - gains.nu1 * w)
+        for p, w in zip(phi, w1, strict=True)
+    ]
+    tau2, eta2 = s * (fc - fe), z * g1 * (fc - fe) / psi  # (4.21), (4.42)
+    a = tau2 + eta2 + gains.Upsilon * (psi0 - psi)
+    psi_dot = gains.beta2 * (0.0 if psi < gains.Psi_min and a < 0.0 else a)
+    w3_dot = [
+        gains.beta3 * (-p * z - gains.nu3 * w) for p, w in zip(phi, w3, strict=True)
+    ]
+    y1_dot = sum(
+        p * w_dot + p_dot * w
+        for p, p_dot, w, w_dot in zip(phi, phi_dot, w1, w1_dot, strict=True)
+    )
+    s_dot = psi * (fc - fe) + y1
+    alpha_dot = y3 + psi_dot * (y1 + g1 * s) / psi**2 - (y1_dot + g1 * s_dot) / psi
+    fc_dot = alpha_dot - psi * s - g2 * z  # (4.32)
+
+    np.testing.assert_allclose(rate.F_c, [fc_dot], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rate.W1, [w1_dot], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rate.Psi, [[psi_dot]], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(rate.W3, [w3_dot], rtol=1e-9, atol=1e-9)
+
+
+def _at_the_limit(rng, n, num_at_limit, limit):
+    """A matrix whose smallest singular value, num_at_limit-fold, is the limit."""
+    sigma = limit + rng.uniform(0.5, 2.0, n)
+    sigma[:num_at_limit] = limit
+    return _rotation(rng, n) * sigma @ _rotation(rng, n)
+
+
+LIMIT = 0.4
+# A singular value computed as LIMIT + rounding is meant to be at the limit.
+LIMIT_UP = LIMIT * (1 + 1e-12)
+
+
+@unhurried
+@given(
+    seed=seeds,
+    sizes=st.sampled_from([(n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)]),
+)
+def test_projection_at_the_limit(seed, sizes):
+    n, num_at_limit = sizes
+    rng = np.random.default_rng(seed)
+    Psi = _at_the_limit(rng, n, num_at_limit, LIMIT)
+    update = rng.normal(size=(n, n))
+    projected = project(Psi, update, LIMIT_UP)
+
+    def sigma_min(A):
+        return np.linalg.svd(A, compute_uv=False)[-1]
+
+    h = 1e-6
+    free_rate = (sigma_min(Psi + h * update) - LIMIT) / h
+    rate = (sigma_min(Psi + h * projected) - LIMIT) / h
+    assert rate > -1e-4  # the second order in h
+    if free_rate > 1e-3:  # not shrinking: left alone
+        np.testing.assert_allclose(projected, update, atol=1e-12)
+    # It takes out no more than it must, and nothing twice.
+    assert np.sum(projected * (update - projected)) == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+@unhurried
+@given(seed=seeds)
+def test_projection_takes_out_the_component_along_u_v(n, seed):
+    rng = np.random.default_rng(seed)
+    Psi = _at_the_limit(rng, n, 1, LIMIT)
+    U, _, Vt = np.linalg.svd(Psi)
+    u, v = U[:, -1], Vt[-1]
+    update = rng.normal(size=(n, n))
+    expected = update - min(u @ update @ v, 0.0) * np.outer(u, v)
+    np.testing.assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
+
+
+@unhurried
+@given(seed=seeds)
+def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
+    rng = np.random.default_rng(seed)
+    Q = _rotation(rng, 3)
+    update = rng.normal(size=(3, 3))
+    # Every orthogonal basis is a basis of singular vectors of LIMIT * Q.
+    symmetric = (Q.T @ update + update.T @ Q) / 2
+    eigenvalues, vectors = np.linalg.eigh(symmetric)
+    expected = update - Q @ (vectors * np.minimum(eigenvalues, 0)) @ vectors.T
+    np.testing.assert_allclose(
+        project(LIMIT * Q, update, LIMIT_UP), expected, atol=1e-12
+    )
+
+
+@unhurried
+@example(psi=LIMIT, a=-1.0)
+@given(psi=st.floats(0.01, 2.0), a=st.floats(-10, 10, allow_subnormal=False).map(float))
+def test_projection_of_a_scalar_is_4_53(psi, a):
+    projected = project(np.array([[psi]]), np.array([[a]]), LIMIT)
+    assert projected == pytest.approx(0.0 if psi <= LIMIT and a < 0.0 else a)
+
+
+def test_projection_is_inactive_above_the_limit():
+    update = -10.0 * np.eye(2)
+    assert project(1.01 * LIMIT * np.eye(2), update, LIMIT) is update
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@settings(max_examples=15, deadline=None)
+@given(seed=seeds)
+def test_smallest_singular_value_stays_above_the_limit(n, seed):
+    rng = np.random.default_rng(seed)
+    Psi = _at_the_limit(rng, n, rng.integers(0, n + 1), 1.05 * LIMIT)
+    amplitudes = rng.uniform(-1, 1, (3, n, n)) / n
+    frequencies = rng.uniform(1, 10, 3)
+    step, size = 5e-3, 3.0  # size bounds |update|
+
+    def rate(t, Psi):
+        update = np.tensordot(np.cos(frequencies * t), amplitudes, axes=1)
+        return project(Psi, update, LIMIT)
+
+    smallest = math.inf
+    for t in step * np.arange(400):
+        k1 = rate(t, Psi)
+        k2 = rate(t + step / 2, Psi + step / 2 * k1)
+        k3 = rate(t + step / 2, Psi + step / 2 * k2)
+        k4 = rate(t + step, Psi + step * k3)
+        Psi = Psi + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        smallest = min(smallest, np.linalg.svd(Psi, compute_uv=False)[-1])
+    assert smallest > LIMIT - step * size
+
+
+@pytest.mark.parametrize("n", [1, 2])
+@unhurried
+@given(seed=seeds, margin=st.sampled_from([-0.1, 0.0, 1e-9, 0.02, 0.05, 0.3]))
+def test_law_projects_and_supervises_psi(n, seed, margin):
+    """Wherever the limit is near, the shortcut in the law makes no difference."""
+    rng = np.random.default_rng(seed)
+    gains = _random_gains(rng, n, Psi_min=LIMIT_UP)
+    Psi = _at_the_limit(rng, n, 1, LIMIT * (1 + margin))
+    state = _random_state(rng, n, 3)._replace(Psi=Psi)
+    Phi = rng.uniform(0, 1, 3)
+    v, v_dd, F_e, F_hd = rng.normal(size=(4, n))
+    s = auxiliary_error(gains, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd)
+    z = _z(gains, state, Phi, s, F_e)
+    g = gains.P @ s + gains.G1.T @ np.linalg.solve(Psi.T, z)
+    update = np.outer(g, state.F_c - F_e) + gains.Upsilon * (gains.Psi0 - Psi)
+    rate = backstepping_rate(
+        gains, state, Phi=Phi, Phi_dot=0 * Phi, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+    )
+    np.testing.assert_allclose(
+        rate.Psi, gains.beta2 * project(Psi, update, LIMIT_UP), rtol=1e-9, atol=1e-9
+    )
+
+
+@unhurried
+@given(seed=seeds)
+def test_scalar_projection_never_increases_V2(seed):
+    """<Psi~, update - proj[update]> <= 0 wherever Psi* >= Psi_min."""
+    rng = np.random.default_rng(seed)
+    true_Psi, Psi = LIMIT + rng.exponential(), rng.uniform(0.0, 2 * LIMIT)
+    update = rng.normal(size=(1, 1))
+    removed = update - project(np.array([[Psi]]), update, LIMIT)
+    assert (true_Psi - Psi) * removed.item() <= 0.0
+
+
+def test_packing():
+    rng = np.random.default_rng(0)
+    state = _random_state(rng, 2, 5)
+    x = pack_state(state)
+    assert x.shape == (state_size(2, 5),)
+    np.testing.assert_array_equal(x[:2], state.F_c)
+    np.testing.assert_array_equal(x[2:12], state.W1.ravel())
+    np.testing.assert_array_equal(x[12:16], state.Psi.ravel())
+    np.testing.assert_array_equal(x[16:], state.W3.ravel())
+    for part, original in zip(unpack_state(x, 2), state, strict=True):
+        np.testing.assert_array_equal(part, original)
+        assert np.shares_memory(part, x)
+
+
+def test_initial_state():
+    gains = _random_gains(np.random.default_rng(0), 2)
+    state = initial_state(gains, 7)
+    assert [part.shape for part in state] == [(2,), (2, 7), (2, 2), (2, 7)]
+    np.testing.assert_array_equal(state.Psi, gains.Psi0)
+    assert not state.F_c.any()
+    assert not state.W1.any()
+    assert not state.W3.any()
+
+
+def test_errors_of_the_telemetry():
+    gains = _random_gains(np.random.default_rng(0), 1, Lambda=[[2.0]], G1=[[4.0]])
+    s = auxiliary_error(
+        gains,
+        v=np.array([7.0]),
+        v_dd=np.array([3.0]),
+        F_e=np.array([5.0]),
+        F_hd=np.array([4.0]),
+    )
+    assert s == [6.0]
+    state = BacksteppingState(
+        np.array([1.0]), np.array([[10.0]]), np.array([[2.0]]), np.array([[0.0]])
+    )
+    z = control_force_error(gains, state, Phi=np.array([0.5]), s=s, F_e=np.array([5.0]))
+    # alpha = 5 - (10 * 0.5 + 4 * 6) / 2 = -9.5
+    assert z == [10.5]
+
+
+VALID = BacksteppingGains(
+    Lambda=np.eye(2),
+    G1=4 * np.eye(2),
+    G2=30 * np.eye(2),
+    P=np.eye(2),
+    beta1=0.1,
+    beta2=0.1,
+    beta3=0.1,
+    nu1=0.1,
+    nu3=0.1,
+    Upsilon=1.0,
+    Psi0=np.diag([2.0, 7.0]),
+    Psi_min=0.1,
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"Lambda": 1.0}, r"Lambda must be a square matrix.*got shape \(\)"),
+        ({"Lambda": np.ones((2, 3))}, r"Lambda must be a square.*got shape \(2, 3\)"),
+        (
+            {"G1": np.eye(3)},
+            r"G1 must be.*size of Lambda, \(2, 2\), got shape \(3, 3\)",
+        ),
+        ({"P": [[1.0, np.nan], [0.0, 1.0]]}, "P must be finite"),
+        ({"beta1": np.inf}, "beta1 must be finite, got inf"),
+        ({"Lambda": np.diag([1, -1])}, "Lambda must be positive definite"),
+        ({"Lambda": np.array([[1, 3], [0, 1]])}, "Lambda must be positive definite"),
+        ({"G2": np.zeros((2, 2))}, "G2 must be positive definite"),
+        ({"G2": np.array([[2, 1], [0, 2]])}, "G2 must be symmetric"),
+        ({"P": np.array([[2, 1], [0, 2]])}, "P must be symmetric"),
+        ({"P": np.diag([1, 0])}, "P must be positive definite"),
+        ({"G1": -np.eye(2)}, "G1 must make P G1 positive definite"),
+        ({"beta1": -0.1}, "beta1 must be >= 0, got -0.1"),
+        ({"beta2": -0.1}, "beta2 must be >= 0"),
+        ({"beta3": -0.1}, "beta3 must be >= 0"),
+        ({"nu1": -0.1}, "nu1 must be >= 0"),
+        ({"nu3": -0.1}, "nu3 must be >= 0"),
+        ({"Upsilon": 1.5}, r"Upsilon must be in \[0, 1\], got 1.5"),
+        ({"Upsilon": -0.5}, r"Upsilon must be in \[0, 1\], got -0.5"),
+        ({"Psi_min": 0.0}, "Psi_min must be > 0, got 0.0"),
+        ({"Psi_min": 2.0}, r"Psi0 must have.*greater than Psi_min \(2.0\)"),
+        ({"Psi0": np.diag([2.0, -7.0])}, "Psi0 must have a positive determinant"),
+        ({"Psi0": np.ones((2, 2))}, "Psi0 must have"),
+    ],
+)
+def test_bad_gains(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(VALID, **change)
+
+
+def test_definite_P_and_G1_do_not_make_their_product_definite():
+    """Why the check is on P G1: here s^T P G1 s < 0 although P > 0 and G1 > 0."""
+    P, G1 = np.diag([1.0, 100.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
+    for matrix in (P, G1):
+        assert np.linalg.eigvalsh(matrix)[0] > 0
+    s = np.array([1.0, -0.3])
+    assert s @ P @ s > 0
+    assert np.linalg.eigvalsh(P @ G1 + G1 @ P)[0] < 0
+    with pytest.raises(ValueError, match="G1 must make P G1 positive definite"):
+        replace(VALID, P=P, G1=G1)
+    # Without P's weights the same G1 will do.
+    assert replace(VALID, G1=G1).num_axes == 2
+
+
+def test_gains_are_copies_and_cannot_change():
+    Psi0 = np.diag([2.0, 7.0])
+    gains = replace(VALID, Psi0=Psi0)
+    Psi0[0, 0] = 3.0
+    assert gains.Psi0[0, 0] == 2.0
+    with pytest.raises(ValueError, match="read-only"):
+        gains.Psi0[0, 0] = 3.0
