@@ -1,0 +1,1 @@
+"""The blocks: one LeafSystem (or small Diagram) a file."""

@@ -1,0 +1,161 @@
+"""The tool of a robot arm seen from outside: motion in task space, forces on it."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialAcceleration, SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    LeafSystem,
+    ValueProducer,
+)
+
+
+class ToolInterface(LeafSystem):
+    """Joins a MultibodyPlant to task space at its tool (2.6 to 2.13).
+
+    The task axes are the first n axes of the world, and the tool T is the origin of
+    one of the plant's bodies. With Drake's translational Jacobian J = Jv_v_WT, kept to
+    its first n rows,
+
+        v_WT = J qdot,    tau = J^T F_c  (2.11),    force on the tool: -F_e.
+
+    Input ports:
+
+    | name                       | size    | unit                                      |
+    |----------------------------|---------|-------------------------------------------|
+    | plant_state                | nq + nv | rad or m, and their rates                 |
+    | body_spatial_accelerations | list    | m/s^2, one for each body                  |
+    | control_force              | n       | N                                         |
+    | environment_force          | n       | N, force of the robot ON the environment  |
+
+    Output ports:
+
+    | name              | size | unit     | direct feedthrough from                    |
+    |-------------------|------|----------|--------------------------------------------|
+    | tool_position     | n    | m        | plant_state                                |
+    | tool_velocity     | n    | m/s      | plant_state                                |
+    | tool_acceleration | n    | m/s^2    | body_spatial_accelerations                 |
+    | joint_torque      | nv   | N m or N | plant_state, control_force                 |
+    | spatial_forces    | list | N        | environment_force                          |
+
+    `joint_torque` goes to the plant's actuation and `spatial_forces`, which holds the
+    reaction -F_e at T, to its applied spatial forces.
+
+    State: none. It applies no limit to the torque, and no moment to the tool.
+    """
+
+    def __init__(
+        self, *, plant: MultibodyPlant, num_task_axes: int, tool_name: str = "tool"
+    ):
+        """Constructs the interface.
+
+        Args:
+            plant: A finalized plant; its actuators must be one for each joint, in the
+                order of the generalized velocities.
+            num_task_axes: n, 1 to 3.
+            tool_name: The body whose origin is T.
+
+        Raises:
+            ValueError: If `num_task_axes` is out of range or the plant's actuation is
+                not the vector of its joint torques.
+        """
+        super().__init__()
+        if not 1 <= num_task_axes <= 3:
+            raise ValueError(f"num_task_axes: {num_task_axes} is not 1, 2 or 3")
+        nv = plant.num_velocities()
+        # Otherwise tau in the order of the velocities would drive the wrong motors.
+        if not np.array_equal(plant.MakeActuationMatrix(), np.eye(nv)):
+            raise ValueError(
+                "plant: its actuators must be one for each joint, in the order of "
+                "its generalized velocities"
+            )
+        self._plant = plant
+        self._tool = plant.GetBodyByName(tool_name)
+        self._tool_index = self._tool.index()
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._origin = np.zeros(3)
+        n = self._n = num_task_axes
+
+        self._plant_state = self.DeclareVectorInputPort(
+            "plant_state", BasicVector(plant.num_multibody_states())
+        )
+        self._accelerations = self.DeclareAbstractInputPort(
+            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
+        )
+        self._control_force = self.DeclareVectorInputPort(
+            "control_force", BasicVector(n)
+        )
+        self._environment_force = self.DeclareVectorInputPort(
+            "environment_force", BasicVector(n)
+        )
+
+        # One visit to the plant for each state serves three output ports.
+        state = {self._plant_state.ticket()}
+        self._kinematics = self.DeclareCacheEntry(
+            "kinematics",
+            ValueProducer(allocate=Value[object], calc=self._CalcKinematics),
+            state,
+        )
+        self.DeclareVectorOutputPort("tool_position", n, self._CalcPosition, state)
+        self.DeclareVectorOutputPort("tool_velocity", n, self._CalcVelocity, state)
+        self.DeclareVectorOutputPort(
+            "tool_acceleration",
+            n,
+            self._CalcAcceleration,
+            {self._accelerations.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "joint_torque",
+            nv,
+            self._CalcTorque,
+            state | {self._control_force.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            Value[list[ExternallyAppliedSpatialForce]],
+            self._CalcSpatialForces,
+            {self._environment_force.ticket()},
+        )
+
+    def _CalcKinematics(self, context: Context, output: Value[object]) -> None:
+        x = self._plant_state.Eval(context)
+        plant, plant_context = self._plant, self._plant_context
+        plant.SetPositionsAndVelocities(plant_context, x)
+        X_WT = plant.EvalBodyPoseInWorld(plant_context, self._tool)
+        world = plant.world_frame()
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+            plant_context,
+            JacobianWrtVariable.kV,
+            self._tool.body_frame(),
+            self._origin,
+            world,
+            world,
+        )[: self._n]
+        v_WT = Jv_v_WT @ x[plant.num_positions() :]
+        output.set_value((X_WT.translation()[: self._n], v_WT, Jv_v_WT))
+
+    def _CalcPosition(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._kinematics.Eval(context)[0])
+
+    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._kinematics.Eval(context)[1])
+
+    def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
+        A_WT = self._accelerations.Eval(context)[int(self._tool_index)]
+        output.SetFromVector(A_WT.translational()[: self._n])
+
+    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
+        F_c = self._control_force.Eval(context)
+        output.SetFromVector(F_c @ self._kinematics.Eval(context)[2])
+
+    def _CalcSpatialForces(self, context: Context, output: Value) -> None:
+        f_T_W = np.zeros(3)
+        f_T_W[: self._n] = -self._environment_force.Eval(context)
+        reaction = ExternallyAppliedSpatialForce()
+        reaction.body_index = self._tool_index
+        reaction.F_Bq_W = SpatialForce(tau=self._origin, f=f_T_W)
+        output.set_value([reaction])

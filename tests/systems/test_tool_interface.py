@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialAcceleration
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
+
+from teleop_drake.systems.tool_interface import ToolInterface
+
+LENGTHS = [0.5, 0.4, 0.3]
+INERTIA = SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1)
+
+three = st.lists(st.floats(-5, 5), min_size=3, max_size=3).map(np.array)
+two = st.lists(st.floats(-5, 5), min_size=2, max_size=2).map(np.array)
+
+
+def make_plant(actuated=(0, 1, 2)):
+    """A planar arm of three links: one joint more than a task in the plane has axes."""
+    plant = MultibodyPlant(0.0)
+    tip, joints = plant.world_frame(), []
+    for i, length in enumerate(LENGTHS):
+        link = plant.AddRigidBody(f"link{i}", INERTIA)
+        joints.append(
+            plant.AddJoint(
+                RevoluteJoint(f"joint{i}", tip, link.body_frame(), [0, 0, 1])
+            )
+        )
+        tip = plant.AddFrame(
+            FixedOffsetFrame(f"tip{i}", link, RigidTransform([length, 0.0, 0.0]))
+        )
+    hand = plant.AddRigidBody("hand", SpatialInertia.Zero())
+    plant.WeldFrames(tip, hand.body_frame())
+    for i in actuated:
+        plant.AddJointActuator(f"motor{i}", joints[i])
+    plant.Finalize()
+    return plant
+
+
+@pytest.fixture(scope="module")
+def dut():
+    return ToolInterface(plant=make_plant(), num_task_axes=2, tool_name="hand")
+
+
+def test_ports(dut):
+    assert {
+        dut.get_input_port(i).get_name(): dut.get_input_port(i).size()
+        for i in range(dut.num_input_ports())
+    } == {
+        "plant_state": 6,
+        "body_spatial_accelerations": 0,
+        "control_force": 2,
+        "environment_force": 2,
+    }
+    assert {
+        dut.get_output_port(i).get_name(): dut.get_output_port(i).size()
+        for i in range(dut.num_output_ports())
+    } == {
+        "tool_position": 2,
+        "tool_velocity": 2,
+        "tool_acceleration": 2,
+        "joint_torque": 3,
+        "spatial_forces": 0,
+    }
+
+
+def test_direct_feedthrough(dut):
+    expected = {
+        "tool_position": {"plant_state"},
+        "tool_velocity": {"plant_state"},
+        "tool_acceleration": {"body_spatial_accelerations"},
+        "joint_torque": {"plant_state", "control_force"},
+        "spatial_forces": {"environment_force"},
+    }
+    for output, inputs in expected.items():
+        assert {
+            dut.get_input_port(i).get_name()
+            for i in range(dut.num_input_ports())
+            if dut.HasDirectFeedthrough(i, dut.GetOutputPort(output).get_index())
+        } == inputs, output
+
+
+@given(q=three, qdot=three, F_c=two)
+@settings(max_examples=50, deadline=None)
+def test_tool_motion_and_joint_torque(dut, q, qdot, F_c):
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))
+    dut.GetInputPort("control_force").FixValue(context, F_c)
+    p_WT, v_WT, tau = (
+        dut.GetOutputPort(name).Eval(context)
+        for name in ("tool_position", "tool_velocity", "joint_torque")
+    )
+    # As complex numbers: the links turn by the sums of the joint angles.
+    links = LENGTHS * np.exp(1j * np.cumsum(q))
+    p, v = sum(links), 1j * links @ np.cumsum(qdot)
+    np.testing.assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
+    np.testing.assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
+    # (2.11), by the moment of F_c about each joint.
+    arms = p - np.concatenate(([0], np.cumsum(links)[:-1]))
+    np.testing.assert_allclose(tau, arms.real * F_c[1] - arms.imag * F_c[0], atol=1e-10)
+    assert F_c @ v_WT == pytest.approx(tau @ qdot, abs=1e-9)
+
+
+def test_outputs_follow_the_state(dut):
+    """What is cached for one state must not be served for the next."""
+    context = dut.CreateDefaultContext()
+    state = dut.GetInputPort("plant_state")
+    for q, expected in (([0, 0, 0], [1.2, 0]), ([np.pi / 2, 0, 0], [0, 1.2])):
+        state.FixValue(context, [*q, 0, 0, 0])
+        np.testing.assert_allclose(
+            dut.GetOutputPort("tool_position").Eval(context), expected, atol=1e-12
+        )
+
+
+def test_contexts_do_not_disturb_one_another(dut):
+    first, second = dut.CreateDefaultContext(), dut.CreateDefaultContext()
+    dut.GetInputPort("plant_state").FixValue(first, [0, 0, 0, 1, 0, 0])
+    dut.GetInputPort("plant_state").FixValue(second, [np.pi / 2, 0, 0, 1, 0, 0])
+    p_WT, v_WT = dut.GetOutputPort("tool_position"), dut.GetOutputPort("tool_velocity")
+    p_WT.Eval(first)
+    np.testing.assert_allclose(p_WT.Eval(second), [0, 1.2], atol=1e-12)
+    np.testing.assert_allclose(v_WT.Eval(first), [0, 1.2], atol=1e-12)
+    np.testing.assert_allclose(v_WT.Eval(second), [-1.2, 0], atol=1e-12)
+
+
+def test_the_environment_pushes_back_at_the_tool(dut):
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("environment_force").FixValue(context, [3.0, -4.0])
+    (force,) = dut.GetOutputPort("spatial_forces").Eval(context)
+    assert force.body_index == make_plant().GetBodyByName("hand").index()
+    np.testing.assert_array_equal(force.p_BoBq_B, np.zeros(3))
+    np.testing.assert_array_equal(force.F_Bq_W.translational(), [-3.0, 4.0, 0.0])
+    np.testing.assert_array_equal(force.F_Bq_W.rotational(), np.zeros(3))
+
+
+def test_tool_acceleration_is_the_tool_bodys(dut):
+    tool = int(make_plant().GetBodyByName("hand").index())
+    accelerations = [
+        SpatialAcceleration(np.full(3, 9.0), [i, 10 + i, 20 + i])
+        for i in range(tool + 1)
+    ]
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("body_spatial_accelerations").FixValue(
+        context, Value[list[SpatialAcceleration]](accelerations)
+    )
+    np.testing.assert_array_equal(
+        dut.GetOutputPort("tool_acceleration").Eval(context), [tool, 10 + tool]
+    )
+
+
+@pytest.mark.parametrize("actuated", [(), (0, 1), (1, 0, 2)])
+def test_actuators_must_be_the_joints_in_order(actuated):
+    with pytest.raises(ValueError, match="plant: its actuators must be one for each"):
+        ToolInterface(plant=make_plant(actuated), num_task_axes=2, tool_name="hand")
+
+
+@pytest.mark.parametrize("num_task_axes", [0, 4])
+def test_task_axes_must_be_axes_of_space(num_task_axes):
+    with pytest.raises(ValueError, match=f"num_task_axes: {num_task_axes} is not"):
+        ToolInterface(plant=make_plant(), num_task_axes=num_task_axes, tool_name="hand")
