@@ -1,0 +1,57 @@
+"""Direct force application, the baseline."""
+
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+
+class DirectForce(LeafSystem):
+    """Applies the haptic force as it arrives: no controller at the slave.
+
+        F_c = F_hd = F_h(t - T_f)                                       (section 2.1)
+
+    | port | name              | size | unit |
+    |------|-------------------|------|------|
+    | in   | haptic_force      | n    | N    |
+    | in   | velocity_command  | n    | m/s  |
+    | in   | tool_position     | n    | m    |
+    | in   | tool_velocity     | n    | m/s  |
+    | in   | environment_force | n    | N    |
+    | out  | control_force     | n    | N    |
+
+    The ports are those of every control law; all inputs but haptic_force are ignored
+    and need not be connected.
+
+    State: none.
+
+    Direct feedthrough: from haptic_force only.
+
+    It has no telemetry, and does not limit or filter the force.
+
+    Args:
+        num_axes: Number n of task axes, >= 1.
+
+    Raises:
+        ValueError: If num_axes < 1.
+    """
+
+    def __init__(self, *, num_axes: int):
+        LeafSystem.__init__(self)
+        if num_axes < 1:
+            raise ValueError(f"num_axes must be >= 1, got {num_axes}")
+        self.set_name("direct_force")
+        self._haptic_force = self.DeclareVectorInputPort("haptic_force", num_axes)
+        for name in (
+            "velocity_command",
+            "tool_position",
+            "tool_velocity",
+            "environment_force",
+        ):
+            self.DeclareVectorInputPort(name, num_axes)
+        self.DeclareVectorOutputPort(
+            "control_force",
+            num_axes,
+            self._CalcControlForce,
+            prerequisites_of_calc={self._haptic_force.ticket()},
+        )
+
+    def _CalcControlForce(self, context: Context, control_force: BasicVector) -> None:
+        control_force.SetFromVector(self._haptic_force.Eval(context))

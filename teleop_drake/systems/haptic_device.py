@@ -1,0 +1,64 @@
+"""The haptic device in the surgeon's hand."""
+
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, Gain, LinearSystem
+
+from teleop_drake.laws.transfer_function import realize_transfer_function
+
+
+class HapticDevice(Diagram):
+    """Turns the velocity error which the surgeon feels into the haptic force.
+
+        F_h(s) = H(s) [v_d(s) - v(s)],   the same H(s) on every axis   (2.1, 2.4, 2.5)
+
+    The thesis has H(s) = (25 s + 50)/(s^2 + 25 s). It prints the error with the
+    opposite sign (2.2), which would be positive feedback.
+
+    | port | name             | size | unit |
+    |------|------------------|------|------|
+    | in   | velocity_command | n    | m/s  |
+    | in   | felt_velocity    | n    | m/s  |
+    | out  | haptic_force     | n    | N    |
+
+    State: H(s) in controllable canonical form, axis after axis (n k, k = order of H).
+
+    Initial value: zero state, so that F_h(0) = 0 if H is strictly proper.
+
+    Direct feedthrough: from both inputs if the degrees of numerator and denominator
+    are equal, else none.
+
+    It knows neither delays nor contact: what the surgeon commands instead of F_h
+    after contact is not its business. An integrator in H (as in the thesis's) is not
+    reset and not limited.
+
+    Args:
+        numerator: Coefficients of H's numerator, highest power of s first.
+        denominator: Coefficients of H's denominator, highest power first.
+        num_axes: Number n of axes, >= 1.
+
+    Raises:
+        ValueError: If H is improper, a coefficient is not finite, the denominator's
+            first one is zero or num_axes < 1.
+    """
+
+    def __init__(self, *, numerator: ArrayLike, denominator: ArrayLike, num_axes: int):
+        Diagram.__init__(self)
+        A, B, C, D = realize_transfer_function(
+            numerator, denominator, num_axes=num_axes
+        )
+        builder = DiagramBuilder()
+        negation = builder.AddNamedSystem("negation", Gain(-1.0, num_axes))
+        velocity_error = builder.AddNamedSystem("velocity_error", Adder(2, num_axes))
+        transfer_function = builder.AddNamedSystem(
+            "transfer_function", LinearSystem(A, B, C, D)
+        )
+        builder.ExportInput(velocity_error.get_input_port(0), "velocity_command")
+        builder.ExportInput(negation.get_input_port(), "felt_velocity")
+        builder.Connect(negation.get_output_port(), velocity_error.get_input_port(1))
+        builder.Connect(
+            velocity_error.get_output_port(), transfer_function.get_input_port()
+        )
+        builder.ExportOutput(transfer_function.get_output_port(), "haptic_force")
+        builder.BuildInto(self)
+        self.set_name("haptic_device")

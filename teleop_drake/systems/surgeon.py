@@ -1,0 +1,169 @@
+"""The surgeon: commands a velocity, then a force, then a stop."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    Event,
+    LeafSystem,
+    State,
+    UnrestrictedUpdateEvent,
+    WitnessFunction,
+    WitnessFunctionDirection,
+)
+
+# Longer than any simulation: an event with this period happens once.
+_ONCE = 1e12
+
+
+class Surgeon(LeafSystem):
+    """Commands a velocity until contact is felt, then a constant force (section 2.5).
+
+        mode 0, velocity: v_d = velocity, F_h = force of the haptic device
+        mode 1, force:    v_d = 0,        F_h = contact_force
+        mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
+                                          haptic device brakes the tool
+
+    Contact is perceived, once and for all, when the RETURNED tool position reaches
+    `contact_position` along x; that is a return delay after the tool touched it.
+
+    | port | name             | size | unit                     |
+    |------|------------------|------|--------------------------|
+    | in   | haptic_force     | n    | N                        |
+    | in   | felt_position    | n    | m, from the return channel |
+    | out  | velocity_command | n    | m/s                      |
+    | out  | force_command    | n    | N                        |
+    | out  | mode             | 1    | 0, 1 or 2                |
+
+    State (discrete, 2): [contact perceived, stopped], each 0 or 1. A returned
+    position that moves continuously is watched by a witness function if the Context
+    has an accuracy (context.SetAccuracy); one that jumps, as behind a sampled
+    channel, is checked at the end of every step, which is the instant of the jump
+    if an unrestricted update made it.
+
+    Initial value: velocity mode.
+
+    Direct feedthrough: haptic_force to force_command; nothing else.
+
+    It does not react to forces, get tired, or let go when the tool bounces off.
+
+    Args:
+        velocity: v_d in m/s (n).
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_position: Where contact is perceived along x in m; None: never.
+        stop_time: When the stop is commanded in s; None: never.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        velocity: ArrayLike,
+        contact_force: ArrayLike | None = None,
+        contact_position: float | None = None,
+        stop_time: float | None = None,
+    ):
+        LeafSystem.__init__(self)
+        self._velocity = np.array(velocity, dtype=float)
+        n = self._velocity.size
+        if self._velocity.ndim != 1 or not np.all(np.isfinite(self._velocity)):
+            raise ValueError(f"velocity: {velocity}; allowed: finite numbers (m/s)")
+        self._contact_force = np.zeros(n)
+        if contact_force is not None:
+            self._contact_force = np.array(contact_force, dtype=float)
+            if self._contact_force.shape != (n,) or not np.all(
+                np.isfinite(self._contact_force)
+            ):
+                raise ValueError(
+                    f"contact_force: {contact_force}; allowed: {n} finite numbers (N)"
+                )
+        if contact_position is not None and not math.isfinite(contact_position):
+            raise ValueError(
+                f"contact_position: {contact_position}; allowed: a finite number (m)"
+            )
+        if stop_time is not None and not (math.isfinite(stop_time) and stop_time >= 0):
+            raise ValueError(
+                f"stop_time: {stop_time}; allowed: a finite number >= 0 (s)"
+            )
+        self._surface = (
+            math.inf
+            if contact_force is None or contact_position is None
+            else contact_position
+        )
+        self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
+        self._p = self.DeclareVectorInputPort("felt_position", n)
+        self._mode = self.DeclareDiscreteState(2)
+        self.DeclareVectorOutputPort(
+            "velocity_command",
+            n,
+            self._CalcVelocityCommand,
+            prerequisites_of_calc={self.xd_ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "force_command",
+            n,
+            self._CalcForceCommand,
+            prerequisites_of_calc={self.xd_ticket(), self._haptic_force.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "mode", 1, self._CalcMode, prerequisites_of_calc={self.xd_ticket()}
+        )
+        if stop_time is not None:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
+        self._witnesses = []
+        if math.isfinite(self._surface):
+            self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
+            self._witnesses.append(
+                self.MakeWitnessFunction(
+                    "perceives_contact",
+                    WitnessFunctionDirection.kNegativeThenNonNegative,
+                    self._CalcPastSurface,
+                    UnrestrictedUpdateEvent(self._PerceiveContact),
+                )
+            )
+
+    def _IsPerceived(self, context: Context) -> bool:
+        return bool(context.get_discrete_state(self._mode).value()[0])
+
+    def _IsStopped(self, context: Context) -> bool:
+        return bool(context.get_discrete_state(self._mode).value()[1])
+
+    def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
+        active = not (self._IsPerceived(context) or self._IsStopped(context))
+        output.SetFromVector(self._velocity if active else 0.0 * self._velocity)
+
+    def _CalcForceCommand(self, context: Context, output: BasicVector) -> None:
+        if not self._IsPerceived(context):
+            output.SetFromVector(self._haptic_force.Eval(context))
+        elif self._IsStopped(context):
+            output.SetFromVector(np.zeros(len(self._velocity)))
+        else:
+            output.SetFromVector(self._contact_force)
+
+    def _CalcMode(self, context: Context, output: BasicVector) -> None:
+        mode = 2 if self._IsStopped(context) else int(self._IsPerceived(context))
+        output.SetAtIndex(0, mode)
+
+    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
+        """Returns the contact witness while contact is awaited and can be located."""
+        awaited = not (self._IsPerceived(context) or self._IsStopped(context))
+        return self._witnesses if awaited and context.get_accuracy() else []
+
+    def _CalcPastSurface(self, context: Context) -> float:
+        return float(self._p.Eval(context)[0]) - self._surface
+
+    def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
+        state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
+
+    def _CheckContact(self, context: Context, values: DiscreteValues) -> None:
+        if not self._IsStopped(context) and self._CalcPastSurface(context) >= 0:
+            values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
+
+    def _Stop(self, context: Context, state: State) -> None:
+        state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)
