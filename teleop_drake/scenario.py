@@ -1,0 +1,950 @@
+"""Scenarios: one task, its robot, channels, tissue and controller, as plain data.
+
+A scenario is a tree of dataclasses. `LoadScenario` reads one from YAML with Drake's
+`yaml_load_typed`, applies overrides and validates it; `ScenarioToYaml` writes it back.
+Units are SI throughout. Vectors have one entry per task axis (n = 1 for the slider,
+n = 2 for the planar arm); the first axis is x, along which the environment is layered.
+
+"thesis" is P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
+Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it does
+not state is marked "assumed" or "fitted" in the scenario files.
+"""
+
+import dataclasses
+import difflib
+import math
+import os
+import reprlib
+import types
+import typing
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
+
+from teleop_drake.laws.layered_force import (
+    contact_position,
+    layer_index,
+    puncture_position,
+)
+from teleop_drake.laws.transfer_function import realize_transfer_function
+from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
+
+CONTROLLERS = ("direct_force", "adaptive_backstepping")
+"""Every kind of slave-side controller, the baseline first."""
+
+CHANNELS = ("transport", "sampled")
+"""Every kind of channel."""
+
+MAX_BASIS_FUNCTIONS = 10_000
+"""Largest lattice that a network may have, so that a typing error cannot exhaust the
+memory."""
+
+SHORTEST_TIME = 1e-6
+"""Shortest non-zero delay, sample period and maximum step in s. The simulation steps
+at least as often as these, and would never end."""
+
+MAX_PACKETS = 100_000
+"""Most packets that may be under way in a sampled channel."""
+
+INTEGRATION_SCHEMES = tuple(
+    # cenic steps a MultibodyPlant, which would have to be named `plant` and stand at
+    # the top of the diagram.
+    scheme
+    for scheme in GetIntegrationSchemes()
+    if scheme != "cenic"
+)
+"""Drake's integration schemes that can simulate a teleoperator."""
+
+_SCENARIO_DIR = Path(__file__).parent / "scenarios"
+
+# The fields of SimulatorConfig that every supported Drake has, so that a scenario
+# written by one version can be read by another.
+_SIMULATOR_FIELDS: dict[str, type] = {
+    "integration_scheme": str,
+    "max_step_size": float,
+    "accuracy": float,
+    "use_error_control": bool,
+    "start_time": float,
+    "target_realtime_rate": float,
+}
+
+
+class ScenarioError(ValueError):
+    """Bad input. Its text is one line: the field, its value and what is allowed."""
+
+
+# The default of a field that has none: `yaml_load_typed` needs every class to be
+# constructible without arguments. `Validate` refuses it.
+_REQUIRED: Any = None
+
+
+@dataclass(kw_only=True, eq=False)
+class RobotConfig:
+    """The slave robot (thesis section 2.3)."""
+
+    # slider (thesis eq. 2.12) or two_link_arm (eq. 2.13 and Appendix A).
+    model: str = _REQUIRED
+    # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
+    # surface. The robot starts at rest.
+    start: np.ndarray = _REQUIRED
+    # up (y > 0) or down (y < 0) at the start pose; two_link_arm only, else null.
+    elbow: str | None = None
+    # Mass, kg, > 0; slider only, else null. Null also keeps the model's own.
+    mass: float | None = None
+    # Viscous damping of the rail, N s/m, >= 0; slider only, else null, as above.
+    damping: float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class SurgeonConfig:
+    """What the surgeon commands (thesis section 2.5)."""
+
+    # v_d until contact is perceived, m/s, n entries, not all zero.
+    velocity: np.ndarray = _REQUIRED
+    # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
+    # It has no effect where the environment has no contact surface.
+    contact_force: np.ndarray | None = None
+    # Time of the final stop, s, >= 0; null: never.
+    stop_time: float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class HapticDeviceConfig:
+    """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
+
+    # Coefficients of H in N s/m, highest power of s first.
+    numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
+    # The same; the first is not zero, and there are at least as many (H is proper).
+    denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
+
+
+@dataclass(kw_only=True, eq=False)
+class ChannelConfig:
+    """One direction of the communication (thesis section 2.1, Fig. 2.1)."""
+
+    # transport (exact delay) or sampled (a packet stream with a zero-order hold).
+    kind: str = "transport"
+    # Delay, s, >= 0; 0 passes the signal through. Default: thesis section 4.2.
+    delay: float = 0.1
+    # Time between packets, s, > 0 and at most a non-zero delay; sampled only, else
+    # null.
+    sample_period: float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class LayerConfig:
+    """One layer of the environment, from its start to the next one's (eq. 2.14).
+
+    force = stiffness (x - reference) + damping v_x.
+    """
+
+    # Unique, letters, digits and _ only: overrides address a layer by it.
+    name: str = _REQUIRED
+    # Where the layer begins, m, ascending; the first may be -.inf.
+    start: float = _REQUIRED
+    # N/m, >= 0.
+    stiffness: float = 0.0
+    # N s/m, >= 0.
+    damping: float = 0.0
+    # Where the spring is relaxed, m.
+    reference: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class EnvironmentConfig:
+    """Layers along x (thesis eq. 2.14 to 2.16); no force in front of the first."""
+
+    layers: list[LayerConfig] = field(default_factory=list)
+
+
+@dataclass(kw_only=True, eq=False)
+class NetworkConfig:
+    """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
+
+    # Corners of the lattice of means, m, n entries each, lower < upper.
+    lower: np.ndarray = _REQUIRED
+    upper: np.ndarray = _REQUIRED
+    # Means along each axis, n entries, >= 1.
+    count: list[int] = _REQUIRED
+    # Width of the Gaussians in units of the lattice spacing, > 0.
+    width: float = 1.0
+
+
+@dataclass(kw_only=True, eq=False)
+class ControllerConfig:
+    """The slave's controller. `direct_force` uses `kind` only.
+
+    A gain is a number (times the identity) or an n x n matrix.
+    """
+
+    # One of CONTROLLERS.
+    kind: str = _REQUIRED
+    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
+    Lambda: np.ndarray | float = 1.0
+    # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
+    # P G1 (eq. 5.22).
+    G1: np.ndarray | float = _REQUIRED
+    # Gain on z, 1/s; symmetric positive definite (eq. 5.31).
+    G2: np.ndarray | float = _REQUIRED
+    # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
+    P: np.ndarray | float = 1.0
+    # beta of every update law, >= 0 (eq. 5.51).
+    adaptation_rate: float = 0.1
+    # nu of every update law, >= 0 (eq. 5.51).
+    leakage: float = 0.1
+    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
+    supervision: float = 1.0
+    # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
+    # the start pose (eq. 5.52); smallest singular value > minimum_psi.
+    initial_psi: np.ndarray | float | str = "auto"
+    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 5.53).
+    minimum_psi: float = 0.1
+    # Lattice of both networks.
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+
+
+def _DefaultSimulator() -> SimulatorConfig:
+    # Dormand-Prince 5(4), the thesis's ode45. The tolerance is absolute in Drake.
+    return SimulatorConfig(
+        integration_scheme="runge_kutta5",
+        use_error_control=True,
+        accuracy=1e-7,
+        max_step_size=0.05,
+    )
+
+
+@dataclass(kw_only=True, eq=False)
+class Scenario:
+    """One simulation, completely described.
+
+    Two scenarios are equal when every field is. Fields may be edited in Python, with
+    anything that numpy.asarray takes for a vector; call `Validate` afterwards.
+    """
+
+    # Short name; the file's stem where the file gives none.
+    name: str = ""
+    # One sentence for `teleop-drake list`.
+    description: str = ""
+    # Where the task comes from.
+    source: str = ""
+    # Simulated time, s, > 0.
+    duration: float = _REQUIRED
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    surgeon: SurgeonConfig = field(default_factory=SurgeonConfig)
+    haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
+    forward_channel: ChannelConfig = field(default_factory=ChannelConfig)
+    return_channel: ChannelConfig = field(default_factory=ChannelConfig)
+    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    controller: ControllerConfig = field(default_factory=ControllerConfig)
+    # The run ends as diverged when |v_WT| exceeds this many times |v_d|; > 1. Assumed.
+    divergence_speed_ratio: float = 5.0
+    # Drake's own. A transport channel needs max_step_size <= its delay; start_time
+    # is 0.
+    simulator: SimulatorConfig = field(default_factory=_DefaultSimulator)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return ScenarioToYaml(self) == ScenarioToYaml(other)
+
+    # Mutable, so not hashable.
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def num_axes(self) -> int:
+        """Number of task axes n, from the size of `robot.start`."""
+        return len(self.robot.start)
+
+    @property
+    def contact_surface(self) -> float | None:
+        """Position in m along x of the surface that the tool can collide with.
+
+        The start of the stiffest layer, if what lies in front of it is softer: the
+        layer before it or, for the first layer, the empty space that the tool then
+        has to start in. None where there is no such surface.
+        """
+        layers = self.environment.layers
+        if layers and self.robot.start[0] < layers[0].start:
+            layers = [LayerConfig(name="empty", start=-math.inf), *layers]
+        return contact_position(layers)
+
+    @property
+    def puncture_position(self) -> float | None:
+        """End in m along x of the first layer that a softer one follows, or None."""
+        return puncture_position(self.environment.layers)
+
+    @property
+    def initial_psi(self) -> np.ndarray:
+        """Psi at time 0 in 1/kg (n, n).
+
+        Where the controller has `auto`, (I + Lambda D_e) M_r^-1 at the start pose.
+        The thesis estimates M_r^-1 for zero joint angles (eq. 5.52), where the
+        planar arm is singular.
+        """
+        psi = self.controller.initial_psi
+        n = self.num_axes
+        if not isinstance(psi, str):
+            return GainMatrix(psi, n)
+        layers = self.environment.layers
+        index = layer_index([layer.start for layer in layers], self.robot.start[0])
+        D_e = np.zeros((n, n))
+        D_e[0, 0] = layers[index].damping if index >= 0 else 0.0
+        return (
+            np.eye(n) + GainMatrix(self.controller.Lambda, n) @ D_e
+        ) @ TaskInertiaInverse(
+            model=self.robot.model,
+            start=self.robot.start,
+            elbow=self.robot.elbow,
+            mass=self.robot.mass,
+        )
+
+    @property
+    def max_transport_step(self) -> float:
+        """Smallest non-zero transport delay in s, the longest step allowed; or inf."""
+        return min(
+            (
+                channel.delay
+                for channel in (self.forward_channel, self.return_channel)
+                if channel.kind == "transport" and channel.delay > 0
+            ),
+            default=math.inf,
+        )
+
+    def Validate(self) -> None:
+        """Checks every field.
+
+        Raises:
+            ScenarioError: naming the first bad field, its value and what is allowed.
+        """
+        # The round trip checks the types, and leaves arrays where a user who edits a
+        # scenario in Python may have put lists.
+        _CheckScenario(_FromTree(_ToTree(self)))
+
+
+def GainMatrix(gain: ArrayLike, num_axes: int) -> np.ndarray:
+    """Returns a gain as an n x n matrix; a number means that times the identity."""
+    matrix = np.asarray(gain, dtype=float)
+    return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
+
+
+def ScenarioNames() -> list[str]:
+    """Returns the names of the built-in scenarios in alphabetical order."""
+    return sorted(path.stem for path in _SCENARIO_DIR.glob("*.yaml"))
+
+
+def LoadScenario(
+    name_or_path: str | os.PathLike[str],
+    overrides: Mapping[str, Any] | Iterable[str] = (),
+) -> Scenario:
+    """Loads a scenario, applies overrides and validates the result.
+
+    Args:
+        name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. What the
+            file leaves out has the default of its dataclass, if there is one.
+        overrides: Either a mapping such as {"forward_channel.delay": 0.05} or strings
+            "PATH=VALUE" with a YAML value. A path is dotted; an element of a list is
+            addressed by its number or its `name` ("environment.layers.bone.stiffness",
+            "surgeon.velocity.0"). Later ones win.
+
+    Returns:
+        The scenario. A `simulator.max_step_size` that a built-in scenario or the
+        default brings along is reduced to the smallest transport delay; one that the
+        caller gives is not.
+
+    Raises:
+        ScenarioError: if the file cannot be read or anything in it is not allowed.
+    """
+    path, is_builtin = _FindScenario(name_or_path)
+    tree = _ReadYaml(path)
+    tree.setdefault("name", path.stem)
+    simulator = tree.get("simulator")
+    is_step_given = (
+        not is_builtin and isinstance(simulator, dict) and "max_step_size" in simulator
+    )
+    scenario = _FromTree(tree)
+    pairs = _ParseOverrides(overrides)
+    if pairs:
+        tree = _ToTree(scenario)
+        for dotted, value in pairs:
+            _SetPath(tree, dotted, value)
+            is_step_given |= dotted in ("simulator", "simulator.max_step_size")
+        scenario = _FromTree(tree)
+    if not is_step_given:
+        scenario.simulator.max_step_size = min(
+            scenario.simulator.max_step_size, scenario.max_transport_step
+        )
+    _CheckScenario(scenario)
+    return scenario
+
+
+def ScenarioFromYaml(text: str) -> Scenario:
+    """Returns the scenario that `ScenarioToYaml` wrote.
+
+    Raises:
+        ScenarioError: if the text is not YAML or anything in it is not allowed.
+    """
+    scenario = _FromTree(_ParseYaml(text, "scenario"))
+    _CheckScenario(scenario)
+    return scenario
+
+
+def ScenarioToYaml(scenario: Scenario) -> str:
+    """Returns YAML text from which `LoadScenario` or `ScenarioFromYaml` gives an
+    equal scenario.
+
+    The text is plain ASCII, has every field, and depends on nothing but their values.
+
+    Raises:
+        ScenarioError: if a field has the wrong type.
+    """
+    tree = _Normalize(_ToTree(scenario), Scenario, "")
+    return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
+
+
+# Messages.
+
+
+def _Show(value: Any) -> str:
+    """Returns the value as YAML would write it, on one short line."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    short = reprlib.Repr()
+    short.maxstring = short.maxother = short.maxlong = 60
+    return short.repr(value)
+
+
+def _Refuse(path: str, value: Any, allowed: str) -> typing.NoReturn:
+    raise ScenarioError(f"{path} = {_Show(value)}: must be {allowed}")
+
+
+def _Choices(value: Any, choices: Iterable[str]) -> str:
+    """Returns "one of a, b (did you mean 'a'?)"."""
+    choices = list(choices)
+    text = "one of " + ", ".join(choices)
+    nearest = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)
+    return f"{text} (did you mean {nearest[0]!r}?)" if nearest else text
+
+
+# Reading.
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML's safe loader, which would let the last of equal keys win, but strict."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        keys = set()
+        for key_node, _ in node.value:
+            if key_node.value in keys and isinstance(key_node, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"duplicate key {key_node.value!r}", key_node.start_mark
+                )
+            if isinstance(key_node, yaml.ScalarNode):
+                keys.add(key_node.value)
+        return super().construct_mapping(node, deep)
+
+
+def _ParseYaml(text: str, origin: str) -> Any:
+    try:
+        return yaml.load(text, Loader=_UniqueKeyLoader)
+    except Exception as e:
+        # PyYAML's constructors also let ValueError, KeyError and more escape, for
+        # example on `2020-13-01`.
+        reason = getattr(e, "problem", None) or e
+        mark = getattr(e, "problem_mark", None)
+        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        message = " ".join(f"{origin}{where}: must be valid YAML ({reason})".split())
+        raise ScenarioError(message) from None
+
+
+def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
+    """Returns the file to read, and whether it is a built-in one."""
+    text = os.fspath(name_or_path)
+    if text in ScenarioNames():
+        return _SCENARIO_DIR / f"{text}.yaml", True
+    path = Path(text)
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
+        return path, False
+    allowed = _Choices(text, ScenarioNames())
+    _Refuse("scenario", text, f"{allowed} or a YAML file")
+
+
+def _ReadYaml(path: Path) -> dict[Any, Any]:
+    origin = f"scenario file {str(path)!r}"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as e:
+        raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
+    except ValueError:  # Not UTF-8, or a NUL in the name.
+        raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
+    tree = _ParseYaml(text, origin)
+    if not isinstance(tree, dict):
+        raise ScenarioError(
+            f"{origin}: must hold a mapping of scenario fields, not {_Show(tree)}"
+        )
+    return tree
+
+
+def _ParseOverrides(
+    overrides: Mapping[str, Any] | Iterable[str],
+) -> list[tuple[str, Any]]:
+    if isinstance(overrides, Mapping):
+        return [(str(path), _ToTree(value)) for path, value in overrides.items()]
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    pairs = []
+    for item in overrides:
+        path, equals, text = item.partition("=")
+        path = path.strip()
+        if not equals or not path:
+            raise ScenarioError(f"override {_Show(item)}: must be PATH=VALUE")
+        pairs.append((path, _ParseYaml(text, f"override of {_Show(path)}")))
+    return pairs
+
+
+def _SetPath(tree: Any, dotted: str, value: Any) -> None:
+    """Replaces one value in a tree of dicts and lists."""
+    shown = f"{dotted if dotted.isprintable() else _Show(dotted)} = {_Show(value)}"
+    *parents, last = dotted.split(".")
+    for part in parents:
+        tree = tree[_FindKey(tree, part, shown)]
+    tree[_FindKey(tree, last, shown)] = value
+
+
+def _FindKey(tree: Any, part: str, shown: str) -> str | int:
+    """Returns the key or index that `part` of a path means in `tree`."""
+    if isinstance(tree, dict):
+        if part in tree:
+            return part
+        known = list(tree)
+    elif isinstance(tree, list):
+        names = [item.get("name") if isinstance(item, dict) else None for item in tree]
+        if part in names:
+            return names.index(part)
+        if part.isdecimal() and int(part) < len(tree):
+            return int(part)
+        known = [name for name in names if isinstance(name, str)]
+        known += [str(i) for i in range(len(tree))]
+    else:
+        known = []
+    allowed = f"must be {_Choices(part, known)}" if known else "there is nothing below"
+    raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")
+
+
+# Types. A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
+
+
+def _Schema(schema: Any) -> dict[str, Any]:
+    """Returns the names and types of a class's fields."""
+    if schema is SimulatorConfig:
+        return _SIMULATOR_FIELDS
+    return {item.name: item.type for item in dataclasses.fields(schema)}
+
+
+def _ToTree(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
+        return {key: _ToTree(getattr(value, key)) for key in _Schema(type(value))}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_ToTree(item) for item in value]
+    return value
+
+
+def _FromTree(tree: Any) -> Scenario:
+    """Returns a scenario with the right types but values yet to be checked."""
+    # yaml_load_typed is strict too, but names neither the path nor the choices, and
+    # takes a bare number neither for `ndarray | float` nor for a vector.
+    data = yaml.safe_dump(_Normalize(tree, Scenario, ""))
+    return yaml_load_typed(schema=Scenario, data=data)
+
+
+def _Normalize(value: Any, schema: Any, path: str) -> Any:
+    """Checks the tree against the schema; makes numbers of the declared type.
+
+    Raises:
+        ScenarioError: on unknown keys and wrong types.
+    """
+    options = (
+        typing.get_args(schema) if isinstance(schema, types.UnionType) else (schema,)
+    )
+    if value is None and type(None) in options:
+        return None
+    options = tuple(option for option in options if option is not type(None))
+    if options == (str,):
+        return _NormalizeText(value, path)
+    if options == (bool,):
+        if not isinstance(value, bool):
+            _Refuse(path, value, "true or false")
+        return value
+    if options == (float,):
+        return _NormalizeNumber(value, path, "a number")
+    if options == (list[int],):
+        return _NormalizeCounts(value, path)
+    if np.ndarray in options:
+        if options == (np.ndarray,):
+            if not isinstance(value, list):
+                value = [value]
+            return [_NormalizeNumber(x, path, "a list of numbers") for x in value]
+        return _NormalizeGain(value, path, allow_text=str in options)
+    if typing.get_origin(schema) is list:
+        (item_schema,) = typing.get_args(schema)
+        if not isinstance(value, list):
+            _Refuse(path, value, "a list")
+        return [
+            _Normalize(item, item_schema, f"{path}.{_ElementName(item, i)}")
+            for i, item in enumerate(value)
+        ]
+    return _NormalizeMapping(value, schema, path)
+
+
+def _NormalizeMapping(value: Any, schema: Any, path: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        _Refuse(path, value, "a mapping with the keys " + ", ".join(_Schema(schema)))
+    fields = _Schema(schema)
+    prefix = f"{path}." if path else ""
+    for key in value:
+        if key not in fields:
+            name = key if isinstance(key, str) and key.isprintable() else _Show(key)
+            raise ScenarioError(
+                f"{prefix}{name} = {_Show(value[key])}: unknown key {_Show(key)}, "
+                f"must be {_Choices(key, fields)}"
+            )
+    result = {}
+    for key, item_schema in fields.items():
+        # A required field that is null is left for Validate to name.
+        is_required = getattr(schema, key, 0) is None and not (
+            isinstance(item_schema, types.UnionType)
+            and type(None) in typing.get_args(item_schema)
+        )
+        if key in value and not (is_required and value[key] is None):
+            result[key] = _Normalize(value[key], item_schema, prefix + key)
+    return result
+
+
+def _NormalizeText(value: Any, path: str) -> str:
+    if not isinstance(value, str):
+        _Refuse(path, value, "text")
+    try:
+        value.encode("utf-8")
+    except UnicodeError:
+        _Refuse(path, value, "text that UTF-8 can express")
+    return value
+
+
+def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
+    # YAML 1.1 reads 1e-3, without a dot, as text.
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    _Refuse(path, value, allowed)
+
+
+def _NormalizeCounts(value: Any, path: str) -> list[int]:
+    values = value if isinstance(value, list) else [value]
+    counts = []
+    for item in values:
+        number = _NormalizeNumber(item, path, "a list of whole numbers")
+        if not number.is_integer():
+            _Refuse(path, value, "a list of whole numbers")
+        counts.append(int(number))
+    return counts
+
+
+def _NormalizeGain(value: Any, path: str, allow_text: bool) -> Any:
+    allowed = "a number or a matrix (a list of rows)"
+    if allow_text:
+        allowed += " or auto"
+    if value == "auto" and allow_text:
+        return value
+    if not isinstance(value, list):
+        return _NormalizeNumber(value, path, allowed)
+    rows = []
+    for row in value:
+        if not isinstance(row, list) or len(row) != len(value):
+            _Refuse(path, value, allowed + ", square")
+        rows.append([_NormalizeNumber(x, path, allowed) for x in row])
+    return rows
+
+
+def _ElementName(item: Any, index: int) -> str:
+    """Returns how messages call an element of a list."""
+    name = item.get("name") if isinstance(item, dict) else None
+    return name if isinstance(name, str) and name.isidentifier() else str(index)
+
+
+# Values.
+
+
+def _CheckNumber(
+    path: str,
+    value: Any,
+    unit: str = "",
+    *,
+    above: float | None = None,
+    minimum: float | None = None,
+    maximum: float | None = None,
+) -> None:
+    """Refuses what is not finite or not within the bounds; takes None for missing."""
+    bounds = []
+    if above is not None:
+        bounds.append(f"> {above:g}")
+    if minimum is not None:
+        bounds.append(f">= {minimum:g}")
+    if maximum is not None:
+        bounds.append(f"<= {maximum:g}")
+    allowed = ["a finite number", " and ".join(bounds), f"({unit})" if unit else ""]
+    if (
+        value is None
+        or not math.isfinite(value)
+        or (above is not None and value <= above)
+        or (minimum is not None and value < minimum)
+        or (maximum is not None and value > maximum)
+    ):
+        _Refuse(path, value, " ".join(filter(None, allowed)))
+
+
+def _CheckVector(path: str, value: Any, size: int, unit: str) -> None:
+    if value is None or len(value) != size or not np.all(np.isfinite(value)):
+        entries = "1 finite number" if size == 1 else f"{size} finite numbers"
+        _Refuse(path, value, f"a list of {entries} ({unit})")
+
+
+def _CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
+    if value not in choices:
+        _Refuse(path, value, _Choices(value, choices))
+
+
+def _CheckScenario(scenario: Scenario) -> None:
+    """Checks the values of a scenario that has the right types."""
+    if (
+        not scenario.name
+        or not scenario.name.isprintable()
+        or set("/\\") & set(scenario.name)
+    ):
+        _Refuse("name", scenario.name, "one line of text without / and \\")
+    _CheckNumber("duration", scenario.duration, "s", above=0)
+    _CheckNumber("divergence_speed_ratio", scenario.divergence_speed_ratio, above=1)
+    _CheckRobot(scenario.robot)
+    n = scenario.num_axes
+    _CheckSurgeon(scenario.surgeon, n)
+    _CheckHapticDevice(scenario.haptic_device)
+    _CheckChannel("forward_channel", scenario.forward_channel)
+    _CheckChannel("return_channel", scenario.return_channel)
+    _CheckLayers(scenario.environment.layers)
+    _CheckController(scenario.controller, n)
+    _CheckInitialPsi(scenario)
+    _CheckSimulator(scenario.simulator, scenario.max_transport_step)
+    surface = scenario.contact_surface
+    if surface is not None and scenario.robot.start[0] >= surface:
+        _Refuse(
+            "robot.start",
+            scenario.robot.start,
+            f"in front of the contact surface (x < {surface:g} m)",
+        )
+
+
+def _CheckRobot(robot: RobotConfig) -> None:
+    _CheckChoice("robot.model", robot.model, RobotModels())
+    if robot.start is None:
+        _Refuse("robot.start", robot.start, "a list of finite numbers (m)")
+    try:
+        CheckRobot(
+            model=robot.model,
+            start=robot.start,
+            elbow=robot.elbow,
+            mass=robot.mass,
+            damping=robot.damping,
+        )
+    except ValueError as e:
+        raise ScenarioError(str(e)) from None
+
+
+def _CheckSurgeon(surgeon: SurgeonConfig, n: int) -> None:
+    _CheckVector("surgeon.velocity", surgeon.velocity, n, "m/s")
+    if not np.any(surgeon.velocity):
+        _Refuse("surgeon.velocity", surgeon.velocity, "non-zero on at least one axis")
+    if surgeon.contact_force is not None:
+        _CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
+    if surgeon.stop_time is not None:
+        _CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
+
+
+def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
+    try:
+        realize_transfer_function(device.numerator, device.denominator)
+    except ValueError as e:
+        raise ScenarioError(f"haptic_device.{e}") from None
+
+
+def _CheckChannel(path: str, channel: ChannelConfig) -> None:
+    _CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
+    delay, period = channel.delay, channel.sample_period
+    if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
+        _Refuse(
+            f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
+        )
+    path += ".sample_period"
+    if channel.kind == "transport":
+        if period is not None:
+            _Refuse(path, period, "null for a transport channel")
+        return
+    minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
+    _CheckNumber(path, period, "s", minimum=minimum)
+    if delay > 0 and period is not None and period > delay:
+        _Refuse(path, period, f"at most the delay, {delay:g} (s)")
+
+
+def _CheckLayers(layers: Sequence[LayerConfig]) -> None:
+    names: set[str] = set()
+    previous = -math.inf
+    for i, layer in enumerate(layers):
+        path = f"environment.layers.{_ElementName({'name': layer.name}, i)}"
+        if layer.name is None or not layer.name.isidentifier() or layer.name in names:
+            _Refuse(
+                f"environment.layers.{i}.name",
+                layer.name,
+                "unique, of letters, digits and _, not beginning with a digit",
+            )
+        names.add(layer.name)
+        if not (i == 0 and layer.start == -math.inf):
+            _CheckNumber(f"{path}.start", layer.start, "m")
+        if i > 0 and layer.start <= previous:
+            _Refuse(
+                f"{path}.start", layer.start, f"> {previous:g} m, the previous start"
+            )
+        previous = layer.start
+        _CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
+        _CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
+        _CheckNumber(f"{path}.reference", layer.reference, "m")
+
+
+def _CheckController(controller: ControllerConfig, n: int) -> None:
+    _CheckChoice("controller.kind", controller.kind, CONTROLLERS)
+    # What direct_force does not use may be missing, but not wrong: comparing the
+    # controllers is one override away.
+    is_needed = controller.kind != "direct_force"
+    gains = {}
+    for key in ("Lambda", "G1", "G2", "P"):
+        value = getattr(controller, key)
+        if value is not None or is_needed:
+            gains[key] = _CheckGain(f"controller.{key}", value, n)
+    if "G1" in gains:
+        # With an overflow the product is not finite and is refused as well.
+        with np.errstate(all="ignore"):
+            product = gains["P"] @ gains["G1"]
+            product = product + product.T
+        if not _IsPositiveDefinite(product):
+            _Refuse(
+                "controller.P",
+                controller.P,
+                "such that the symmetric part of P G1 is positive definite",
+            )
+    _CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    _CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    _CheckNumber("controller.supervision", controller.supervision, minimum=0, maximum=1)
+    _CheckNumber("controller.minimum_psi", controller.minimum_psi, "1/kg", above=0)
+    network = controller.network
+    if is_needed or any(
+        item is not None for item in (network.lower, network.upper, network.count)
+    ):
+        _CheckNetwork(network, n)
+
+
+def _IsPositiveDefinite(matrix: np.ndarray) -> bool:
+    return bool(np.all(np.isfinite(matrix)) and np.all(np.linalg.eigvalsh(matrix) > 0))
+
+
+def _CheckGain(path: str, value: Any, n: int) -> np.ndarray:
+    allowed = f"positive, or a symmetric positive definite {n} x {n} matrix"
+    if value is None:
+        _Refuse(path, value, allowed)
+    matrix = GainMatrix(value, n)
+    if (
+        matrix.shape != (n, n)
+        or not np.all(np.isfinite(matrix))
+        or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
+        or not _IsPositiveDefinite(matrix)
+    ):
+        _Refuse(path, value, allowed)
+    return matrix
+
+
+def _CheckInitialPsi(scenario: Scenario) -> None:
+    controller, n = scenario.controller, scenario.num_axes
+    minimum = controller.minimum_psi
+    if isinstance(controller.initial_psi, str) and controller.kind == "direct_force":
+        return
+    psi = scenario.initial_psi
+    if (
+        (isinstance(controller.initial_psi, float) and controller.initial_psi <= 0)
+        or psi.shape != (n, n)
+        or not np.all(np.isfinite(psi))
+        or not np.min(np.linalg.svd(psi, compute_uv=False)) > minimum
+        or not np.linalg.slogdet(psi)[0] > 0
+    ):
+        value = _Show(controller.initial_psi)
+        if value == "'auto'":
+            value += f", here {_Show(psi)}"
+        raise ScenarioError(
+            f"controller.initial_psi = {value}: must be auto, a positive number or a "
+            f"{n} x {n} matrix with positive determinant, its singular values > "
+            f"minimum_psi = {minimum:g}"
+        )
+
+
+def _CheckNetwork(network: NetworkConfig, n: int) -> None:
+    path = "controller.network"
+    _CheckVector(f"{path}.lower", network.lower, n, "m")
+    _CheckVector(f"{path}.upper", network.upper, n, "m")
+    if not np.all(network.lower < network.upper):
+        _Refuse(
+            f"{path}.upper",
+            network.upper,
+            f"> {path}.lower = {_Show(network.lower)} m on every axis",
+        )
+    count = network.count
+    if count is None or len(count) != n or min(count) < 1:
+        _Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
+    if math.prod(count) > MAX_BASIS_FUNCTIONS:
+        _Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+    _CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
+
+
+def _CheckSimulator(simulator: SimulatorConfig, max_transport_step: float) -> None:
+    _CheckChoice(
+        "simulator.integration_scheme",
+        simulator.integration_scheme,
+        INTEGRATION_SCHEMES,
+    )
+    # Below 1e-14 no step passes the error test.
+    _CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
+    _CheckNumber(
+        "simulator.max_step_size",
+        simulator.max_step_size,
+        "s",
+        minimum=SHORTEST_TIME,
+    )
+    if simulator.max_step_size > max_transport_step:
+        _Refuse(
+            "simulator.max_step_size",
+            simulator.max_step_size,
+            f"<= {max_transport_step:g} s, the smallest non-zero transport delay",
+        )
+    if simulator.start_time != 0:
+        _Refuse("simulator.start_time", simulator.start_time, "0 s")
+    _CheckNumber(
+        "simulator.target_realtime_rate", simulator.target_realtime_rate, minimum=0
+    )
