@@ -66,11 +66,11 @@ class LayeredForceField(LeafSystem):
         _CheckLayers(layers)
         self._layers = list(layers)
         self._starts = [layer.start for layer in layers]
-        # Layer indices (including -1 for nothing) at which a new region begins.
-        first_layers = [-1]
-        for i, layer in enumerate(self._layers):
+        # The first layer of each region; -1 is the empty space before the layers.
+        first_layers = [0 if layers and layers[0].start == -math.inf else -1]
+        for i in range(first_layers[0] + 1, len(layers)):
             before = self._layers[i - 1] if i > 0 else _Nothing()
-            if not is_continuous(before, layer):
+            if not is_continuous(before, self._layers[i]):
                 first_layers.append(i)
         self._first_layers = first_layers
         self._last_layers = [i - 1 for i in first_layers[1:]] + [len(layers) - 1]
@@ -153,9 +153,9 @@ class LayeredForceField(LeafSystem):
 
     def _CalcPastStart(self, context: Context) -> float:
         region = int(context.get_discrete_state(self._region).value()[0])
-        start = self._starts[self._first_layers[region]] if region > 0 else -math.inf
-        if start == -math.inf:
+        if region == 0:
             return 1.0
+        start = self._starts[self._first_layers[region]]
         return float(self._p.Eval(context)[0]) - start
 
     def _SetRegion(self, context: Context, state: State) -> None:

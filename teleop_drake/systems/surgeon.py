@@ -73,7 +73,7 @@ class Surgeon(LeafSystem):
         self._velocity = np.array(velocity, dtype=float)
         n = self._velocity.size
         if self._velocity.ndim != 1 or not np.all(np.isfinite(self._velocity)):
-            raise ValueError(f"velocity: {velocity}; allowed: finite numbers (m/s)")
+            raise ValueError(f"velocity: {velocity!r}; allowed: finite numbers (m/s)")
         self._contact_force = np.zeros(n)
         if contact_force is not None:
             self._contact_force = np.array(contact_force, dtype=float)
@@ -81,7 +81,7 @@ class Surgeon(LeafSystem):
                 np.isfinite(self._contact_force)
             ):
                 raise ValueError(
-                    f"contact_force: {contact_force}; allowed: {n} finite numbers (N)"
+                    f"contact_force: {contact_force!r}; allowed: {n} finite numbers (N)"
                 )
         if contact_position is not None and not math.isfinite(contact_position):
             raise ValueError(

@@ -1,0 +1,158 @@
+"""What a simulation leaves behind: plain arrays, events and solver statistics."""
+
+import json
+import os
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from teleop_drake.laws.interpolation import interpolate
+from teleop_drake.scenario import LoadScenario, Scenario, ScenarioToYaml
+
+
+@dataclass(kw_only=True)
+class Event:
+    """Something that happened at an instant.
+
+    Attributes:
+        name: `puncture` (the tool leaves the first layer that yields), `heal` (it is
+            back in it), `contact` and `release` (it reaches and leaves the hard
+            surface), `surgeon_force` and `surgeon_stop` (the surgeon's switches).
+        time: When, in s.
+    """
+
+    name: str
+    time: float
+
+
+@dataclass(kw_only=True)
+class SolverStatistics:
+    """What the integrator did.
+
+    Attributes:
+        scheme: Integration scheme, by Drake's name.
+        accuracy: Target accuracy of the error control.
+        steps: Number of steps taken, those of the event location included.
+        derivative_evaluations: Number of evaluations of the time derivatives.
+        wall_time_s: Real time spent in s.
+        real_time_factor: Simulated time over real time.
+    """
+
+    scheme: str
+    accuracy: float
+    steps: int
+    derivative_evaluations: int
+    wall_time_s: float
+    real_time_factor: float
+
+
+@dataclass(kw_only=True)
+class Recording:
+    """All signals of one run.
+
+    Attributes:
+        scenario: What was simulated.
+        time: (N,) the ends of the integrator's steps in s. A time that stands twice
+            marks a jump: the first row is before it, the second one after.
+        signals: (N, k) samples by name; see simulation.simulate().
+        events: In the order of their times.
+        solver: Solver statistics.
+        termination: `completed`, `diverged` or `interrupted`.
+        reason: Why it did not complete; empty if it did.
+    """
+
+    scenario: Scenario
+    time: np.ndarray
+    signals: dict[str, np.ndarray]
+    events: list[Event]
+    solver: SolverStatistics
+    termination: str = "completed"
+    reason: str = ""
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Returns the samples (N, k) of a signal."""
+        return self.signals[name]
+
+    def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
+        """Returns a signal between its samples.
+
+        Args:
+            name: Name of the signal.
+            times: (M,) ascending times in s, clamped to the span of the recording.
+
+        Returns:
+            (M, k) values, as accurate as the solver's steps; before a jump at the
+            very instant of the jump.
+        """
+        return interpolate(self.time, self.signals[name], np.asarray(times))
+
+    def EventTimes(self, name: str) -> list[float]:
+        """Returns the times in s of all events with that name."""
+        return [event.time for event in self.events if event.name == name]
+
+    def Save(self, path: str | Path) -> None:
+        """Writes the recording to an .npz file which LoadRecording() reads.
+
+        The file appears complete or not at all.
+
+        Args:
+            path: Where to; `.npz` is not added.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
+        path = Path(path)
+        description = {
+            "name": self.scenario.name,
+            "scenario": ScenarioToYaml(self.scenario),
+            "events": [asdict(event) for event in self.events],
+            "solver": asdict(self.solver),
+            "termination": self.termination,
+            "reason": self.reason,
+        }
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                arrays = {f"signal.{name}": x for name, x in self.signals.items()}
+                arrays["description"] = np.array(json.dumps(description))
+                np.savez_compressed(file, time=self.time, **arrays)  # type: ignore[arg-type]
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+
+def LoadRecording(path: str | Path) -> Recording:
+    """Reads a recording that Recording.Save() wrote.
+
+    Args:
+        path: The .npz file.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If it is not a recording.
+    """
+    with np.load(path, allow_pickle=False) as data:
+        if "description" not in data:
+            raise ValueError(f"{path}: not a recording of teleop-drake")
+        description = json.loads(str(data["description"]))
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "scenario.yaml"
+            file.write_text(description["scenario"], encoding="utf-8")
+            scenario = LoadScenario(str(file))
+        scenario.name = description["name"]
+        return Recording(
+            scenario=scenario,
+            time=data["time"],
+            signals={
+                name.removeprefix("signal."): data[name]
+                for name in data.files
+                if name.startswith("signal.")
+            },
+            events=[Event(**event) for event in description["events"]],
+            solver=SolverStatistics(**description["solver"]),
+            termination=description["termination"],
+            reason=description["reason"],
+        )

@@ -1,0 +1,365 @@
+"""Runs a teleoperator and records it."""
+
+import math
+import time as clock
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    EventStatus,
+    OutputPort,
+    PortDataType,
+)
+
+from teleop_drake.laws.interpolation import (
+    evaluate_newton,
+    newton_polynomial,
+    stencil_window,
+)
+from teleop_drake.recording import Event, Recording, SolverStatistics
+from teleop_drake.scenario import Scenario
+from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.teleoperator import MakeTeleoperator
+
+# Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
+# better than a microsecond.
+_EVENT_ACCURACY = 1e-4
+
+# A step across a border as short as twice this many s is not bisected any further.
+_EVENT_WINDOW = 2e-7
+
+# How often progress is reported, in s of real time.
+_REPORT_PERIOD = 0.1
+
+_SIGNAL_NAMES = {
+    ("master", "forward_packet"): "forward_packet_sent",
+    ("forward_channel", "delayed_signal"): "forward_packet_received",
+    ("controller", "return_packet"): "return_packet_sent",
+    ("return_channel", "delayed_signal"): "return_packet_received",
+    ("environment", "layer"): "environment_layer",
+}
+
+
+class _Recorder:
+    """Samples every vector output of the six systems of a teleoperator."""
+
+    def __init__(self, teleoperator: Diagram, root_context: Context):
+        self._ports: list[tuple[str, OutputPort, Context]] = []
+        for system in teleoperator.GetSystems():
+            context = system.GetMyContextFromRoot(root_context)
+            for i in range(system.num_output_ports()):
+                port = system.get_output_port(i)
+                if port.get_data_type() == PortDataType.kVectorValued:
+                    key = (system.get_name(), port.get_name())
+                    name = _SIGNAL_NAMES.get(key, port.get_name())
+                    self._ports.append((name, port, context))
+        self._root_context = root_context
+        self._rows: list[tuple[float, list[np.ndarray]]] = []
+
+    def Sample(self) -> dict[str, np.ndarray]:
+        """Takes a sample now and returns it."""
+        values = [port.Eval(context) for _, port, context in self._ports]
+        self._rows.append((self._root_context.get_time(), values))
+        return {
+            name: value for (name, _, _), value in zip(self._ports, values, strict=True)
+        }
+
+    def DropLast(self) -> None:
+        """Forgets the last sample."""
+        self._rows.pop()
+
+    def Finish(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Returns the times (N,) and the signals (N, k)."""
+        times = np.array([time for time, _ in self._rows])
+        return times, {
+            name: np.array([values[i] for _, values in self._rows])
+            for i, (name, _, _) in enumerate(self._ports)
+        }
+
+
+class _Run:
+    """Watches a run: what happens at each step, and where the next ones should end.
+
+    The simulator runs by itself except near a jump. There it stops, so that both
+    sides are recorded. It is led up to a border by short steps, because finding the
+    crossing by bisection would cost a hundred times more.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        teleoperator: Diagram,
+        root_context: Context,
+        progress: Callable[[float], None] | None,
+    ):
+        self.recorder = _Recorder(teleoperator, root_context)
+        self.failure = ""
+        self._scenario = scenario
+        self._teleoperator = teleoperator
+        self._context = root_context
+        self._progress = progress
+        self._last_report = clock.monotonic()
+        self._speed_limit = scenario.divergence_speed_ratio * float(
+            np.linalg.norm(scenario.surgeon.velocity)
+        )
+        self._channels = [
+            (system, system.GetMyContextFromRoot(root_context))
+            for system in teleoperator.GetSystems()
+            if isinstance(system, TransportDelay)
+        ]
+        # Where the force on the tool jumps or has a kink, and where the surgeon feels
+        # contact.
+        self._force_borders = [layer.start for layer in scenario.environment.layers]
+        surface = scenario.contact_surface
+        self._surfaces = [] if surface is None else [surface]
+        self._now: dict[str, np.ndarray] = {}
+        self._crossing_time = -math.inf
+        self._next_jump = math.inf
+        self._stop = 0.0
+
+    def Monitor(self, root_context: Context) -> EventStatus:
+        """Records the end of a step; ends AdvanceTo() if there is more to do."""
+        before, now = self._now, self.recorder.Sample()
+        self._now = now
+        time = root_context.get_time()
+        speed = float(np.linalg.norm(now["tool_velocity"]))
+        if not speed <= self._speed_limit:
+            self.failure = (
+                f"the tool's speed, {speed:.4g} m/s, exceeds "
+                f"{self._scenario.divergence_speed_ratio:g} times the commanded speed"
+            )
+            if not math.isfinite(speed):
+                self.recorder.DropLast()
+            return EventStatus.ReachedTermination(self._teleoperator, self.failure)
+        if (
+            self._progress is not None
+            and clock.monotonic() > self._last_report + _REPORT_PERIOD
+        ):
+            self._last_report = clock.monotonic()
+            self._progress(time)
+        if before and any(
+            (before[signal][0] < border) != (now[signal][0] < border)
+            for signal, _, _, borders in self._Motions()
+            for border in borders
+        ):
+            self._crossing_time = time
+        if (
+            self.AtJump()
+            or self._ApproachTime() < math.inf
+            or self._FindNextJump() < self._stop
+        ):
+            return EventStatus.ReachedTermination(self._teleoperator, "stop")
+        return EventStatus.DidNothing()
+
+    def AtJump(self) -> bool:
+        """Returns whether an event that makes signals jump is pending now."""
+        return self._context.get_time() in (
+            self._crossing_time,
+            self._next_jump,
+            self._scenario.surgeon.stop_time,
+        )
+
+    def NextStop(self) -> float:
+        """Returns where the simulator should stop next, in s."""
+        self._next_jump = self._FindNextJump()
+        self._stop = min(
+            self._next_jump,
+            self._context.get_time() + self._ApproachTime(),
+            self._scenario.duration,
+        )
+        return self._stop
+
+    def _FindNextJump(self) -> float:
+        return min(
+            (channel.NextJumpTime(context) for channel, context in self._channels),
+            default=math.inf,
+        )
+
+    def _Motions(self) -> list[tuple[str, float, float, list[float]]]:
+        """Returns what moves (signal, velocity, acceleration) towards which borders.
+
+        Only the steps towards a border depend on the acceleration, so it may be off.
+        """
+        felt = self._now["return_packet_received"]
+        a = self._now.get("tool_acceleration", [0.0])[0]
+        awaits_contact = self._now["surgeon_mode"][0] == 0
+        return [
+            (
+                "tool_position",
+                float(self._now["tool_velocity"][0]),
+                float(a),
+                self._force_borders,
+            ),
+            (
+                "return_packet_received",
+                float(felt[len(felt) // 2]),
+                0.0,
+                self._surfaces if awaits_contact else [],
+            ),
+        ]
+
+    def _ApproachTime(self) -> float:
+        """Returns the length of a step towards a border ahead, infinity if none is.
+
+        It covers most of the way, or a little more than the whole if that is short
+        enough for Drake to accept the step as the location of the crossing.
+        """
+        shortest = math.inf
+        for signal, v, a, borders in self._Motions():
+            x = float(self._now[signal][0])
+            for border in borders:
+                time = _TimeToCross(border - x, v, a)
+                if time < _EVENT_WINDOW:
+                    time += _EVENT_WINDOW
+                elif time < 1.5 * self._scenario.simulator.max_step_size:
+                    time *= 0.9
+                else:
+                    continue
+                shortest = min(shortest, time)
+        return shortest
+
+
+def _TimeToCross(gap: float, v: float, a: float) -> float:
+    """Returns the smallest t > 0 with gap = v t + a t^2 / 2, or infinity."""
+    if not math.isfinite(gap) or gap == 0:
+        return math.inf
+    discriminant = v * v + 2 * a * gap
+    if discriminant < 0:
+        return math.inf
+    # Both roots in the form that does not cancel.
+    q = v + math.copysign(math.sqrt(discriminant), v)
+    roots = [2 * gap / q] if q != 0 else []
+    if a != 0:
+        roots.append(q / a)
+    return min((root for root in roots if root > 0), default=math.inf)
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    teleoperator: Diagram | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Simulates a scenario from its start and records all signals of the loop.
+
+    The signals, with n task axes and one row for each step of the integrator:
+
+    | name                                          | size | unit            |
+    |-----------------------------------------------|------|-----------------|
+    | tool_position, tool_velocity, tool_acceleration | n    | m, m/s, m/s^2   |
+    | joint_position, joint_velocity, joint_torque  | nq, nv, nv | of the joints |
+    | environment_force, control_force              | n    | N               |
+    | environment_layer                             | 1    | index           |
+    | forward_packet_sent, forward_packet_received  | 2n   | [N; m/s]        |
+    | return_packet_sent, return_packet_received    | 2n   | [m; m/s]        |
+    | surgeon_mode                                  | 1    | see Surgeon     |
+    | and the telemetry of the control law, for instance psi and weights_1 |||
+
+    A run ends early, as a recording that says why, if the tool's speed exceeds
+    divergence_speed_ratio times the commanded speed, if the solver cannot go on, or
+    at Ctrl-C.
+
+    Args:
+        scenario: What to simulate.
+        teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
+            scenario with systems of your own; None makes the scenario's.
+        progress: Called now and then with the simulated time in s.
+
+    Returns:
+        The recording.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+    """
+    scenario.Validate()
+    if teleoperator is None:
+        teleoperator = MakeTeleoperator(scenario)
+    simulator = Simulator(teleoperator)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    root_context = simulator.get_mutable_context()
+    root_context.SetAccuracy(_EVENT_ACCURACY)
+    run = _Run(scenario, teleoperator, root_context, progress)
+    simulator.set_monitor(run.Monitor)
+    termination, reason = "completed", ""
+    start = clock.monotonic()
+    try:
+        simulator.Initialize()
+        while not run.failure and root_context.get_time() < scenario.duration:
+            if run.AtJump():
+                simulator.AdvancePendingEvents()
+                run.recorder.Sample()
+            simulator.AdvanceTo(run.NextStop())
+        if run.failure:
+            termination, reason = "diverged", run.failure
+    except KeyboardInterrupt:
+        termination, reason = "interrupted", "interrupted by the user"
+    except RuntimeError as error:
+        # The integrator gives up when its smallest step is still too inaccurate.
+        termination, reason = "diverged", str(error).splitlines()[0]
+    wall_time = clock.monotonic() - start
+    integrator = simulator.get_integrator()
+    times, signals = run.recorder.Finish()
+    return Recording(
+        scenario=scenario,
+        time=times,
+        signals=signals,
+        events=_FindEvents(scenario, times, signals),
+        solver=SolverStatistics(
+            scheme=scenario.simulator.integration_scheme,
+            accuracy=scenario.simulator.accuracy,
+            steps=integrator.get_num_steps_taken(),
+            derivative_evaluations=integrator.get_num_derivative_evaluations(),
+            wall_time_s=wall_time,
+            real_time_factor=float(times[-1]) / wall_time,
+        ),
+        termination=termination,
+        reason=reason,
+    )
+
+
+def _FindEvents(
+    scenario: Scenario, times: np.ndarray, signals: dict[str, np.ndarray]
+) -> list[Event]:
+    """Finds the instants at which the tool or the surgeon crosses a border."""
+    events = []
+    x = signals["tool_position"][:, 0]
+    for position, forward, backward in (
+        (scenario.puncture_position, "puncture", "heal"),
+        (scenario.contact_surface, "contact", "release"),
+    ):
+        if position is None:
+            continue
+        for i in np.flatnonzero(np.diff(x >= position)):
+            name = forward if x[i + 1] >= position else backward
+            crossing = _FindCrossing(times, x, int(i), position)
+            events.append(Event(name=name, time=crossing))
+    mode = signals["surgeon_mode"][:, 0]
+    for i in np.flatnonzero(np.diff(mode)):
+        name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"
+        events.append(Event(name=name, time=float(times[i + 1])))
+    return sorted(events, key=lambda event: event.time)
+
+
+def _FindCrossing(times: np.ndarray, x: np.ndarray, i: int, position: float) -> float:
+    """Returns when x crosses a position between samples i and i + 1."""
+    begin, end = float(times[i]), float(times[i + 1])
+    if begin == end:
+        return end
+    time_list = times[max(i - 99, 0) : i + 101].tolist()
+    x_list = x[max(i - 99, 0) : i + 101].tolist()
+    indices, place = stencil_window(time_list, min(i, 99))
+    polynomial = newton_polynomial(
+        [time_list[j] for j in indices], [x_list[j] for j in indices], place
+    )
+    rises = x[i + 1] >= position
+    while True:
+        middle = (begin + end) / 2
+        if not begin < middle < end:
+            return end
+        if (evaluate_newton(polynomial, middle) >= position) == rises:
+            end = middle
+        else:
+            begin = middle

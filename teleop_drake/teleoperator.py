@@ -1,0 +1,134 @@
+"""The whole loop as one Diagram: Fig. 2.1 of the thesis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+
+from teleop_drake.robots import MakeRobot
+from teleop_drake.scenario import ChannelConfig, Scenario
+from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.systems.layered_force_field import LayeredForceField
+from teleop_drake.systems.sampled_delay import SampledDelay
+from teleop_drake.systems.transport_delay import TransportDelay
+
+
+def MakeChannel(
+    config: ChannelConfig, *, size: int, initial_value: Sequence[float]
+) -> LeafSystem:
+    """Makes one direction of the communication between the stations.
+
+    Args:
+        config: Kind, delay and, for sampled channels, the sample period.
+        size: Width of the packets.
+        initial_value: What arrives before the first packet does (size).
+
+    Raises:
+        ValueError: If a parameter is not allowed.
+    """
+    if config.kind == "sampled":
+        if config.sample_period is None:
+            raise ValueError("sample_period: None; allowed: a number > 0 (s)")
+        return SampledDelay(
+            delay=config.delay,
+            sample_period=config.sample_period,
+            size=size,
+            initial_value=initial_value,
+        )
+    return TransportDelay(
+        delay=config.delay,
+        size=size,
+        initial_value=initial_value,
+        # The steps of the solver are what limits the error.
+        max_sample_interval=config.delay or None,
+    )
+
+
+def MakeTeleoperator(
+    scenario: Scenario,
+    *,
+    control_law: System | None = None,
+    robot: System | None = None,
+    environment: System | None = None,
+) -> Diagram:
+    """Makes the teleoperator, six systems with the names of Fig. 2.1.
+
+        master -> forward_channel -> controller -> robot <-> environment
+          ^                              |
+          +------- return_channel <------+
+
+    Before the first packet arrives, the forward channel delivers no force and no
+    velocity command, and the return channel the start position at rest.
+
+    Args:
+        scenario: What to build.
+        control_law: A control law of your own in the place of the scenario's; see
+            stations.MakeSlaveStation for its ports.
+        robot: A robot of your own; see robots.MakeRobot for its ports, of which
+            control_force, environment_force, tool_position and tool_velocity are
+            needed.
+        environment: An environment of your own; inputs tool_position and
+            tool_velocity, output environment_force (n each).
+
+    Returns:
+        The Diagram, named `teleoperator`. Its default context is the start.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+        RuntimeError: If a system of yours lacks a port.
+    """
+    scenario.Validate()
+    n = scenario.num_axes
+    config = scenario.robot
+    builder = DiagramBuilder()
+    master = builder.AddNamedSystem("master", MakeMasterStation(scenario))
+    forward_channel = builder.AddNamedSystem(
+        "forward_channel",
+        MakeChannel(
+            scenario.forward_channel, size=2 * n, initial_value=[0.0] * (2 * n)
+        ),
+    )
+    controller = builder.AddNamedSystem(
+        "controller", MakeSlaveStation(control_law or MakeControlLaw(scenario))
+    )
+    robot = builder.AddNamedSystem(
+        "robot",
+        robot
+        or MakeRobot(
+            model=config.model,
+            start=config.start,
+            elbow=config.elbow,
+            mass=config.mass,
+            damping=config.damping,
+        ),
+    )
+    environment = builder.AddNamedSystem(
+        "environment",
+        environment
+        or LayeredForceField(layers=scenario.environment.layers, num_axes=n),
+    )
+    return_channel = builder.AddNamedSystem(
+        "return_channel",
+        MakeChannel(
+            scenario.return_channel,
+            size=2 * n,
+            initial_value=[*np.asarray(config.start, dtype=float), *[0.0] * n],
+        ),
+    )
+    for source, output, target, input_name in (
+        (master, "forward_packet", forward_channel, "signal"),
+        (forward_channel, "delayed_signal", controller, "forward_packet"),
+        (controller, "control_force", robot, "control_force"),
+        (robot, "tool_position", environment, "tool_position"),
+        (robot, "tool_velocity", environment, "tool_velocity"),
+        (environment, "environment_force", robot, "environment_force"),
+        (robot, "tool_position", controller, "tool_position"),
+        (robot, "tool_velocity", controller, "tool_velocity"),
+        (environment, "environment_force", controller, "environment_force"),
+        (controller, "return_packet", return_channel, "signal"),
+        (return_channel, "delayed_signal", master, "return_packet"),
+    ):
+        builder.Connect(source.GetOutputPort(output), target.GetInputPort(input_name))
+    teleoperator = builder.Build()
+    teleoperator.set_name("teleoperator")
+    return teleoperator

@@ -1,0 +1,628 @@
+"""A second solver of the whole teleoperation loop, the oracle of the tests.
+
+It shares no code with the package: numpy and scipy only, and the equations are written
+out here once more. The loop is a delay differential equation, solved by the method of
+steps: DOP853 steps never longer than the shortest delay, each kept as the polynomial
+that DOP853 interpolates with, so that the delayed signals are read to the accuracy of
+the steps. Every known discontinuity (the surgeon's steps, their arrival, their echoes)
+and every located one (a layer boundary crossed) ends a segment, and inside a segment
+layer and modes are frozen: no step ever straddles a jump.
+
+Equation numbers are those of P. P. Sarda, MS thesis, UT Arlington, 2012. SI units.
+"""
+
+import bisect
+from dataclasses import dataclass
+from math import inf, isinf
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.optimize import brentq, minimize_scalar
+
+_NODES = -np.cos(np.pi * np.arange(8) / 7)  # DOP853's dense output has degree 7.
+_POWERS = np.arange(8)
+_TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """Force stiffness (x - reference) + damping v_x from `start` to the next layer."""
+
+    start: float
+    stiffness: float
+    damping: float
+    reference: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slider:
+    """The 1-DOF robot: mass a + damping v = F_c - F_e (2.6)."""
+
+    start: float
+    mass: float
+    damping: float
+    n = 1
+
+    def start_joints(self):
+        return np.array([self.start])
+
+    def tool(self, q, qdot):
+        return q, qdot
+
+    def acceleration(self, q, qdot, force):
+        return (force - self.damping * qdot) / self.mass
+
+    def mobility(self, q):
+        return np.array([[1 / self.mass]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoLinkArm:
+    """The planar arm of Appendix A, no gravity. `elbow` down: q2 > 0, up: q2 < 0."""
+
+    start: tuple[float, float]
+    elbow: str
+    m1: float
+    m2: float
+    L1: float  # links: L1, L3; centres of mass: L2, L4
+    L2: float
+    L3: float
+    L4: float
+    I1: float
+    I2: float
+    n = 2
+
+    def start_joints(self):
+        x, y = self.start
+        c2 = (x * x + y * y - self.L1**2 - self.L3**2) / (2 * self.L1 * self.L3)
+        q2 = {"down": 1, "up": -1}[self.elbow] * np.arccos(c2)
+        outer = np.arctan2(self.L3 * np.sin(q2), self.L1 + self.L3 * np.cos(q2))
+        return np.array([np.arctan2(y, x) - outer, q2])
+
+    def jacobian(self, q):
+        s1, c1 = self.L1 * np.sin(q[0]), self.L1 * np.cos(q[0])
+        s12, c12 = self.L3 * np.sin(q[0] + q[1]), self.L3 * np.cos(q[0] + q[1])
+        return np.array([[-s1 - s12, -s12], [c1 + c12, c12]])
+
+    def inertia(self, q):
+        coupling = self.m2 * self.L1 * self.L4 * np.cos(q[1])
+        outer = self.m2 * self.L4**2 + self.I2
+        inner = self.m1 * self.L2**2 + self.m2 * self.L1**2 + self.I1
+        off = coupling + outer
+        return np.array([[inner + outer + 2 * coupling, off], [off, outer]])
+
+    def tool(self, q, qdot):
+        J = self.jacobian(q)
+        # The Jacobian's first column is the tool position turned by a right angle.
+        return np.array([J[1, 0], -J[0, 0]]), J @ qdot
+
+    def acceleration(self, q, qdot, force):
+        h = self.m2 * self.L1 * self.L4 * np.sin(q[1])
+        coriolis = np.array(
+            [-h * qdot[1] * (2 * qdot[0] + qdot[1]), h * qdot[0] ** 2]
+        )  # c21 = + m2 L1 L4 sin(q2) q1', without the stray terms of (A.4).
+        return np.linalg.solve(self.inertia(q), self.jacobian(q).T @ force - coriolis)
+
+    def mobility(self, q):
+        J = self.jacobian(q)
+        return J @ np.linalg.inv(self.inertia(q)) @ J.T
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive:
+    """Parameters of the adaptive controller; gains are scalars (times I) or matrices.
+
+    The basis functions sit on a lattice from `lower` to `upper` (n numbers each) with
+    `count` points an axis; `width` is in units of the lattice spacing.
+    `initial_psi`: "auto" = (I + Lambda D_e) M_r^-1 at the start.
+    """
+
+    Lambda: float | np.ndarray
+    G1: float | np.ndarray
+    G2: float | np.ndarray
+    P: float | np.ndarray
+    adaptation_rate: float
+    leakage: float
+    supervision: float
+    initial_psi: float | np.ndarray | str
+    minimum_psi: float
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    count: tuple[int, ...]
+    width: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """Everything that defines a run. `controller` None is direct force application.
+
+    `contact_force` None: the surgeon stays in velocity mode; `stop_time` inf: for ever.
+    `numerator` (b1, b0) and `denominator` (1, a1, a0) are the haptic device's.
+    """
+
+    robot: Slider | TwoLinkArm
+    layers: tuple[Layer, ...]
+    velocity: tuple[float, ...]
+    contact_force: tuple[float, ...] | None
+    stop_time: float
+    forward_delay: float
+    return_delay: float
+    numerator: tuple[float, float]
+    denominator: tuple[float, float, float]
+    controller: Adaptive | None
+
+    def layer_at(self, x):
+        return bisect.bisect_right([layer.start for layer in self.layers], x) - 1
+
+    def puncture_index(self):
+        """Index of the layer behind the first boundary to a softer one, or None."""
+        k = [layer.stiffness for layer in self.layers]
+        return next((i for i in range(1, len(k)) if k[i] < k[i - 1]), None)
+
+    def contact_index(self):
+        """Index of the stiffest layer if it is entered from a softer one, or None."""
+        k = [layer.stiffness for layer in self.layers]
+        i = int(np.argmax(k))
+        return i if i > 0 and k[i - 1] < k[i] else None
+
+
+def _matrix(gain, n):
+    """A matrix as it is, a scalar times I."""
+    return gain * np.eye(n) if np.ndim(gain) == 0 else np.asarray(gain)
+
+
+class AdaptiveLaw:
+    """Adaptive backstepping (4.2 to 4.53, 5.2 to 5.53) for n axes, N functions."""
+
+    def __init__(self, c: Adaptive, psi0):
+        n = len(c.lower)
+        self.c, self.n, self.psi0 = c, n, psi0
+        self.Lambda, self.G1, self.G2, self.P = (
+            _matrix(g, n) for g in (c.Lambda, c.G1, c.G2, c.P)
+        )
+        axes = [
+            np.linspace(*abc) for abc in zip(c.lower, c.upper, c.count, strict=True)
+        ]
+        grid = np.meshgrid(*axes, indexing="ij")
+        self.means = np.stack([g.ravel() for g in grid], axis=1)
+        spacing = (np.array(c.upper) - c.lower) / (np.array(c.count) - 1)
+        self.inverse_width = 1 / (c.width * spacing)
+        self.N = len(self.means)
+        self.cuts = np.cumsum([n, n * self.N, n * n])
+
+    def unpack(self, a):
+        """Splits the state into F_c, W1, Psi, W3."""
+        i, j, k = self.cuts
+        n, N = self.n, self.N
+        W1, W3 = a[i:j].reshape(n, N), a[k:].reshape(n, N)
+        return a[:i], W1, a[j:k].reshape(n, n), W3
+
+    def start(self):
+        zero = np.zeros(self.n * self.N)
+        return np.concatenate([np.zeros(self.n), zero, self.psi0.ravel(), zero])
+
+    def errors(self, a, p, v, F_e, F_h, v_d):
+        """The auxiliary error s (5.2) and z = F_c - alpha (5.22), with Phi, Psi^-1."""
+        F_c, W1, Psi, _ = self.unpack(a)
+        d = (p - self.means) * self.inverse_width
+        Phi = np.exp(-(d * d).sum(axis=1))
+        inverse = np.linalg.inv(Psi)
+        s = v - v_d + self.Lambda @ (F_e - F_h)
+        lead = W1 @ Phi + self.G1 @ s
+        return s, F_c - F_e + inverse @ lead, Phi, d, inverse, lead
+
+    def rates(self, a, p, v, F_e, F_h, v_d):
+        c = self.c
+        F_c, W1, Psi, W3 = self.unpack(a)
+        s, z, Phi, d, inverse, lead = self.errors(a, p, v, F_e, F_h, v_d)
+        Phi_dot = Phi * (-2 * d @ (self.inverse_width * v))
+        u = F_c - F_e
+        g = self.P @ s + self.G1.T @ inverse.T @ z
+        W1_dot = c.adaptation_rate * (np.outer(g, Phi) - c.leakage * W1)
+        W3_dot = c.adaptation_rate * (-np.outer(z, Phi) - c.leakage * W3)
+        Psi_dot = c.adaptation_rate * (
+            np.outer(g, u) + c.supervision * (self.psi0 - Psi)
+        )
+        if self.n == 1 and Psi[0, 0] < c.minimum_psi:
+            Psi_dot = np.maximum(Psi_dot, 0)  # projection (4.53)
+        s_dot = Psi @ u + W1 @ Phi
+        lead_dot = W1_dot @ Phi + W1 @ Phi_dot + self.G1 @ s_dot
+        alpha_dot = W3 @ Phi + inverse @ (Psi_dot @ (inverse @ lead) - lead_dot)
+        F_c_dot = alpha_dot - Psi.T @ (self.P.T @ s) - self.G2 @ z
+        return np.concatenate(
+            [F_c_dot, W1_dot.ravel(), Psi_dot.ravel(), W3_dot.ravel()]
+        )
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One step: a polynomial in theta = (t - middle) / half, and what was frozen."""
+
+    start: float
+    end: float
+    middle: float
+    half: float
+    coefficients: np.ndarray
+    layer: int
+
+    def state(self, t):
+        theta = (t - self.middle) / self.half
+        return theta**_POWERS @ self.coefficients
+
+
+@dataclass(frozen=True)
+class Event:
+    """`kind`: puncture, reentry, contact, release, crossing, switch, stop, diverged.
+
+    Forces are F_e just before and just after.
+    """
+
+    kind: str
+    time: float
+    position: np.ndarray
+    velocity: np.ndarray
+    force_before: np.ndarray
+    force_after: np.ndarray
+
+
+class Result:
+    """The solution; also the loop's equations, read by the solver while it grows."""
+
+    def __init__(self, task: Task):
+        self.task = task
+        self.n = n = task.robot.n
+        self.pieces: list[Piece] = []
+        self.events: list[Event] = []
+        self._ends: list[float] = []
+        q = task.robot.start_joints()
+        self.p_start, _ = task.robot.tool(q, np.zeros(n))
+        # The surgeon perceives contact at this time. One who starts there knows.
+        self.perceived = inf
+        surface = task.contact_index()
+        self.perceives = surface is not None and task.contact_force is not None
+        if self.perceives and self.p_start[0] >= task.layers[surface].start:
+            self.perceived = 0.0
+        self.law = None
+        start = np.concatenate([q, np.zeros(3 * n)])
+        if task.controller is not None:
+            self.law = AdaptiveLaw(task.controller, self._initial_psi(q))
+            start = np.concatenate([start, self.law.start()])
+        self.start_state = start
+
+    def _initial_psi(self, q):
+        psi0, n = self.task.controller.initial_psi, self.n
+        if not isinstance(psi0, str):
+            return _matrix(psi0, n)
+        assert psi0 == "auto"
+        layer = self.task.layer_at(self.p_start[0])
+        D_e = np.zeros((n, n))
+        D_e[0, 0] = self.task.layers[layer].damping if layer >= 0 else 0.0
+        Lambda = _matrix(self.task.controller.Lambda, n)
+        return (np.eye(n) + Lambda @ D_e) @ self.task.robot.mobility(q)
+
+    def environment_force(self, layer, p, v):
+        F_e = np.zeros(self.n)
+        if layer >= 0:
+            law = self.task.layers[layer]
+            F_e[0] = law.stiffness * (p[0] - law.reference) + law.damping * v[0]
+        return F_e
+
+    def command(self, t):
+        """The surgeon's v_d and force at t; force None means the haptic device's."""
+        task, still = self.task, np.zeros(self.n)
+        if t < 0:
+            return still, still
+        v_d = np.array(task.velocity)
+        if t >= min(self.perceived, task.stop_time):
+            v_d = still
+        if t < self.perceived:
+            return v_d, None
+        return v_d, (np.array(task.contact_force) if t < task.stop_time else still)
+
+    def device_force(self, y):
+        n, (b1, b0) = self.n, self.task.numerator
+        return b0 * y[2 * n : 3 * n] + b1 * y[3 * n : 4 * n]
+
+    def piece_at(self, t, side):
+        """The step that holds t; where two of them meet, the one on the given side."""
+        find = bisect.bisect_right if side == "right" else bisect.bisect_left
+        return self.pieces[min(find(self._ends, t), len(self.pieces) - 1)]
+
+    def motion(self, layer, y):
+        """Tool position, tool velocity and F_e in a state."""
+        p, v = self.task.robot.tool(y[: self.n], y[self.n : 2 * self.n])
+        return p, v, self.environment_force(layer, p, v)
+
+    def received_force(self, t, y, command_force):
+        """F_h as the slave has it; `command_force` is what was sent T_f earlier."""
+        if command_force is not None:
+            return command_force
+        if (delay := self.task.forward_delay) > 0:
+            y = self.piece_at(t - delay, "left").state(t - delay)
+        return self.device_force(y)
+
+    def felt(self, t, p, v):
+        """Tool position and velocity as the surgeon has them."""
+        delay, n = self.task.return_delay, self.n
+        if delay == 0:
+            return p, v
+        if t < delay:
+            return self.p_start, np.zeros(n)
+        y = self.piece_at(t - delay, "left").state(t - delay)
+        return self.task.robot.tool(y[:n], y[n : 2 * n])
+
+    def derivative(self, layer, v_d, v_d_received, force_received):
+        """The right-hand side of one segment, in which these are constant."""
+        task, n, law = self.task, self.n, self.law
+        _, a1, a0 = task.denominator
+
+        def f(t, y):
+            q, qdot, x1, x2 = y[: 4 * n].reshape(4, n)
+            p, v, F_e = self.motion(layer, y)
+            F_h = self.received_force(t, y, force_received)
+            _, felt_v = self.felt(t, p, v)
+            F_c = F_h if law is None else y[4 * n : 5 * n]
+            qddot = task.robot.acceleration(q, qdot, F_c - F_e)
+            rates = [qdot, qddot, x2, v_d - felt_v - a1 * x2 - a0 * x1]
+            if law is not None:
+                rates.append(law.rates(y[4 * n :], p, v, F_e, F_h, v_d_received))
+            return np.concatenate(rates)
+
+        return f
+
+    @property
+    def end(self):
+        return self._ends[-1]
+
+    def event(self, kind) -> Event | None:
+        """The first event of this kind."""
+        return next((e for e in self.events if e.kind == kind), None)
+
+    def append(self, piece):
+        self.pieces.append(piece)
+        self._ends.append(piece.end)
+
+    def at(self, t, side="right"):
+        """All signals at time t; at a jump the limit from the given side."""
+        piece = self.piece_at(t, side)
+        n, y = self.n, piece.state(t)
+        # The modes are constant on a piece, so its middle tells them on both sides.
+        inside = (piece.start + piece.end) / 2
+        p, v, F_e = self.motion(piece.layer, y)
+        v_d, force = self.command(inside)
+        v_dd, force_d = self.command(inside - self.task.forward_delay)
+        F_hd = self.received_force(t, y, force_d)
+        felt_p, felt_v = self.felt(t, p, v)
+        out = {"q": y[:n], "qdot": y[n : 2 * n], "p_WT": p, "v_WT": v, "F_e": F_e}
+        out |= {"F_h": self.device_force(y) if force is None else force, "v_d": v_d}
+        out |= {"F_h_received": F_hd, "v_d_received": v_dd, "F_c": F_hd}
+        out |= {"p_felt": felt_p, "v_felt": felt_v}
+        if self.law is not None:
+            a = y[4 * n :]
+            out["F_c"], out["W1"], out["Psi"], out["W3"] = self.law.unpack(a)
+            out["s"], out["z"] = self.law.errors(a, p, v, F_e, F_hd, v_dd)[:2]
+        return out
+
+    def sample(self, times, side="right"):
+        """`at` for many times: name -> array with time as the first axis."""
+        rows = [self.at(t, side) for t in times]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+    def maximum(self, name, t0, t1, sign=1.0, axis=0):
+        """(time, value) of the largest sign * signal between t0 and t1, located."""
+        assert t0 < t1
+        signal = ("p_WT", "v_WT", "F_e").index(name)
+        best, best_time = -inf, t0
+        for piece in self.pieces:
+            a, b = max(piece.start, t0), min(piece.end, t1)
+            if a >= b:
+                continue
+
+            def value(t, piece=piece):
+                return sign * self.motion(piece.layer, piece.state(t))[signal][axis]
+
+            times = np.linspace(a, b, 6)
+            values = [value(t) for t in times]
+            i = int(np.argmax(values))
+            # Six samples miss the peak by less than what they differ by.
+            if 2 * values[i] - min(values) > best:
+                peak = minimize_scalar(
+                    lambda t, value=value: -value(t),
+                    bounds=(times[max(i - 1, 0)], times[min(i + 1, 5)]),
+                    method="bounded",
+                    options={"xatol": 1e-9},
+                )
+                ranked = [(values[i], times[i]), (-peak.fun, peak.x)]
+                best, best_time = max((best, best_time), *ranked)
+        return best_time, sign * best
+
+    def metrics(self):
+        """The thesis's numbers along x; those of events that never came are absent."""
+        v_d, out = self.task.velocity[0], {}
+        puncture, contact = self.event("puncture"), self.event("contact")
+        first = min([e.time for e in (puncture, contact) if e] + [self.end])
+        over = self.maximum("v_WT", 0.0, first)[1] - v_d
+        out["start_velocity_overshoot"] = max(over, 0.0)
+        if puncture:
+            out["puncture_time"] = t = puncture.time
+            out["puncture_velocity"] = puncture.velocity[0]
+            out["puncture_force"] = puncture.force_before[0]
+            last = contact.time if contact else self.end
+            out["velocity_overshoot"] = self.maximum("v_WT", t, last)[1] - v_d
+        if contact:
+            out["contact_time"] = t = contact.time
+            out["contact_velocity"] = contact.velocity[0]
+            release = self.event("release")
+            last = release.time if release else self.end
+            out["initial_impact_force"] = self.maximum("F_e", t, last)[1]
+            out["peak_force"] = self.maximum("F_e", t, self.end)[1]
+            out["rebound_velocity"] = self.maximum("v_WT", t, self.end, sign=-1)[1]
+        return out
+
+
+def solve(
+    task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", echoes=4
+) -> Result:
+    """Solves the loop from rest until `duration`.
+
+    Ends early at the first event of the kind `until`, and as "diverged" where |v_WT|
+    exceeds `speed_limit`. `echoes` is how many hops through a channel a discontinuity
+    is followed; each round trip smooths it by several orders.
+    """
+    result = Result(task)
+    n = task.robot.n
+    T_f, T_r = task.forward_delay, task.return_delay
+    speed = np.linalg.norm(task.velocity) or 1.0
+    # Absolute tolerances in units of the commanded speed; Psi is of order one.
+    atol = np.full(len(result.start_state), 0.1 * rtol * speed)
+    atol[2 * n : 4 * n] /= max(task.denominator[1], 1.0)
+    if result.law is not None:
+        _, j, k = 4 * n + result.law.cuts
+        atol[j:k] = rtol
+    breakpoints = [duration]
+
+    def add_breakpoints(time, lags):
+        for lag in (0.0, *lags):
+            time += lag
+            i = bisect.bisect_left(breakpoints, time)
+            if time < breakpoints[-1] and breakpoints[i] > time:
+                breakpoints.insert(i, time)
+
+    from_surgeon = [(T_f, T_r)[i % 2] for i in range(echoes)]
+    from_robot = [(T_r, T_f)[i % 2] for i in range(echoes)]
+    add_breakpoints(0.0, from_surgeon)
+    add_breakpoints(0.0, from_robot)
+    add_breakpoints(task.stop_time, from_surgeon)
+
+    def record(kind, t, y, before, after):
+        p, v, F_e = result.motion(before, y)
+        result.events.append(Event(kind, t, p, v, F_e, result.motion(after, y)[2]))
+
+    t, y = 0.0, result.start_state
+    layer = task.layer_at(result.p_start[0])
+    signals = {"switch": result.perceived, "stop": task.stop_time}
+    tiny = 1e-12  # Breakpoints closer than this are one.
+    while t < duration - tiny:
+        for kind in [kind for kind, time in signals.items() if time <= t + tiny]:
+            record(kind, t, y, layer, layer)
+            del signals[kind]
+        if result.event(until):
+            break
+        bound = next(b for b in breakpoints if b > t + tiny)
+        inside = (t + bound) / 2
+        v_d, _ = result.command(inside)
+        v_dd, force_d = result.command(inside - T_f)
+        f = result.derivative(layer, v_d, v_dd, force_d)
+        longest = min((T for T in (T_f, T_r) if T > 0), default=inf)
+        solver = DOP853(f, t, y, bound, rtol=rtol, atol=atol, max_step=longest)
+        monitors = _monitors(task, layer, speed_limit)
+        while solver.status == "running":
+            message = solver.step()
+            assert solver.status != "failed", message
+            piece, hit = _accept(solver, layer, monitors, task.robot)
+            result.append(piece)
+            t, y = piece.end, piece.state(piece.end) if hit else solver.y
+            if result.law is not None:
+                Psi = result.law.unpack(y[4 * n :])[2]
+                smallest = np.linalg.svd(Psi, compute_uv=False)[-1]
+                assert n == 1 or smallest > result.law.c.minimum_psi
+            if hit == "diverged":
+                record(hit, t, y, layer, layer)
+                return result
+            if hit:
+                add_breakpoints(t, from_robot)
+                before, layer = layer, layer + (1 if hit == "up" else -1)
+                record(kind := _kind(task, before, layer), t, y, before, layer)
+                if kind == "contact" and result.perceives and isinf(result.perceived):
+                    signals["switch"] = result.perceived = t + T_r
+                    add_breakpoints(result.perceived, from_surgeon)
+                break
+    return result
+
+
+def _kind(task, before, after):
+    boundary, up = max(before, after), after > before
+    if boundary == task.contact_index():
+        return "contact" if up else "release"
+    if boundary == task.puncture_index():
+        return "puncture" if up else "reentry"
+    return "crossing"
+
+
+def _monitors(task, layer, speed_limit):
+    """Functions of p, v that turn positive where the segment has to end."""
+    # Behind the last layer, and (index -1) before the first one, there is no boundary.
+    ends = [layer.start for layer in task.layers] + [inf, -inf]
+    return {
+        "up": lambda p, v: p[0] - ends[layer + 1],
+        "down": lambda p, v: ends[layer] - p[0],
+        "diverged": lambda p, v: np.sqrt(v @ v) - speed_limit,
+    }
+
+
+def _accept(solver, layer, monitors, robot):
+    """The last step as a Piece, cut where the first monitor fires, and its name."""
+    t0, t1, n = solver.t_old, solver.t, robot.n
+    middle, half = (t0 + t1) / 2, (t1 - t0) / 2
+    values = solver.dense_output()(middle + half * _NODES)
+    piece = Piece(t0, t1, middle, half, _TO_COEFFICIENTS @ values.T, layer)
+    motions = [robot.tool(y[:n], y[n : 2 * n]) for y in values.T]
+    hits = []
+    for name, g in monitors.items():
+
+        def signed(t, g=g):
+            y = piece.state(t)
+            return g(*robot.tool(y[:n], y[n : 2 * n]))
+
+        # From the second node on: a segment may start on the boundary it crossed.
+        i = next((i for i in range(1, 8) if g(*motions[i]) > 0), None)
+        if i is not None:
+            bracket = middle + half * _NODES[i - 1 : i + 1]
+            hits.append((brentq(signed, *bracket, xtol=1e-15), name))
+    if not hits:
+        return piece, ""
+    time, name = min(hits)
+    return Piece(t0, time, middle, half, piece.coefficients, layer), name
+
+
+def thesis_task(name, adaptive, *, delays=(0.1, 0.1), elbow="down", **controller):
+    """One of the thesis's tasks: one_dof, or two_dof_ puncture, collision, combined.
+
+    `delays` = (T_f, T_r); `controller` overrides fields of the adaptive controller.
+    """
+    shared = {"P": 1.0, "adaptation_rate": 0.1, "leakage": 0.1, "minimum_psi": 0.1}
+    shared |= {"Lambda": 1.0, "supervision": 1.0, "width": 1.0}
+    if name == "one_dof":
+        robot, scale = Slider(start=0.0, mass=0.5, damping=0.1), (0.001,)
+        force, tissue_end, bone = (0.005,), 0.0075, 0.015
+        gains = {"G1": 2.0, "G2": 20.0, "initial_psi": 4.3}
+        gains |= {"lower": (0.0,), "upper": (0.015,), "count": (5,)}
+    else:
+        link = {"m1": 0.5, "L1": 0.75, "L2": 0.375, "I1": 0.0234}
+        link |= {"m2": 0.5, "L3": 0.75, "L4": 0.375, "I2": 0.0234}
+        robot, scale = TwoLinkArm(start=(0.85, 0.0), elbow=elbow, **link), (0.1, 0.0)
+        force, tissue_end, bone = {
+            "two_dof_puncture": (None, 1.1, None),
+            "two_dof_collision": ((0.2, 0.0), None, 1.0),
+            "two_dof_combined": ((0.2, 0.0), 1.0, 1.1),
+        }[name]
+        gains = {"G1": 4.0, "G2": 30.0, "initial_psi": "auto"}
+        gains |= {"lower": (0.85, -0.15), "upper": (1.15, 0.15), "count": (5, 5)}
+    free = -inf if tissue_end is None else tissue_end
+    layers = [Layer(start=free, stiffness=0.0, damping=0.0, reference=0.0)]
+    if tissue_end is not None:
+        layers.insert(0, Layer(start=-inf, stiffness=0.01, damping=0.5, reference=0.0))
+    if bone is not None:
+        layers.append(Layer(start=bone, stiffness=150.0, damping=0.0, reference=bone))
+    return Task(
+        robot=robot,
+        layers=tuple(layers),
+        velocity=scale,
+        contact_force=force,
+        stop_time=inf,
+        forward_delay=delays[0],
+        return_delay=delays[1],
+        numerator=(25.0, 50.0),
+        denominator=(1.0, 25.0, 0.0),
+        controller=Adaptive(**(shared | gains | controller)) if adaptive else None,
+    )

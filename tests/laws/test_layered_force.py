@@ -1,0 +1,65 @@
+"""Tests of the layered force (2.14) to (2.16)."""
+
+import math
+from dataclasses import dataclass
+
+import pytest
+
+from teleop_drake.laws.layered_force import (
+    contact_position,
+    is_continuous,
+    layer_force,
+    layer_index,
+    puncture_position,
+)
+
+
+@dataclass
+class Layer:
+    name: str
+    start: float
+    stiffness: float = 0.0
+    damping: float = 0.0
+    reference: float = 0.0
+
+
+TISSUE = Layer("tissue", -math.inf, 0.01, 0.5)
+FREE = Layer("free", 0.0075)
+BONE = Layer("bone", 0.015, 150.0, 0.0, 0.015)
+
+
+def test_thesis_values():
+    # The force at the puncture: 0.01 N/m 7.5 mm + 0.5 N s/m 1 mm/s.
+    assert layer_force(TISSUE, 0.0075, 0.001) == pytest.approx(5.75e-4, rel=1e-12)
+    assert layer_force(BONE, 0.016, 1.0) == pytest.approx(0.15)
+
+
+def test_layer_index():
+    starts = [0.0, 1.0, 2.0]
+    assert [layer_index(starts, x) for x in (-1.0, 0.0, 0.5, 1.0, 9.0)] == [
+        -1,
+        0,
+        0,
+        1,
+        2,
+    ]
+
+
+def test_continuity():
+    assert not is_continuous(TISSUE, FREE)
+    assert is_continuous(FREE, BONE)
+    assert not is_continuous(FREE, Layer("damped", 1.0, 0.0, 0.1))
+    assert not is_continuous(FREE, Layer("preloaded", 1.0, 10.0, 0.0, 0.5))
+
+
+def test_positions_of_contact_and_puncture():
+    layers = [TISSUE, FREE, BONE]
+    assert contact_position(layers) == 0.015
+    assert puncture_position(layers) == 0.0075
+    assert contact_position([TISSUE, FREE]) is None
+    assert puncture_position([FREE, BONE]) is None
+    assert contact_position([]) is None
+    assert puncture_position([]) is None
+    # Skin is not what the surgeon calls contact where there is bone behind it.
+    skin = Layer("skin", 0.001, 1.0)
+    assert contact_position([Layer("air", 0.0), skin, FREE, BONE]) == 0.015

@@ -1,0 +1,88 @@
+"""The loop against an independent solver of its delay differential equations.
+
+The solver (independent_solver.py) shares no code with the package, not even Drake: it
+integrates by the method of steps with scipy, and has the arm in the closed form of
+Appendix A.
+"""
+
+import functools
+
+import numpy as np
+import pytest
+from independent_solver import solve, thesis_task
+from runs import TASKS, Run
+
+from teleop_drake.scenario import CONTROLLERS
+
+# Forward and return delay in s, and the part of the task that is compared.
+DELAYS = {
+    "thesis": (0.1, 0.1),
+    "unequal": (0.0371, 0.1513),
+    "none": (0.0, 0.0),
+    "forward only": (0.123456789, 0.0),
+    "return only": (0.0, 0.0823),
+}
+DURATIONS = {
+    "one_dof": 18.0,
+    "two_dof_puncture": 5.0,
+    "two_dof_collision": 4.0,
+    "two_dof_combined": 4.0,
+}
+INITIAL_PSI = {"one_dof": {"initial_psi": 4.3}}
+
+
+@functools.cache
+def Oracle(name, kind, delays, duration):
+    adaptive = kind == "adaptive_backstepping"
+    gains = INITIAL_PSI.get(name, {}) if adaptive else {}
+    task = thesis_task(name, adaptive, delays=delays, **gains)
+    limit = 5 * np.linalg.norm(task.velocity)
+    return solve(task, duration, speed_limit=limit)
+
+
+def Compare(name, kind, delays, duration=None):
+    overrides = [
+        f"forward_channel.delay={delays[0]}",
+        f"return_channel.delay={delays[1]}",
+    ]
+    if duration is not None:
+        overrides.append(f"duration={duration}")
+    ours = Run(name, kind, *overrides)
+    theirs = Oracle(name, kind, delays, ours.scenario.duration)
+    # Both runs of a loop that diverges stop at the same speed, at nearly one time.
+    times = np.linspace(0, ours.time[-1], 3001)[:-10]
+    reference = theirs.sample(times)
+    for signal, key in (
+        ("tool_position", "p_WT"),
+        ("tool_velocity", "v_WT"),
+        ("environment_force", "F_e"),
+        ("control_force", "F_c"),
+    ):
+        error = np.abs(ours.Interpolate(signal, times) - reference[key])
+        # A jump is at one instant, which the two may place on either side of a sample.
+        near_jump = np.zeros(len(times), dtype=bool)
+        for jump in ours.time[1:][np.diff(ours.time) == 0]:
+            near_jump |= np.abs(times - jump) < 1e-4
+        scale = np.ptp(reference[key], axis=0).max()
+        assert error[~near_jump].max() <= 1e-3 * scale, signal
+    for ours_name, theirs_name in (
+        ("puncture", "puncture"),
+        ("contact", "contact"),
+        ("release", "release"),
+        ("surgeon_force", "switch"),
+    ):
+        expected = [e.time for e in theirs.events if e.kind == theirs_name]
+        assert ours.EventTimes(ours_name) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS)
+def test_thesis_tasks(name, kind):
+    Compare(name, kind, DELAYS["thesis"])
+
+
+@pytest.mark.parametrize("delays", [key for key in DELAYS if key != "thesis"])
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS)
+def test_other_delays(name, kind, delays):
+    Compare(name, kind, DELAYS[delays], DURATIONS[name])

@@ -1,0 +1,171 @@
+"""Tests of the whole loop's structure."""
+
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import MatrixGain, Multiplexer
+
+from teleop_drake.rendering import DiagramDot
+from teleop_drake.robots import MakeRobot
+from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.systems.layered_force_field import LayeredForceField
+from teleop_drake.systems.sampled_delay import SampledDelay
+from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.teleoperator import MakeChannel, MakeTeleoperator
+
+FIGURE_2_1 = {
+    "master",
+    "forward_channel",
+    "controller",
+    "robot",
+    "environment",
+    "return_channel",
+}
+TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("kind", CONTROLLERS)
+def test_depth_one_is_figure_2_1(name, kind):
+    diagram = MakeTeleoperator(LoadScenario(name, {"controller.kind": kind}))
+    assert {system.get_name() for system in diagram.GetSystems()} == FIGURE_2_1
+    assert diagram.num_input_ports() == diagram.num_output_ports() == 0
+    dot = DiagramDot(diagram, max_depth=1)
+    for box in FIGURE_2_1:
+        assert f"name={box}" in dot
+
+
+def test_every_station_opens():
+    diagram = MakeTeleoperator(LoadScenario("two_dof_combined"))
+
+    def names(station):
+        systems = diagram.GetSubsystemByName(station).GetSystems()
+        return {system.get_name() for system in systems}
+
+    assert {"surgeon", "haptic_device"} <= names("master")
+    assert "adaptive_backstepping" in names("controller")
+    assert {"plant", "tool_interface"} <= names("robot")
+
+
+def test_every_system_is_named():
+    def check(system):
+        assert "@" not in system.get_name()
+        for child in getattr(system, "GetSystems", list)():
+            check(child)
+
+    check(MakeTeleoperator(LoadScenario("one_dof")))
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+def test_no_delay_makes_no_algebraic_loop(name, kind):
+    scenario = LoadScenario(
+        name,
+        {
+            "controller.kind": kind,
+            "forward_channel.delay": 0.0,
+            "return_channel.delay": 0.0,
+            "duration": 0.2,
+        },
+    )
+    assert simulate(scenario).termination == "completed"
+
+
+def test_default_context_is_the_start():
+    diagram = MakeTeleoperator(LoadScenario("two_dof_combined"))
+    context = diagram.CreateDefaultContext()
+    robot = diagram.GetSubsystemByName("robot")
+    position = robot.GetOutputPort("tool_position").Eval(
+        robot.GetMyContextFromRoot(context)
+    )
+    assert position.tolist() == pytest.approx([0.85, 0.0], abs=1e-12)
+    channel = diagram.GetSubsystemByName("return_channel")
+    felt = channel.get_output_port().Eval(channel.GetMyContextFromRoot(context))
+    assert felt.tolist() == pytest.approx([0.85, 0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_channels_by_kind():
+    config = LoadScenario("one_dof").forward_channel
+    assert isinstance(MakeChannel(config, size=2, initial_value=[0, 0]), TransportDelay)
+    config.kind, config.sample_period = "sampled", 0.001
+    assert isinstance(MakeChannel(config, size=2, initial_value=[0, 0]), SampledDelay)
+    config.sample_period = None
+    with pytest.raises(ValueError, match="sample_period: None"):
+        MakeChannel(config, size=2, initial_value=[0, 0])
+
+
+def test_stations_speak_in_packets():
+    scenario = LoadScenario("two_dof_combined")
+    master = MakeMasterStation(scenario)
+    assert master.GetInputPort("return_packet").size() == 4
+    assert master.GetOutputPort("forward_packet").size() == 4
+    slave = MakeSlaveStation(MakeControlLaw(scenario))
+    assert slave.GetInputPort("forward_packet").size() == 4
+    assert slave.GetOutputPort("return_packet").size() == 4
+    assert slave.GetOutputPort("psi").size() == 4
+    # What the surgeon does never reaches the channel without a delay in between.
+    assert not master.HasDirectFeedthrough(0, 0)
+
+
+def test_an_invalid_scenario_is_refused():
+    scenario = LoadScenario("one_dof")
+    scenario.forward_channel.delay = -1.0
+    with pytest.raises(ScenarioError, match=r"forward_channel\.delay"):
+        MakeTeleoperator(scenario)
+
+
+class Honey(LeafSystem):
+    """An environment of a user's own: viscous everywhere."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("tool_position", 1)
+        velocity = self.DeclareVectorInputPort("tool_velocity", 1)
+        self.DeclareVectorOutputPort(
+            "environment_force",
+            1,
+            lambda context, force: force.SetFromVector(2.0 * velocity.Eval(context)),
+            prerequisites_of_calc={velocity.ticket()},
+        )
+
+
+def test_environment_and_robot_of_ones_own():
+    scenario = LoadScenario(
+        "one_dof", {"controller.kind": "direct_force", "duration": 5.0}
+    )
+    recording = simulate(
+        scenario,
+        teleoperator=MakeTeleoperator(
+            scenario,
+            robot=MakeRobot(model="slider", start=[0.0], mass=2.0, damping=0.0),
+            environment=Honey(),
+        ),
+    )
+    assert recording.termination == "completed"
+    velocity = recording["tool_velocity"]
+    assert recording["environment_force"] == pytest.approx(2.0 * velocity, abs=1e-15)
+    acceleration = recording["tool_acceleration"]
+    balance = recording["control_force"] - recording["environment_force"]
+    assert 2.0 * acceleration == pytest.approx(balance, abs=1e-12)
+
+
+def test_control_law_without_the_ports_is_refused():
+    law = MatrixGain([[1.0]])
+    with pytest.raises(RuntimeError, match="control_force"):
+        MakeTeleoperator(LoadScenario("one_dof"), control_law=law)
+
+
+def test_blocks_stand_alone_in_any_builder():
+    """The channel and the environment know nothing of the rest."""
+    builder = DiagramBuilder()
+    channel = builder.AddSystem(TransportDelay(delay=0.1, size=2))
+    field = builder.AddSystem(LayeredForceField(layers=[], num_axes=2))
+    pack = builder.AddSystem(Multiplexer([1, 1]))
+    builder.Connect(pack.get_output_port(), channel.get_input_port())
+    for name in ("tool_position", "tool_velocity"):
+        builder.Connect(channel.get_output_port(), field.GetInputPort(name))
+    builder.ExportInput(pack.get_input_port(0))
+    builder.ExportInput(pack.get_input_port(1))
+    builder.ExportOutput(field.GetOutputPort("environment_force"))
+    assert builder.Build().num_continuous_states() == 0
