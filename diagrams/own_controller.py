@@ -1,0 +1,87 @@
+"""A controller of your own in the place of the adaptive one.
+
+DampingInjection below is all that it takes: a LeafSystem with the ports of a control
+law. Run `python diagrams/own_controller.py`: it draws the slave station with the new
+law in it beside this file (or into the file given as an argument), simulates the
+one-axis task with that law and with direct force application, and prints how far the
+tool shoots ahead after the puncture.
+"""
+
+import sys
+from pathlib import Path
+
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from teleop_drake.recording import Recording
+from teleop_drake.rendering import WriteDiagram
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.teleoperator import MakeTeleoperator
+
+
+class DampingInjection(LeafSystem):
+    """Direct force application, braked at the slave without delay.
+
+        F_c = F_hd + damping (v_dd - v)
+
+    The ports are those of every control law: haptic_force (F_hd), velocity_command
+    (v_dd), tool_position, tool_velocity and environment_force in, control_force out.
+
+    Args:
+        num_axes: Number n of task axes.
+        damping: N s/m.
+    """
+
+    def __init__(self, *, num_axes: int, damping: float):
+        LeafSystem.__init__(self)
+        self.set_name("damping_injection")
+        self._damping = damping
+        self._haptic_force = self.DeclareVectorInputPort("haptic_force", num_axes)
+        self._command = self.DeclareVectorInputPort("velocity_command", num_axes)
+        self.DeclareVectorInputPort("tool_position", num_axes)
+        self._velocity = self.DeclareVectorInputPort("tool_velocity", num_axes)
+        self.DeclareVectorInputPort("environment_force", num_axes)
+        # Naming what the output depends on spares Drake from seeing an algebraic loop
+        # through the environment, whose force this law does not use.
+        self.DeclareVectorOutputPort(
+            "control_force",
+            num_axes,
+            self._CalcControlForce,
+            prerequisites_of_calc={
+                self._haptic_force.ticket(),
+                self._command.ticket(),
+                self._velocity.ticket(),
+            },
+        )
+
+    def _CalcControlForce(self, context: Context, control_force: BasicVector) -> None:
+        velocity_error = self._command.Eval(context) - self._velocity.Eval(context)
+        control_force.SetFromVector(
+            self._haptic_force.Eval(context) + self._damping * velocity_error
+        )
+
+
+def Overshoot(recording: Recording) -> float:
+    """How much faster than commanded the tool gets after the puncture, m/s."""
+    puncture = next(e.time for e in recording.events if e.name == "puncture")
+    velocity = recording.signals["tool_velocity"][recording.time >= puncture, 0]
+    return velocity.max() - recording.scenario.surgeon.velocity[0]
+
+
+def main(picture: Path) -> None:
+    # Ten seconds: past the puncture and short of the bone.
+    scenario = LoadScenario(
+        "one_dof", {"controller.kind": "direct_force", "duration": 10.0}
+    )
+    teleoperator = MakeTeleoperator(
+        scenario, control_law=DampingInjection(num_axes=1, damping=1.0)
+    )
+    WriteDiagram(teleoperator.GetSubsystemByName("controller"), picture)
+
+    braked = Overshoot(simulate(scenario, teleoperator=teleoperator))
+    direct = Overshoot(simulate(scenario))
+    print(f"overshoot: {1000 * braked:.3f} mm/s (direct force: {1000 * direct:.3f})")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).with_suffix(".svg"))

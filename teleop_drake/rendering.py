@@ -1,0 +1,337 @@
+"""Block diagrams as pictures: DOT text, SVG, PNG and PDF of any Drake system.
+
+The DOT text is Drake's own (`System.GetGraphvizString`) in a reproducible form and with
+a block-diagram layout: signals run from left to right, and a feedback connection runs
+back in a lane of its own instead of across the boxes. It needs no Graphviz. Everything
+else is laid out by the `dot` on the PATH, or else by the one in the wheel
+graphviz-pure.
+"""
+
+import io
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from xml.etree import ElementTree
+
+from pydrake.systems.framework import System
+
+_SUFFIXES = (".svg", ".png", ".pdf", ".dot")
+
+# Dots per inch of a PNG, enough for print.
+_PNG_DPI = 200
+
+# Arimo, the metric twin of Helvetica, is what graphviz-pure measures text with.
+_STYLE = """\
+graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]
+node [fontname="Helvetica"]
+edge [arrowsize=0.8]"""
+
+# A diagram's own output ports stand at the far right, and the lines that lead there
+# cross the picture. Drawn faintly they leave the loop itself visible.
+_EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
+
+# Graphviz 2.43 draws an arrowhead on some lines in spite of dir=none.
+_NO_ARROW = "[dir=none, arrowsize=0]"
+
+# The lines of Drake's DOT text that carry the process-wide number of a system.
+_NUMBERED_LINE = re.compile(
+    r"^(digraph _|subgraph clusters?|s)(\d+)((?:in|out|diagram|subsystems)? [\[{])"
+)
+_EDGE_LINE = re.compile(
+    r"^s(\d+)(in|out)?:([uy]?)(\d+):e -> s(\d+)(in|out)?:([uy]?)(\d+):w(?: \[(.*)\];)?$"
+)
+_PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>")
+
+
+def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
+    """The block diagram of a system as DOT text, the same in every process.
+
+    Three things differ from Drake's `GetGraphvizString`. The numbers that stand for
+    systems count from 0 in order of appearance and the connections are sorted, so that
+    two builds of one diagram give the same bytes. A system written in Python is
+    labelled with its class name alone, like those of Drake. A connection that closes a
+    loop is drawn around the boxes; which one of a loop's connections that is follows
+    from the order in which the systems were added to the builder.
+
+    Args:
+        system: any Drake system; a system without a name is labelled by its class only.
+        max_depth: how many levels of nested diagrams to open: 0 is a single box, 1
+            shows the system's own parts as boxes, None opens everything.
+
+    Raises:
+        ValueError: if max_depth is negative.
+    """
+    # Drake ends the process on a negative depth.
+    if max_depth is not None and max_depth < 0:
+        raise ValueError(f"max_depth is {max_depth}; it must be None, 0 or positive")
+    numbers: dict[str, int] = {}
+
+    def number(drake_id: str) -> int:
+        return numbers.setdefault(drake_id, len(numbers))
+
+    text: list[str] = []
+    edges: list[_Edge] = []
+    for line in system.GetGraphvizString(max_depth=max_depth).splitlines():
+        if edge := _EDGE_LINE.match(line):
+            edges.append(_Edge(edge, number))
+            continue
+        # The connections of one diagram stand together.
+        text += _Connections(edges)
+        edges = []
+        line = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{number(m[2])}{m[3]}", line)
+        text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", line))
+        if line == "rankdir=LR":
+            text.append(_STYLE)
+    return "\n".join(text).rstrip() + "\n"
+
+
+def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
+    """The block diagram of a system as SVG text, for `IPython.display.SVG` and the web.
+
+    Args and errors are those of `DiagramDot`; raises RuntimeError where nothing can lay
+    the diagram out (see `WriteDiagram`).
+    """
+    return _Layout(DiagramDot(system, max_depth=max_depth), "svg").decode()
+
+
+def WriteDiagram(
+    system: System, path: str | os.PathLike[str], *, max_depth: int | None = None
+) -> None:
+    """Writes the block diagram of a system to a file, in the format of its suffix.
+
+    The file appears complete or not at all, and replaces one of the same name.
+
+    Args:
+        system: any Drake system.
+        path: ends in .svg, .png (200 dots per inch), .pdf or .dot.
+        max_depth: how many levels of nested diagrams to open, see `DiagramDot`.
+
+    Raises:
+        ValueError: if the suffix is another one, or max_depth is negative.
+        RuntimeError: if there is neither a `dot` on the PATH nor graphviz-pure, or if
+            the one found fails. A .dot file needs neither.
+        OSError: if the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise ValueError(
+            f"path is '{path}'; it must end in one of {', '.join(_SUFFIXES)}"
+        )
+    dot = DiagramDot(system, max_depth=max_depth)
+    _WriteAtomically(
+        path, dot.encode() if suffix == ".dot" else _Layout(dot, suffix[1:])
+    )
+
+
+class _Edge:
+    """One connection in Drake's DOT text, with the systems renumbered."""
+
+    def __init__(self, line: re.Match[str], number: Callable[[str], int]):
+        self.source, self.target = number(line[1]), number(line[5])
+        self.tail = _End(f"s{self.source}", line[2], line[3] + line[4], "e")
+        self.head = _End(f"s{self.target}", line[6], line[7] + line[8], "w")
+        # Drake marks the lines that lead to the ports of the diagram itself.
+        self.attributes = line[9] or ""
+        self.order = (
+            bool(self.attributes),
+            (self.source, int(line[4])),
+            (self.target, int(line[8])),
+        )
+
+
+class _End:
+    """Where a connection meets a box, and where it turns if it runs back."""
+
+    def __init__(self, system: str, side: str | None, port: str, compass: str):
+        # A diagram that is opened has a node for its inputs and one for its outputs.
+        node = system + (side or "")
+        self.port = f"{node}:{port}:{compass}"
+        turn = f"{node}_{port}_turn"
+        self.turn = [f"{turn} [shape=point, width=0.02]"]
+        # Outside and inside: towards the box, and towards the other turn.
+        self.outside = self.inside = turn
+        # The turn lies above or below a closed box. Dot cannot do so with an opened
+        # one, so there it lies beside it.
+        if not side:
+            self.turn.append(f"{{rank=same; {node}; {turn}}}")
+            self.outside += f":{compass}"
+            self.inside += ":w" if compass == "e" else ":e"
+
+
+def _Connections(edges: list[_Edge]) -> list[str]:
+    """The DOT text of the connections inside one diagram."""
+    # Drake's own order follows the addresses of the systems in memory.
+    edges = sorted(edges, key=lambda edge: edge.order)
+    feedback = _Feedback(edges)
+    text: list[str] = []
+    drawn: set[str] = set()
+    for edge in edges:
+        tail, head = edge.tail, edge.head
+        if edge.attributes:
+            attributes = edge.attributes.replace("color=green", _EXPORTED_OUTPUT)
+            text.append(f"{tail.port} -> {head.port} [{attributes}]")
+        elif (edge.source, edge.target) not in feedback:
+            # The weight keeps the forward path straight.
+            text.append(f"{tail.port} -> {head.port} [weight=10]")
+        else:
+            # A line with two turns, in pieces of which none runs against the layout:
+            # dot leads only such lines cleanly between the boxes.
+            if tail.port not in drawn:
+                text += tail.turn
+                text.append(f"{tail.port} -> {tail.outside} {_NO_ARROW}")
+                drawn.add(tail.port)
+            text += head.turn
+            text.append(f"{head.inside} -> {tail.inside} {_NO_ARROW}")
+            text.append(f"{head.outside} -> {head.port}")
+    return text
+
+
+def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
+    """The pairs of systems whose connection closes a loop, by depth-first search."""
+    successors: dict[int, list[int]] = {}
+    for edge in edges:
+        if not edge.attributes:
+            successors.setdefault(edge.source, []).append(edge.target)
+    feedback: set[tuple[int, int]] = set()
+    done: set[int] = set()
+
+    def visit(system: int, upstream: tuple[int, ...]) -> None:
+        upstream += (system,)
+        for successor in successors.get(system, []):
+            if successor in upstream:
+                feedback.add((system, successor))
+            elif successor not in done:
+                visit(successor, upstream)
+        done.add(system)
+
+    for system in sorted(successors):
+        if system not in done:
+            visit(system, ())
+    return feedback
+
+
+def _Layout(dot: str, file_format: str) -> bytes:
+    """Lays DOT text out as svg, png or pdf."""
+    if program := shutil.which("dot"):
+        return _RunDot(program, dot, file_format)
+    if program := _EmbeddedDot():
+        # That one writes no PDF.
+        if file_format == "pdf":
+            return _SvgToPdf(_RunDot(program, dot, "svg"))
+        return _RunDot(program, dot, file_format)
+    raise RuntimeError(
+        f"nothing here can lay out a diagram as {file_format}: install Graphviz, so "
+        "that `dot` is on the PATH, or `pip install graphviz-pure`; a path that ends "
+        "in .dot needs neither"
+    )
+
+
+def _EmbeddedDot() -> str | None:
+    """The program in the wheel graphviz-pure, which need not be on the PATH."""
+    try:
+        files = metadata.files("graphviz-pure") or []
+    except metadata.PackageNotFoundError:
+        return None
+    programs = [str(f.locate()) for f in files if f.stem == "graphviz-pure"]
+    return programs[0] if programs else None
+
+
+def _RunDot(program: str, dot: str, file_format: str) -> bytes:
+    command = [program, f"-T{file_format}"]
+    if file_format == "png":
+        command.append(f"-Gdpi={_PNG_DPI}")
+    run = subprocess.run(command, input=dot.encode(), capture_output=True)
+    if run.returncode != 0 or not run.stdout:
+        reason = run.stderr.decode(errors="replace").strip()
+        raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
+    return run.stdout
+
+
+def _SvgToPdf(svg: bytes) -> bytes:
+    """Draws graphviz-pure's SVG as PDF: vectors, and text that can be searched."""
+    # Imported here because only a PDF needs it.
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    root = ElementTree.fromstring(svg)
+    left, top, width, height = map(float, root.attrib["viewBox"].split())
+    graph = root[0]
+    shift = re.search(r"translate\(([\d.-]+) ([\d.-]+)\)", graph.attrib["transform"])
+    assert shift is not None
+    shift_x, shift_y = float(shift[1]), float(shift[2])
+
+    # Helvetica is one of the fonts that every PDF reader has, and its widths are those
+    # that the layout was made with. Drawn so, it has no characters beyond Latin ones;
+    # DejaVu Sans has them, but is wider.
+    plain = "".join(graph.itertext()).isascii()
+    family, regular, scale = (
+        ("Helvetica", "medium", 1.0) if plain else ("DejaVu Sans", "normal", 0.85)
+    )
+
+    # An SVG point is a PDF point, and both stand for 1/72 inch.
+    figure = Figure(figsize=(width / 72, height / 72))
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_xlim(left - shift_x, left - shift_x + width)
+    axes.set_ylim(top - shift_y + height, top - shift_y)
+    axes.set_axis_off()
+    for element in graph.iter():
+        get = element.attrib.get
+        kind = element.tag.rpartition("}")[2]
+        if kind == "text":
+            axes.text(
+                float(element.attrib["x"]),
+                float(element.attrib["y"]),
+                element.text or "",
+                family=family,
+                size=scale * float(element.attrib["font-size"]),
+                weight=get("font-weight", regular),
+                color=get("fill", "black"),
+                ha={"start": "left", "middle": "center"}[get("text-anchor", "start")],
+                va="baseline",
+                parse_math=False,
+            )
+            continue
+        if kind == "ellipse":
+            center = float(element.attrib["cx"]), float(element.attrib["cy"])
+            outline = Outline.circle(center, float(element.attrib["rx"]))
+        elif kind in ("path", "polygon", "polyline"):
+            numbers = re.findall(r"-?[\d.]+", get("d") or element.attrib["points"])
+            points = [
+                (float(x), float(y))
+                for x, y in zip(numbers[::2], numbers[1::2], strict=True)
+            ]
+            rest = Outline.CURVE4 if kind == "path" else Outline.LINETO
+            outline = Outline(points, [Outline.MOVETO] + [rest] * (len(points) - 1))
+        else:
+            continue
+        axes.add_patch(
+            PathPatch(
+                outline,
+                facecolor=get("fill", "black"),
+                edgecolor=get("stroke", "none"),
+                linewidth=float(get("stroke-width", "1")),
+            )
+        )
+    file = io.BytesIO()
+    with rc_context({"pdf.use14corefonts": plain, "pdf.fonttype": 42}):
+        # Without a date the same diagram gives the same bytes.
+        figure.savefig(file, format="pdf", metadata={"CreationDate": None})
+    return file.getvalue()
+
+
+def _WriteAtomically(path: Path, content: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        # Names the file that was asked for, not the temporary one.
+        raise OSError(error.errno, error.strerror, str(path)) from None

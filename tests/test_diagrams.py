@@ -1,0 +1,107 @@
+"""The worked examples in diagrams/: they run, and their pictures are current."""
+
+import os
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+
+DIRECTORY = Path(__file__).parent.parent / "diagrams"
+SCRIPTS = sorted(DIRECTORY.glob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Runs a script once; returns the picture it wrote and the lines it printed."""
+    directory = tmp_path_factory.mktemp("diagrams")
+    done: dict[str, tuple[Path, list[str]]] = {}
+
+    def run(script: Path) -> tuple[Path, list[str]]:
+        if script.stem not in done:
+            picture = directory / f"{script.stem}.svg"
+            output = subprocess.run(
+                [sys.executable, "-W", "error", script, picture],
+                # Away from the repository, as a user's own script would be.
+                cwd=directory,
+                env=os.environ | {"PYTHONPATH": ""},
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            assert output.stderr == ""
+            done[script.stem] = picture, output.stdout.splitlines()
+        return done[script.stem]
+
+    return run
+
+
+def _Graph(picture: Path) -> Counter[tuple[str, str]]:
+    """The graph a picture shows: its texts, and the boxes and lines behind them.
+
+    Graphviz writes into the file which box or line of the DOT text each shape is. All
+    of that is the diagram's; where on the page it lies is the renderer's.
+    """
+    root = ElementTree.parse(picture).getroot()
+    return Counter(
+        (kind, element.text or "")
+        for kind in ("title", "text")
+        for element in root.iter(f"{{http://www.w3.org/2000/svg}}{kind}")
+    )
+
+
+def test_there_are_the_three_levels_of_building():
+    assert [script.stem for script in SCRIPTS] == [
+        "one_dof_by_hand",
+        "own_controller",
+        "two_dof_arm",
+    ]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_the_committed_picture_shows_what_the_script_builds(run, script):
+    picture, _ = run(script)
+    committed = _Graph(script.with_suffix(".svg"))
+    assert sum(committed.values()) > 20
+    assert _Graph(picture) == committed
+
+
+def test_the_loop_by_hand_is_the_loop_of_the_scenario(run):
+    _, lines = run(DIRECTORY / "one_dof_by_hand.py")
+    printed = float(re.fullmatch(r"tool velocity after 5 s: (\S+) mm/s .*", *lines)[1])
+    recording = simulate(LoadScenario("one_dof", {"duration": 5.0}))
+    expected = 1000 * recording.signals["tool_velocity"][-1, 0]
+    assert printed == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_arm_by_hand_is_the_arm_of_the_scenario(run):
+    _, lines = run(DIRECTORY / "two_dof_arm.py")
+    printed = re.fullmatch(r"tool after 1 s: x = (\S+) m, y = (\S+) m", *lines)
+    recording = simulate(LoadScenario("two_dof_combined", {"duration": 1.0}))
+    expected = recording.signals["tool_position"][-1]
+    assert np.array(printed.groups(), dtype=float) == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_own_controller_takes_the_place_of_the_other(run):
+    _, lines = run(DIRECTORY / "own_controller.py")
+    own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
+    # The thesis's value for direct force application, section 4.2.
+    assert direct == pytest.approx(0.472, rel=0.02)
+    assert own < 0.75 * direct
+
+
+def test_the_readme_shows_every_script_and_its_picture():
+    text = (DIRECTORY / "README.md").read_text()
+    for script in SCRIPTS:
+        assert f"]({script.name})" in text
+        assert f"]({script.stem}.svg)" in text
+    # And nothing that is not there.
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (DIRECTORY / target).is_file(), target
