@@ -1,15 +1,14 @@
 """What a simulation leaves behind: plain arrays, events and solver statistics."""
 
 import json
-import os
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from teleop_drake.files import Replacing
 from teleop_drake.laws.interpolation import interpolate
-from teleop_drake.scenario import LoadScenario, Scenario, ScenarioToYaml
+from teleop_drake.scenario import Scenario, ScenarioFromYaml, ScenarioToYaml
 
 
 @dataclass(kw_only=True)
@@ -103,25 +102,17 @@ class Recording:
         Raises:
             OSError: If the file cannot be written.
         """
-        path = Path(path)
         description = {
-            "name": self.scenario.name,
             "scenario": ScenarioToYaml(self.scenario),
             "events": [asdict(event) for event in self.events],
             "solver": asdict(self.solver),
             "termination": self.termination,
             "reason": self.reason,
         }
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                arrays = {f"signal.{name}": x for name, x in self.signals.items()}
-                arrays["description"] = np.array(json.dumps(description))
-                np.savez_compressed(file, time=self.time, **arrays)  # type: ignore[arg-type]
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        arrays = {f"signal.{name}": x for name, x in self.signals.items()}
+        arrays["description"] = np.array(json.dumps(description))
+        with Replacing(path) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, time=self.time, **arrays)  # type: ignore[arg-type]
 
 
 def LoadRecording(path: str | Path) -> Recording:
@@ -138,13 +129,8 @@ def LoadRecording(path: str | Path) -> Recording:
         if "description" not in data:
             raise ValueError(f"{path}: not a recording of teleop-drake")
         description = json.loads(str(data["description"]))
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "scenario.yaml"
-            file.write_text(description["scenario"], encoding="utf-8")
-            scenario = LoadScenario(str(file))
-        scenario.name = description["name"]
         return Recording(
-            scenario=scenario,
+            scenario=ScenarioFromYaml(description["scenario"]),
             time=data["time"],
             signals={
                 name.removeprefix("signal."): data[name]

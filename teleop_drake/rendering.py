@@ -19,6 +19,8 @@ from xml.etree import ElementTree
 
 from pydrake.systems.framework import System
 
+from teleop_drake.files import Replacing
+
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
 # Dots per inch of a PNG, enough for print.
@@ -123,9 +125,9 @@ def WriteDiagram(
             f"path is '{path}'; it must end in one of {', '.join(_SUFFIXES)}"
         )
     dot = DiagramDot(system, max_depth=max_depth)
-    _WriteAtomically(
-        path, dot.encode() if suffix == ".dot" else _Layout(dot, suffix[1:])
-    )
+    content = dot.encode() if suffix == ".dot" else _Layout(dot, suffix[1:])
+    with Replacing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 class _Edge:
@@ -324,14 +326,3 @@ def _SvgToPdf(svg: bytes) -> bytes:
         # Without a date the same diagram gives the same bytes.
         figure.savefig(file, format="pdf", metadata={"CreationDate": None})
     return file.getvalue()
-
-
-def _WriteAtomically(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        # Names the file that was asked for, not the temporary one.
-        raise OSError(error.errno, error.strerror, str(path)) from None

@@ -215,8 +215,8 @@ def _DefaultSimulator() -> SimulatorConfig:
     return SimulatorConfig(
         integration_scheme="runge_kutta5",
         use_error_control=True,
-        accuracy=1e-7,
-        max_step_size=0.05,
+        accuracy=1e-8,
+        max_step_size=0.005,
     )
 
 
@@ -243,7 +243,8 @@ class Scenario:
     return_channel: ChannelConfig = field(default_factory=ChannelConfig)
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
-    # The run ends as diverged when |v_WT| exceeds this many times |v_d|; > 1. Assumed.
+    # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
+    # at most 1000. Assumed.
     divergence_speed_ratio: float = 5.0
     # Drake's own. A transport channel needs max_step_size <= its delay; start_time
     # is 0.
@@ -610,7 +611,8 @@ def _Normalize(value: Any, schema: Any, path: str) -> Any:
 
 def _NormalizeMapping(value: Any, schema: Any, path: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        _Refuse(path, value, "a mapping with the keys " + ", ".join(_Schema(schema)))
+        keys = ", ".join(_Schema(schema))
+        _Refuse(path or "scenario", value, f"a mapping with the keys {keys}")
     fields = _Schema(schema)
     prefix = f"{path}." if path else ""
     for key in value:
@@ -736,7 +738,12 @@ def _CheckScenario(scenario: Scenario) -> None:
     ):
         _Refuse("name", scenario.name, "one line of text without / and \\")
     _CheckNumber("duration", scenario.duration, "s", above=0)
-    _CheckNumber("divergence_speed_ratio", scenario.divergence_speed_ratio, above=1)
+    _CheckNumber(
+        "divergence_speed_ratio",
+        scenario.divergence_speed_ratio,
+        above=1,
+        maximum=1000,
+    )
     _CheckRobot(scenario.robot)
     n = scenario.num_axes
     _CheckSurgeon(scenario.surgeon, n)
@@ -784,9 +791,16 @@ def _CheckSurgeon(surgeon: SurgeonConfig, n: int) -> None:
 
 def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
     try:
-        realize_transfer_function(device.numerator, device.denominator)
+        with np.errstate(over="ignore"):
+            matrices = realize_transfer_function(device.numerator, device.denominator)
     except ValueError as e:
         raise ScenarioError(f"haptic_device.{e}") from None
+    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+        _Refuse(
+            "haptic_device.denominator",
+            device.denominator,
+            "coefficients that can be divided by the first one",
+        )
 
 
 def _CheckChannel(path: str, channel: ChannelConfig) -> None:

@@ -1,0 +1,54 @@
+"""Files that appear complete or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yields a temporary file name whose file becomes `path` when all went well.
+
+    It has the suffix of `path` and stands in the same folder. A link stays a link, and
+    a device such as /dev/null is written to directly.
+
+    Args:
+        path: The file to write or to replace.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    path = Path(os.path.realpath(path))
+    if IsDevice(path):
+        yield path
+        return
+    temporary = TemporaryPath(path)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        if error.filename != str(temporary):
+            raise
+        # Name the file that was asked for.
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def IsDevice(path: Path) -> bool:
+    """Returns whether a path exists and is no file, like /dev/null.
+
+    Args:
+        path: What to look at.
+    """
+    return path.exists() and not path.is_file()
+
+
+def TemporaryPath(path: Path) -> Path:
+    """Returns a name beside `path` for what is not complete yet.
+
+    Args:
+        path: The file to be written.
+    """
+    return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")

@@ -1,0 +1,386 @@
+"""Tests of teleop_drake.cli, in this process except where that is the point."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import teleop_drake.simulation
+from teleop_drake.cli import main
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import LoadScenario, ScenarioNames, ScenarioToYaml
+
+SHORT = ["--duration", "0.3", "--accuracy", "1e-5", "--quiet"]
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_import_is_light():
+    code = (
+        "import sys, teleop_drake.cli; "
+        "print([m for m in ('pydrake', 'numpy', 'matplotlib', 'yaml') "
+        "if m in sys.modules])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["compare"], ["diagram"]])
+def test_help(command, capsys):
+    with pytest.raises(SystemExit) as info:
+        main([*command, "--help"])
+    assert info.value.code == 0
+    assert capsys.readouterr().out.startswith("usage: teleop-drake")
+
+
+def test_module_runs_the_command():
+    run = subprocess.run(
+        [sys.executable, "-m", "teleop_drake", "sow"], capture_output=True, text=True
+    )
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert run.stderr.startswith("teleop-drake: error: ")
+    assert run.stderr.count("\n") == 1
+
+
+def test_closed_pipe():
+    command = f"{sys.executable} -m teleop_drake show one_dof | true"
+    run = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert run.stderr == ""
+
+
+def test_list(capsys):
+    assert main(["list"]) == 0
+    out = capsys.readouterr().out
+    for name in ScenarioNames():
+        (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
+        assert LoadScenario(name).description in line
+    assert "direct_force, adaptive_backstepping" in out
+    assert "slider, two_link_arm" in out
+
+
+def test_show(capsys):
+    assert main(["show", "two_dof_combined"]) == 0
+    out = capsys.readouterr().out
+    assert out == ScenarioToYaml(LoadScenario("two_dof_combined"))
+
+
+def test_options_are_overrides(capsys):
+    options = [
+        *("--controller", "direct_force"),
+        *("--delay", "0.03"),
+        *("--return-delay", "0.02"),
+        *("--duration", "1"),
+        *("--accuracy", "1e-6"),
+        *("--set", "surgeon.velocity.0=0.2"),
+        *("--set", "duration=2"),
+        *("--set", "duration=3"),
+    ]
+    assert main(["show", "two_dof_combined", *options]) == 0
+    expected = LoadScenario(
+        "two_dof_combined",
+        {
+            "controller.kind": "direct_force",
+            "forward_channel.delay": 0.03,
+            "return_channel.delay": 0.02,
+            "duration": 3,
+            "simulator.accuracy": 1e-6,
+            "surgeon.velocity": [0.2, 0],
+        },
+    )
+    assert capsys.readouterr().out == ScenarioToYaml(expected)
+    assert main(["show", "one_dof", "--forward-delay", "0.05"]) == 0
+    expected = LoadScenario("one_dof", {"forward_channel.delay": 0.05})
+    assert capsys.readouterr().out == ScenarioToYaml(expected)
+
+
+def test_show_can_be_loaded(tmp_path, capsys):
+    main(["show", "one_dof"])
+    Path("mine.yaml").write_text(capsys.readouterr().out)
+    assert main(["show", "mine.yaml"]) == 0
+    assert capsys.readouterr().out == Path("mine.yaml").read_text()
+
+
+def test_run_prints_a_table(capsys):
+    assert main(["run", "one_dof", *SHORT]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    headline, _, *rows = out.splitlines()
+    assert headline == (
+        "one_dof, adaptive_backstepping: delay 0.1 s forward, 0.1 s back, "
+        "0.3 s simulated, completed"
+    )
+    assert any(row.startswith("start velocity overshoot ") for row in rows)
+    assert any(
+        row.startswith("control force peak x ") and row.endswith(" N") for row in rows
+    )
+    assert os.listdir() == []
+
+
+def test_run_json_on_stdout(capsys):
+    assert main(["run", "one_dof", *SHORT, "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    record = json.loads(out)
+    assert record["scenario"] == "one_dof"
+    assert record["controller"] == "adaptive_backstepping"
+    assert record["forward_delay"] == record["return_delay"] == 0.1
+    assert record["duration"] == 0.3
+    assert set(record) >= {"metrics", "final", "solver"}
+    assert err == ""
+
+
+def test_run_writes_files(capsys):
+    command = ["run", "one_dof", *SHORT, "--json", "a.json", "--out", "new/folder"]
+    assert main(command) == 0
+    stem = "one_dof_adaptive_backstepping"
+    names = [f"{stem}.{suffix}" for suffix in ("json", "npz", "png")]
+    assert sorted(os.listdir("new/folder")) == names
+    assert sorted(os.listdir()) == ["a.json", "new"]
+    record = json.loads(Path("a.json").read_text())
+    assert json.loads(Path(f"new/folder/{stem}.json").read_text()) == record
+    recording = LoadRecording(f"new/folder/{stem}.npz")
+    assert recording.time[-1] == record["duration"] == 0.3
+    assert Path(f"new/folder/{stem}.png").read_bytes().startswith(b"\x89PNG")
+    assert f"new/folder/{stem}.npz" in capsys.readouterr().out
+    # Again: files are replaced.
+    assert main(command) == 0
+    assert sorted(os.listdir("new/folder")) == names
+
+
+def test_devices_and_links_stay_what_they_are():
+    assert main(["run", "one_dof", *SHORT, "--json", "/dev/null"]) == 0
+    assert not Path("/dev/null").is_file()
+    Path("link.json").symlink_to("target.json")
+    assert main(["run", "one_dof", *SHORT, "--json", "link.json"]) == 0
+    assert Path("link.json").is_symlink()
+    assert json.loads(Path("target.json").read_text())["scenario"] == "one_dof"
+
+
+def test_compare(capsys):
+    assert main(["compare", "one_dof", *SHORT, "--json", "a.json"]) == 0
+    out = capsys.readouterr().out
+    (header,) = [line for line in out.splitlines() if line.startswith(" ")]
+    assert header.split() == ["direct_force", "adaptive_backstepping"]
+    assert sorted(os.listdir("out")) == [
+        "one_dof_adaptive_backstepping.npz",
+        "one_dof_comparison.png",
+        "one_dof_direct_force.npz",
+    ]
+    direct, adaptive = json.loads(Path("a.json").read_text())
+    assert direct["controller"] == "direct_force"
+    assert adaptive["controller"] == "adaptive_backstepping"
+    (row,) = [line for line in out.splitlines() if line.startswith("control force pea")]
+    assert row.split()[4:] == [
+        f"{record['metrics']['control_force_peak'][0]:.5g}"
+        for record in (direct, adaptive)
+    ] + ["N"]
+
+
+def test_compare_chosen_controllers(capsys):
+    chosen = ["--controllers", "direct_force", "--out", "here", "--json", "-"]
+    assert main(["compare", "one_dof", *SHORT, *chosen]) == 0
+    (record,) = json.loads(capsys.readouterr().out)
+    assert record["controller"] == "direct_force"
+    assert sorted(os.listdir("here")) == [
+        "one_dof_comparison.png",
+        "one_dof_direct_force.npz",
+    ]
+
+
+def test_diagram(capsys):
+    assert main(["diagram", "one_dof"]) == 0
+    dot = capsys.readouterr().out
+    for name in ("master", "forward_channel", "controller", "robot", "return_channel"):
+        assert name in dot
+    assert main(["diagram", "one_dof", "-o", "loop.dot"]) == 0
+    assert Path("loop.dot").read_text() == dot
+    assert main(["diagram", "one_dof", "--depth", "2", "-o", "loop.dot"]) == 0
+    assert len(Path("loop.dot").read_text()) > len(dot)
+    assert os.listdir() == ["loop.dot"]
+
+
+# Interruption and progress.
+
+
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Makes simulate() return what it had when Ctrl-C came."""
+    simulate = teleop_drake.simulation.simulate
+
+    def interrupted_simulate(scenario, progress=None):
+        recording = simulate(scenario)
+        return replace(
+            recording, termination="interrupted", reason="interrupted by the user"
+        )
+
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupted_simulate)
+
+
+def test_interrupted_run_keeps_what_there_is(interrupted, capsys):
+    assert main(["run", "one_dof", *SHORT, "--out", "here", "--json", "a.json"]) == 130
+    assert len(os.listdir("here")) == 3
+    assert Path("a.json").exists()
+    assert "interrupted by the user" in capsys.readouterr().out
+
+
+def test_interrupted_comparison_keeps_what_there_is(interrupted, capsys):
+    assert main(["compare", "one_dof", *SHORT, "--json", "a.json"]) == 130
+    written = "out/one_dof_comparison.png, out/one_dof_direct_force.npz\n"
+    assert capsys.readouterr().out.endswith(f"Written: {written}")
+    assert sorted(os.listdir("out")) == [
+        "one_dof_comparison.png",
+        "one_dof_direct_force.npz",
+    ]
+    assert len(json.loads(Path("a.json").read_text())) == 1
+
+
+def test_interrupted_elsewhere(monkeypatch, capsys):
+    def interrupt(scenario, progress=None):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
+    assert main(["run", "one_dof", "--json", "a.json"]) == 130
+    assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
+    assert os.listdir() == []
+
+
+def test_ctrl_c():
+    command = ["run", "two_dof_collision", "--duration", "1e4", "--out", "here"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "teleop_drake", *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        # The first sign of progress comes after 2 s.
+        assert "of 10000 s" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted by the user" in out
+    assert err == ""
+    stem = "here/two_dof_collision_adaptive_backstepping"
+    recording = LoadRecording(f"{stem}.npz")
+    assert recording.termination == "interrupted"
+    assert 0 < recording.time[-1] < 1e4
+    assert Path(f"{stem}.json").exists() and Path(f"{stem}.png").exists()
+
+
+def test_progress(monkeypatch, capsys):
+    simulate = teleop_drake.simulation.simulate
+    now = 0.0
+
+    def slow_simulate(scenario, progress):
+        nonlocal now
+        for simulated, real in [(0.1, 1.0), (0.2, 3.0), (0.25, 4.0), (0.28, 14.0)]:
+            now = real
+            progress(simulated)
+        return simulate(scenario)
+
+    clock = SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr("teleop_drake.cli.time", clock)
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", slow_simulate)
+    options = ["--duration", "0.3", "--set", "simulator.accuracy=1e-5"]
+    assert main(["run", "one_dof", *options]) == 0
+    assert capsys.readouterr().err == (
+        "one_dof, adaptive_backstepping: 0.2 of 0.3 s\n"
+        "one_dof, adaptive_backstepping: 0.3 of 0.3 s\n"
+    )
+
+
+# Bad input: one line on stderr, and nothing simulated or written.
+
+
+@pytest.fixture
+def no_simulation(monkeypatch):
+    def fail(*args, **kwargs):
+        pytest.fail("a simulation was started")
+
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", fail)
+
+
+@pytest.mark.parametrize(
+    "command, message",
+    [
+        ("", "the following arguments are required: COMMAND"),
+        ("rum one_dof", "argument COMMAND: invalid choice: 'rum'"),
+        ("run", "the following arguments are required: SCENARIO"),
+        ("run one_dot", "scenario = 'one_dot': must be one of one_dof, "),
+        ("run a.yaml", "scenario file 'a.yaml': must be readable"),
+        ("run one_dof two_dof", "unrecognized arguments: two_dof"),
+        ("run one_dof --delays 1", "unrecognized arguments: --delays 1"),
+        ("run one_dof --dela 1", "unrecognized arguments: --dela 1"),
+        ("run one_dof --delay", "argument --delay: expected one argument"),
+        ("run one_dof --delay -0.1", "forward_channel.delay = -0.1: must be 0 or"),
+        ("run one_dof --delay nan", "forward_channel.delay = nan: must be 0 or"),
+        ("run one_dof --delay soon", "forward_channel.delay = 'soon': must be a numbe"),
+        ("run one_dof --return-delay=-1e-3", "return_channel.delay = -0.001: must be"),
+        ("run one_dof --forward-delay []", "forward_channel.delay = []: must be a num"),
+        ("run one_dof --duration 0", "duration = 0.0: must be a finite number > 0 (s)"),
+        ("run one_dof --accuracy 0", "simulator.accuracy = 0.0: must be a finite numb"),
+        ("run one_dof --controller pid", "controller.kind = 'pid': must be one of dir"),
+        ("run one_dof --set duration", "override 'duration': must be PATH=VALUE"),
+        ("run one_dof --set durations=1", "durations = 1: unknown key 'durations'"),
+        ("run one_dof --json no/a.json", "--json = 'no/a.json': must be where 'a.json"),
+        ("run one_dof --json .", "--json = '.': must be where '' can be written"),
+        ("run one_dof --out file", "--out = 'file': must be a folder that can be"),
+        ("run one_dof --out file/x", "--out = 'file/x': must be a folder that can be"),
+        (
+            "compare one_dof --controllers pid",
+            "controller.kind = 'pid': must be one of",
+        ),
+        ("compare one_dof --controllers ,", "--controllers = ',': must be different"),
+        ("compare one_dof --out file", "--out = 'file': must be a folder that can be"),
+        ("compare one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
+        ("show one_dof --set robot.mass=-1", "robot.mass: -1.0 must be finite and > 0"),
+        ("diagram one_dof --depth -1", "--depth = -1: must be 0 or positive"),
+        ("diagram one_dof --depth x", "argument --depth: invalid int value: 'x'"),
+        ("diagram one_dof -o a.txt", "--output: path is 'a.txt'; it must end in one"),
+        ("diagram one_dof -o no/a.dot", "--output: "),
+    ],
+)
+def test_bad_input(command, message, no_simulation, capsys):
+    Path("file").touch()
+    assert main(command.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1 and err.endswith("\n")
+    assert os.listdir() == ["file"]
+
+
+def test_bad_file(no_simulation, capsys):
+    Path("a.yaml").write_text("duration: 1\nduration: 2\n")
+    assert main(["run", "a.yaml", "--out", "here"]) == 2
+    assert "duplicate key 'duration'" in capsys.readouterr().err
+    assert os.listdir() == ["a.yaml"]
+
+
+def test_folder_with_a_folder_in_the_way(no_simulation, capsys):
+    os.makedirs("here/one_dof_adaptive_backstepping.png")
+    assert main(["run", "one_dof", "--out", "here"]) == 2
+    assert "Is a directory" in capsys.readouterr().err
+
+
+def test_failed_write_leaves_nothing(monkeypatch, capsys):
+    Path("a.json").write_text("old")
+
+    def full(path, *args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("teleop_drake.cli.os.replace", full)
+    assert main(["run", "one_dof", *SHORT, "--json", "a.json"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert os.listdir() == ["a.json"]
+    assert Path("a.json").read_text() == "old"
