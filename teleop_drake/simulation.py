@@ -15,9 +15,8 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.laws.interpolation import (
-    evaluate_newton,
-    newton_polynomial,
-    stencil_window,
+    find_crossing,
+    interpolate,
 )
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import Scenario
@@ -102,7 +101,7 @@ class _Run:
         self._context = root_context
         self._progress = progress
         self._last_report = clock.monotonic()
-        self._speed_limit = scenario.divergence_speed_ratio * float(
+        self.speed_limit = scenario.divergence_speed_ratio * float(
             np.linalg.norm(scenario.surgeon.velocity)
         )
         self._channels = [
@@ -126,7 +125,7 @@ class _Run:
         self._now = now
         time = root_context.get_time()
         speed = float(np.linalg.norm(now["tool_velocity"]))
-        if not speed <= self._speed_limit:
+        if not speed <= self.speed_limit:
             self.failure = (
                 f"the tool's speed, {speed:.4g} m/s, exceeds "
                 f"{self._scenario.divergence_speed_ratio:g} times the commanded speed"
@@ -302,6 +301,8 @@ def simulate(
     wall_time = clock.monotonic() - start
     integrator = simulator.get_integrator()
     times, signals = run.recorder.Finish()
+    if run.failure:
+        _EndAtSpeed(run.speed_limit, times, signals)
     return Recording(
         scenario=scenario,
         time=times,
@@ -320,46 +321,50 @@ def simulate(
     )
 
 
+def _EndAtSpeed(
+    limit: float, times: np.ndarray, signals: dict[str, np.ndarray]
+) -> None:
+    """Moves the last sample, in place, to where the speed of the tool has its limit."""
+    velocity = signals["tool_velocity"]
+    if len(times) < 2 or not np.linalg.norm(velocity[-1]) > limit:
+        return
+    end = find_crossing(
+        times.tolist(),
+        velocity.tolist(),
+        len(times) - 2,
+        lambda v: float(np.linalg.norm(v)) >= limit,
+    )
+    last = {name: interpolate(times, x, np.array([end])) for name, x in signals.items()}
+    times[-1] = end
+    for name, value in last.items():
+        signals[name][-1] = value[0]
+
+
 def _FindEvents(
     scenario: Scenario, times: np.ndarray, signals: dict[str, np.ndarray]
 ) -> list[Event]:
     """Finds the instants at which the tool or the surgeon crosses a border."""
     events = []
     x = signals["tool_position"][:, 0]
-    for position, forward, backward in (
-        (scenario.puncture_position, "puncture", "heal"),
-        (scenario.contact_surface, "contact", "release"),
+    time_list, x_list = times.tolist(), x[:, np.newaxis].tolist()
+    for position, names in (
+        (scenario.puncture_position, ("puncture", "heal")),
+        (scenario.contact_surface, ("contact", "release")),
     ):
         if position is None:
             continue
         for i in np.flatnonzero(np.diff(x >= position)):
-            name = forward if x[i + 1] >= position else backward
-            crossing = _FindCrossing(times, x, int(i), position)
-            events.append(Event(name=name, time=crossing))
+            is_forward = bool(x[i + 1] >= position)
+
+            def is_beyond(
+                p: list[float], border: float = position, forward: bool = is_forward
+            ) -> bool:
+                return (p[0] >= border) == forward
+
+            time = find_crossing(time_list, x_list, int(i), is_beyond)
+            events.append(Event(name=names[0 if is_forward else 1], time=time))
     mode = signals["surgeon_mode"][:, 0]
     for i in np.flatnonzero(np.diff(mode)):
         name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"
         events.append(Event(name=name, time=float(times[i + 1])))
     return sorted(events, key=lambda event: event.time)
-
-
-def _FindCrossing(times: np.ndarray, x: np.ndarray, i: int, position: float) -> float:
-    """Returns when x crosses a position between samples i and i + 1."""
-    begin, end = float(times[i]), float(times[i + 1])
-    if begin == end:
-        return end
-    time_list = times[max(i - 99, 0) : i + 101].tolist()
-    x_list = x[max(i - 99, 0) : i + 101].tolist()
-    indices, place = stencil_window(time_list, min(i, 99))
-    polynomial = newton_polynomial(
-        [time_list[j] for j in indices], [x_list[j] for j in indices], place
-    )
-    rises = x[i + 1] >= position
-    while True:
-        middle = (begin + end) / 2
-        if not begin < middle < end:
-            return end
-        if (evaluate_newton(polynomial, middle) >= position) == rises:
-            end = middle
-        else:
-            begin = middle

@@ -10,8 +10,9 @@ Source: A. Harten, B. Engquist, S. Osher, S. R. Chakravarthy, "Uniformly high or
 accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987).
 """
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ import numpy as np
 # fifth-order integrator which made the samples.
 NUM_STENCIL_POINTS = 8
 
+Time = TypeVar("Time", float, np.ndarray)
 Newton = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -97,13 +99,65 @@ def newton_polynomial(
     return tuple(nodes), tuple(coefficients)
 
 
-def evaluate_newton(polynomial: Newton, t: float) -> float:
-    """Returns the value at t of a polynomial of newton_polynomial()."""
+def evaluate_newton(polynomial: Newton, t: Time) -> Time:
+    """Returns the value at t, or at each of an array of times.
+
+    Args:
+        polynomial: As newton_polynomial() returns it.
+        t: A time or an array of times.
+    """
     nodes, coefficients = polynomial
-    value = coefficients[-1]
+    value = 0.0 * t + coefficients[-1]
     for k in range(len(coefficients) - 2, -1, -1):
         value = coefficients[k] + (t - nodes[k]) * value
     return value
+
+
+def interval_polynomials(
+    times: Sequence[float], values: Sequence[Sequence[float]], i: int
+) -> list[Newton]:
+    """Returns the ENO polynomials of a vector signal on [times[i], times[i + 1]].
+
+    Args:
+        times: Non-decreasing sample times; two equal ones mark a jump.
+        values: One sample (k) for each time.
+        i: Index of the interval, of length > 0.
+
+    Returns:
+        One polynomial for each of the k components.
+    """
+    indices, place = stencil_window(times, i)
+    window = [times[j] for j in indices]
+    return [
+        newton_polynomial(window, component, place)
+        for component in zip(*[values[j] for j in indices], strict=True)
+    ]
+
+
+def find_crossing(
+    times: Sequence[float],
+    values: Sequence[Sequence[float]],
+    i: int,
+    is_beyond: Callable[[list[float]], bool],
+) -> float:
+    """Returns when a vector signal crosses a border, by bisection.
+
+    Args:
+        times: Non-decreasing sample times.
+        values: One sample (k) for each time.
+        i: Index of the interval with the crossing.
+        is_beyond: Whether a value is on the side of sample i + 1.
+    """
+    begin, end = times[i], times[i + 1]
+    if begin == end:
+        return end
+    polynomials = interval_polynomials(times, values, i)
+    while begin < (middle := (begin + end) / 2) < end:
+        if is_beyond([evaluate_newton(p, middle) for p in polynomials]):
+            end = middle
+        else:
+            begin = middle
+    return end
 
 
 def interpolate(
@@ -123,22 +177,14 @@ def interpolate(
     query_times = np.clip(query_times, times[0], times[-1])
     result = np.empty((len(query_times), values.shape[1]))
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
-    time_list = times.tolist()
+    time_list, value_list = times.tolist(), values.tolist()
     bounds = np.flatnonzero(np.diff(interval, prepend=-1, append=-1))
-    for begin, end in itertools.pairwise(bounds):
+    for begin, end in pairwise(bounds):
         i = int(interval[begin])
         if time_list[i] == time_list[i + 1]:
             result[begin:end] = values[i]
             continue
-        indices, place = stencil_window(time_list, i)
-        window = [time_list[j] for j in indices]
-        t = query_times[begin:end]
-        for k in range(values.shape[1]):
-            nodes, coefficients = newton_polynomial(
-                window, values[indices, k].tolist(), place
-            )
-            value = np.full(len(t), coefficients[-1])
-            for j in range(len(coefficients) - 2, -1, -1):
-                value = coefficients[j] + (t - nodes[j]) * value
-            result[begin:end, k] = value
+        polynomials = interval_polynomials(time_list, value_list, i)
+        for k, polynomial in enumerate(polynomials):
+            result[begin:end, k] = evaluate_newton(polynomial, query_times[begin:end])
     return result

@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pydrake.common.value import AbstractValue
@@ -19,8 +19,7 @@ from pydrake.systems.framework import (
 from teleop_drake.laws.interpolation import (
     Newton,
     evaluate_newton,
-    newton_polynomial,
-    stencil_window,
+    interval_polynomials,
 )
 
 # Drake stretches a step by up to one per cent to end it on an event.
@@ -80,12 +79,7 @@ class _History:
             return list(self.values[i + 1])  # Just behind a jump.
         polynomials = self.polynomials.get(i)
         if polynomials is None:
-            indices, place = stencil_window(self.times, i)
-            window = [self.times[j] for j in indices]
-            polynomials = [
-                newton_polynomial(window, component, place)
-                for component in zip(*[self.values[j] for j in indices], strict=True)
-            ]
+            polynomials = interval_polynomials(self.times, self.values, i)
             self.polynomials[i] = polynomials
         return [evaluate_newton(polynomial, time) for polynomial in polynomials]
 
@@ -225,8 +219,14 @@ class TransportDelay(LeafSystem):
         time = context.get_time()
         arrival = time + self._delay
         history = self._GetHistory(context)
+        if time <= history.now:
+            return
         if history.times and arrival <= history.times[-1]:
-            return  # The time has not advanced since the last sample.
+            # Two steps so close that their arrivals are rounded to one.
+            state.get_mutable_abstract_state(self._history).set_value(
+                replace(history, now=time)
+            )
+            return
         for jump in self._PendingJump(context, history) if history.times else []:
             latest = context.get_discrete_state(self._latest).CopyToVector()
             history = history.Append(

@@ -1,0 +1,433 @@
+"""Numbers that describe one run: pure functions of a recording.
+
+The integrator's steps are long compared with what happens in them, so no number is
+read off at the samples. Between two samples every signal is a polynomial: position
+and velocity by quintic Hermite interpolation of (p_WT, v_WT, a_WT), the environment
+force by the law of the layer, everything else by Recording.Interpolate(). Instants
+are roots of these polynomials, peaks are their extremes, and integrals are exact for
+them. Reported metrics thus converge with the solver, not with the sampling.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebval, chebvander
+from numpy.polynomial.legendre import Legendre
+
+from teleop_drake.recording import Recording
+
+SETTLING_RATIO = 0.05
+"""Share of |v_d| under which the tool counts as settled."""
+
+# A polynomial of degree 7 on a piece of time is kept as its values at the 8
+# Gauss-Lobatto points of [-1, 1], both ends included.
+_DEGREE = 7
+_INNER = np.sort(Legendre.basis(_DEGREE).deriv().roots().real)
+_NODES = np.concatenate([[-1.0], _INNER, [1.0]])
+# Weights of the mean over the piece, exact up to degree 13.
+_WEIGHTS = 1 / (_DEGREE * (_DEGREE + 1) * Legendre.basis(_DEGREE)(_NODES) ** 2)
+_TO_CHEBYSHEV = np.linalg.inv(chebvander(_NODES, _DEGREE))
+_DERIVATIVE = chebvander(_NODES, _DEGREE - 1) @ chebder(_TO_CHEBYSHEV)
+
+# Pieces shorter than this share of the recording are jumps.
+_SHORTEST_PIECE = 1e-14
+
+
+@dataclass(kw_only=True)
+class _Pieces:
+    """The signals between the samples and the crossings of the layers' borders.
+
+    Attributes:
+        begin, end: (M,) times in s, ascending.
+        v: (M, 8, n) tool velocity at the nodes of each piece, and so on.
+        crossings: (time, border, whether upwards), ascending.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    v: np.ndarray
+    F_e: np.ndarray
+    F_c: np.ndarray
+    v_dd: np.ndarray
+    F_hd: np.ndarray
+    crossings: list[tuple[float, float, bool]]
+
+    def CountBefore(self, time: float) -> int:
+        """Returns how many pieces lie before a time."""
+        return int(np.count_nonzero(self.begin + self.end < 2 * time))
+
+    def FirstCrossing(
+        self, border: float | None, upwards: bool, after: float = -math.inf
+    ) -> float | None:
+        """Returns the time of the first crossing of a border, None if there is none."""
+        for time, crossed, is_upwards in self.crossings:
+            if crossed == border and is_upwards == upwards and time > after:
+                return time
+        return None
+
+    def RootMeanSquare(self, error: np.ndarray) -> list[float]:
+        """Returns the rms over time of a signal (M, 8, n), per axis."""
+        length = self.end - self.begin
+        total = length.sum()
+        share = length / total if total > 0 else np.ones(len(length))
+        mean = np.einsum("m,j,mjn->n", share, _WEIGHTS, error**2)
+        return [float(value) for value in np.sqrt(mean)]
+
+
+def RunMetrics(recording: Recording) -> dict[str, Any]:
+    """Returns the metrics of a run.
+
+    With x the first task axis, v_d = surgeon.velocity (constant), and all times
+    simulation time:
+
+    * start_velocity_overshoot (m/s): max of v_x - v_d_x before the puncture, without
+      a puncture before the contact, else over the whole run; at least 0.
+    * puncture, None if x never crosses the end of the punctured layer:
+        * time (s): when it first does.
+        * velocity (m/s): v_x then.
+        * force (N): F_e_x just before, in the layer's own law.
+        * velocity_overshoot (m/s): max of v_x - v_d_x from the puncture to the first
+          contact after it, or to the end. Not floored.
+    * collision, None if x never reaches the contact surface:
+        * time (s): when it first does.
+        * velocity (m/s): v_x then.
+        * initial_impact_force (N): max of F_e_x until x first leaves the surface.
+        * peak_force (N): max of F_e_x from the first contact on.
+        * rebound_velocity (m/s): min of v_x from the first contact on.
+        * settling_time (s): from the first contact until |v_x| stays under 5 % of
+          |v_d| to the end of the recording. None if it does not, or the run diverges,
+          or it was as slow for as long before without staying so: a recording that
+          happens to end while v_x passes through 0 has not settled.
+    * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being the
+      velocity command as the slave receives it.
+    * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
+      haptic force as the slave receives it.
+    * control_force_peak (N per axis): max of |F_c|.
+    * control_force_variation (N per axis): total variation of F_c, jumps included.
+    * diverged, diverged_at (s): whether the run ended early because the tool's speed
+      grew out of bounds or the solver failed, and when; else None.
+
+    Args:
+        recording: A run. If it was made with an environment of one's own (one without
+            a `layer` port), the recorded force is interpolated; a robot of one's own
+            without `tool_acceleration` has its position and velocity interpolated.
+
+    Returns:
+        The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
+        them with one entry per task axis, bool and None.
+
+    Raises:
+        ValueError: If the recording has no finite sample.
+    """
+    recording = _FinitePart(recording)
+    scenario = recording.scenario
+    v_d = np.asarray(scenario.surgeon.velocity, dtype=float)
+    pieces = _MakePieces(recording)
+    surface = scenario.contact_surface
+    t_puncture = pieces.FirstCrossing(scenario.puncture_position, True)
+    t_contact = pieces.FirstCrossing(surface, True)
+    has_diverged = recording.termination == "diverged"
+
+    v_x, F_x = pieces.v[:, :, 0], pieces.F_e[:, :, 0]
+    num_pieces = len(v_x)
+    start_ends = [time for time in (t_puncture, t_contact) if time is not None]
+    start_end = pieces.CountBefore(start_ends[0]) if start_ends else num_pieces
+
+    puncture = None
+    if t_puncture is not None:
+        i = pieces.CountBefore(t_puncture)
+        t_next = pieces.FirstCrossing(surface, True, after=t_puncture)
+        j = num_pieces if t_next is None else pieces.CountBefore(t_next)
+        puncture = {
+            "time": t_puncture,
+            "velocity": _ValueBefore(v_x, i),
+            "force": _ValueBefore(F_x, i),
+            "velocity_overshoot": _Max(v_x, i, j) - float(v_d[0]),
+        }
+
+    collision = None
+    if t_contact is not None:
+        i = pieces.CountBefore(t_contact)
+        t_release = pieces.FirstCrossing(surface, False, after=t_contact)
+        j = num_pieces if t_release is None else pieces.CountBefore(t_release)
+        collision = {
+            "time": t_contact,
+            "velocity": _ValueBefore(v_x, i),
+            "initial_impact_force": _Max(F_x, i, j),
+            "peak_force": _Max(F_x, i, num_pieces),
+            "rebound_velocity": -_Max(-v_x, i, num_pieces),
+            "settling_time": (
+                None
+                if has_diverged
+                else _SettlingTime(
+                    pieces, t_contact, SETTLING_RATIO * float(np.linalg.norm(v_d))
+                )
+            ),
+        }
+
+    control_forces = [_Trace(axis) for axis in np.moveaxis(pieces.F_c, 2, 0)]
+    return {
+        "start_velocity_overshoot": max(_Max(v_x, 0, start_end) - float(v_d[0]), 0.0),
+        "puncture": puncture,
+        "collision": collision,
+        "velocity_rms_error": pieces.RootMeanSquare(pieces.v - pieces.v_dd),
+        "force_rms_error": pieces.RootMeanSquare(pieces.F_e - pieces.F_hd),
+        "control_force_peak": [float(np.abs(F).max()) for F in control_forces],
+        "control_force_variation": [
+            float(np.abs(np.diff(F.ravel())).sum()) for F in control_forces
+        ],
+        "diverged": has_diverged,
+        "diverged_at": float(recording.time[-1]) if has_diverged else None,
+    }
+
+
+def RunSummary(recording: Recording) -> dict[str, Any]:
+    """Returns what `teleop-drake run --json` prints: the run, its metrics, its end.
+
+    Args:
+        recording: A run.
+
+    Returns:
+        scenario, controller (its kind), forward_delay, return_delay and duration (s,
+        as the scenario asks for), metrics (see RunMetrics), final (position in m,
+        velocity in m/s and environment_force in N of the last sample, n each) and
+        solver (see SolverStatistics). Only finite numbers, None, bool, str, and lists
+        and dicts of these.
+
+    Raises:
+        ValueError: If the recording has no finite sample.
+    """
+    recording = _FinitePart(recording)
+    scenario = recording.scenario
+    return {
+        "scenario": scenario.name,
+        "controller": scenario.controller.kind,
+        "forward_delay": float(scenario.forward_channel.delay),
+        "return_delay": float(scenario.return_channel.delay),
+        "duration": float(scenario.duration),
+        "metrics": RunMetrics(recording),
+        "final": {
+            "position": recording["tool_position"][-1].tolist(),
+            "velocity": recording["tool_velocity"][-1].tolist(),
+            "environment_force": recording["environment_force"][-1].tolist(),
+        },
+        "solver": dataclasses.asdict(recording.solver),
+    }
+
+
+def _FinitePart(recording: Recording) -> Recording:
+    """Returns the recording up to its first sample that is not finite."""
+    is_finite = np.isfinite(recording.time)
+    for samples in recording.signals.values():
+        is_finite &= np.isfinite(samples).all(axis=1)
+    if is_finite.all() and len(is_finite) > 0:
+        return recording
+    count = int(np.argmin(is_finite)) if len(is_finite) > 0 else 0
+    if count == 0:
+        raise ValueError("recording: no finite sample; allowed: at least one")
+    return dataclasses.replace(
+        recording,
+        time=recording.time[:count],
+        signals={name: x[:count] for name, x in recording.signals.items()},
+    )
+
+
+def _MakePieces(recording: Recording) -> _Pieces:
+    time = recording.time
+    n = recording["tool_position"].shape[1]
+    layers = recording.scenario.environment.layers
+    starts = [layer.start for layer in layers]
+
+    begin, end = _Split(time, [])
+    p, v = _Motion(recording, begin, end)
+    crossings = sorted(
+        (crossing, border, is_upwards)
+        for border in starts
+        for crossing, is_upwards in _Crossings(begin, end, p[:, :, 0] - border)
+    )
+    if crossings:
+        begin, end = _Split(time, [crossing for crossing, _, _ in crossings])
+        p, v = _Motion(recording, begin, end)
+
+    if "environment_layer" in recording.signals:
+        # A crossing is an end of a piece, so each piece lies in one layer; layer 0
+        # stands for what is in front of the first.
+        index = np.searchsorted(starts, p[:, :, 0].mean(axis=1), side="right")
+        stiffness, damping, reference = (
+            np.array([0.0, *(getattr(layer, name) for layer in layers)])[index, None]
+            for name in ("stiffness", "damping", "reference")
+        )
+        F_e = np.zeros_like(v)
+        F_e[:, :, 0] = stiffness * (p[:, :, 0] - reference) + damping * v[:, :, 0]
+    else:
+        F_e = _Sample(recording, "environment_force", begin, end)
+    packet = _Sample(recording, "forward_packet_received", begin, end)
+    return _Pieces(
+        begin=begin,
+        end=end,
+        v=v,
+        F_e=F_e,
+        F_c=_Sample(recording, "control_force", begin, end),
+        v_dd=packet[:, :, n:],
+        F_hd=packet[:, :, :n],
+        crossings=crossings,
+    )
+
+
+def _Split(time: np.ndarray, instants: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the (begin, end) of the pieces between samples and further instants."""
+    edges = np.sort(np.concatenate([time, instants]))
+    is_piece = np.diff(edges) > _SHORTEST_PIECE * (edges[-1] - edges[0])
+    if not is_piece.any():
+        return edges[-1:], edges[-1:]
+    return edges[:-1][is_piece], edges[1:][is_piece]
+
+
+def _NodeTimes(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Returns the times (M, 8) of the nodes of the pieces."""
+    return ((1 - _NODES) * begin[:, None] + (1 + _NODES) * end[:, None]) / 2
+
+
+def _Intervals(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Returns the indices (M,) of the samples that each piece follows."""
+    return np.clip(np.searchsorted(time, (begin + end) / 2) - 1, 0, None)
+
+
+def _Sample(
+    recording: Recording, name: str, begin: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """Returns a signal (M, 8, k) at the nodes of the pieces."""
+    time, samples = recording.time, recording[name]
+    if len(begin) == 1 and begin[0] == end[0]:
+        return np.tile(samples[-1], (1, len(_NODES), 1))
+    times = _NodeTimes(begin, end)
+    values = recording.Interpolate(name, times.ravel()).reshape(*times.shape, -1)
+    # At a jump Interpolate() returns the value before it.
+    i = _Intervals(time, begin, end)
+    starts_there = begin == time[i]
+    values[starts_there, 0] = samples[i[starts_there]]
+    return values
+
+
+def _Motion(
+    recording: Recording, begin: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns p_WT and v_WT (M, 8, n) at the nodes of the pieces."""
+    if "tool_acceleration" not in recording.signals or begin[0] == end[0]:
+        p = _Sample(recording, "tool_position", begin, end)
+        return p, _Sample(recording, "tool_velocity", begin, end)
+    time = recording.time
+    i = _Intervals(time, begin, end)
+    h = (time[i + 1] - time[i])[:, None, None]
+    s = ((_NodeTimes(begin, end) - time[i, None]) / h[:, 0])[:, :, None]
+    p0, p1 = (recording["tool_position"][k][:, None] for k in (i, i + 1))
+    v0, v1 = (recording["tool_velocity"][k][:, None] for k in (i, i + 1))
+    a0, a1 = (recording["tool_acceleration"][k][:, None] for k in (i, i + 1))
+    # In a very short step the difference of the positions is but rounding errors;
+    # then the velocities and accelerations alone decide.
+    distance = p1 - p0
+    expected = h * (v0 + v1) / 2 + h**2 * (a0 - a1) / 12
+    is_noise = np.abs(distance - expected) < 64 * np.spacing(np.abs(p0) + np.abs(p1))
+    distance = np.where(is_noise, expected, distance)
+    e = distance - h * v0 - h**2 * a0 / 2
+    f = h * (v1 - v0 - h * a0)
+    g = h**2 * (a1 - a0)
+    c3 = 10 * e - 4 * f + g / 2
+    c4 = -15 * e + 7 * f - g
+    c5 = 6 * e - 3 * f + g / 2
+    p = p0 + s * (h * v0 + s * (h**2 * a0 / 2 + s * (c3 + s * (c4 + s * c5))))
+    v = v0 + s * (h * a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)) / h)
+    # Exactly, so that neighbours agree on which side of a border they meet.
+    ends_there = end == time[i + 1]
+    p[ends_there, -1] = p1[ends_there, 0]
+    return p, v
+
+
+def _Crossings(
+    begin: np.ndarray, end: np.ndarray, y: np.ndarray
+) -> list[tuple[float, bool]]:
+    """Returns when a signal (M, 8) crosses 0, and whether upwards."""
+    is_above = y >= 0
+    i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
+    c = _TO_CHEBYSHEV @ y[i].T
+    s = _Bisect(c, _NODES[j], _NODES[j + 1], is_above[i, j], num_steps=55)
+    times = ((1 - s) * begin[i] + (1 + s) * end[i]) / 2
+    return list(zip(times.tolist(), is_above[i, j + 1].tolist(), strict=True))
+
+
+def _Bisect(
+    c: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    is_positive_at_low: np.ndarray,
+    num_steps: int,
+) -> np.ndarray:
+    """Returns where Chebyshev series c (d, K) change their sign, each in its bracket.
+
+    Args:
+        c: Coefficients of K series.
+        low: (K,) Lower ends of the brackets.
+        high: (K,) Upper ends of the brackets.
+        is_positive_at_low: (K,) Whether the series is >= 0 at the lower end.
+        num_steps: How often the brackets are halved.
+    """
+    for _ in range(num_steps):
+        middle = (low + high) / 2
+        is_low = (chebval(middle, c, tensor=False) >= 0) == is_positive_at_low
+        low = np.where(is_low, middle, low)
+        high = np.where(is_low, high, middle)
+    return high
+
+
+def _Trace(y: np.ndarray) -> np.ndarray:
+    """Returns values of a signal (M, 8) between which it is monotonic.
+
+    Returns:
+        (M, 15): the values at the nodes and, between two of them, the extreme that
+        lies there (or the former value again).
+    """
+    slope = y @ _DERIVATIVE.T
+    i, j = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0)
+    c = _TO_CHEBYSHEV @ y[i].T
+    # An extreme is flat: 26 steps make its value as exact as the numbers are.
+    s = _Bisect(chebder(c), _NODES[j], _NODES[j + 1], slope[i, j] >= 0, num_steps=26)
+    values = np.repeat(y, 2, axis=1)[:, :-1]
+    values[i, 2 * j + 1] = chebval(s, c, tensor=False)
+    return values
+
+
+def _Max(y: np.ndarray, first: int, last: int) -> float:
+    """Returns the maximum of a signal (M, 8) over pieces first to last - 1."""
+    if first >= last:
+        return _ValueBefore(y, first)
+    return float(_Trace(y[first:last]).max())
+
+
+def _ValueBefore(y: np.ndarray, i: int) -> float:
+    """Returns the value of a signal (M, 8) at the end of the piece before piece i."""
+    return float(y[i - 1, -1]) if i > 0 else float(y[0, 0])
+
+
+def _SettlingTime(pieces: _Pieces, t_contact: float, threshold: float) -> float | None:
+    """Returns how long after contact |v_x| stays under a threshold, if it does."""
+    first = pieces.CountBefore(t_contact)
+    begin, end, v_x = pieces.begin[first:], pieces.end[first:], pieces.v[first:, :, 0]
+    if len(begin) == 0:
+        return None
+    changes = sorted(
+        (time, not exceeds)
+        for direction in (1, -1)
+        for time, exceeds in _Crossings(begin, end, direction * v_x - threshold)
+    )
+    slow_since = t_contact if abs(v_x[0, 0]) < threshold else None
+    longest = 0.0
+    for time, is_slow in changes:
+        if slow_since is not None:
+            longest = max(longest, time - slow_since)
+        slow_since = time if is_slow else None
+    if slow_since is None or end[-1] - slow_since <= longest:
+        return None
+    return slow_since - t_contact

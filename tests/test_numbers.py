@@ -1,0 +1,117 @@
+"""The numbers of the thesis, and that ours do not depend on the solver."""
+
+import numpy as np
+import pytest
+from independent_solver import solve, thesis_task
+from runs import TASKS, Run
+
+from teleop_drake.metrics import RunSummary
+from teleop_drake.scenario import CONTROLLERS
+
+DIRECT, ADAPTIVE = CONTROLLERS
+
+
+def Metrics(name, kind, *overrides):
+    return RunSummary(Run(name, kind, *overrides))["metrics"]
+
+
+def Flatten(value, name=""):
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from Flatten(item, f"{name}.{key}")
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            yield from Flatten(item, f"{name}.{i}")
+    else:
+        yield name, value
+
+
+def test_one_dof_direct_force():
+    """No free parameter: within one per cent of the thesis, section 4.2."""
+    puncture = Metrics("one_dof", DIRECT)["puncture"]
+    assert puncture["force"] == pytest.approx(5.72e-4, rel=0.01)
+    assert puncture["velocity_overshoot"] == pytest.approx(0.472e-3, rel=0.01)
+
+
+def test_one_dof_adaptive():
+    """With the fitted Psi0: within five per cent of the thesis, section 4.2."""
+    metrics = Metrics("one_dof", ADAPTIVE)
+    puncture, collision = metrics["puncture"], metrics["collision"]
+    assert puncture["force"] == pytest.approx(5.72e-4, rel=0.01)
+    assert puncture["velocity_overshoot"] == pytest.approx(0.26e-3, rel=0.05)
+    assert collision["initial_impact_force"] == pytest.approx(9.42e-3, rel=0.05)
+    assert collision["rebound_velocity"] == pytest.approx(-0.658e-3, rel=0.05)
+    # The largest force is that of the first impact, as in the thesis.
+    assert collision["peak_force"] == collision["initial_impact_force"]
+
+
+def test_case_1_direct_force_oscillates_and_diverges():
+    direct = Metrics("two_dof_puncture", DIRECT)
+    adaptive = Metrics("two_dof_puncture", ADAPTIVE)
+    assert direct["diverged"]
+    assert not adaptive["diverged"]
+    for kind, is_settled in ((DIRECT, False), (ADAPTIVE, True)):
+        recording = Run("two_dof_puncture", kind)
+        in_tissue = np.linspace(1.5, 2.6, 200)
+        v_x = recording.Interpolate("tool_velocity", in_tissue)[:, 0]
+        assert (np.ptp(v_x) < 0.01) == is_settled
+
+
+@pytest.mark.parametrize("name", ["two_dof_collision", "two_dof_combined"])
+def test_cases_2_and_3_only_adaptive_settles(name):
+    assert Metrics(name, DIRECT)["collision"]["settling_time"] is None
+    assert Metrics(name, ADAPTIVE)["collision"]["settling_time"] < 2.0
+    final = RunSummary(Run(name, ADAPTIVE))["final"]
+    assert final["environment_force"][0] == pytest.approx(0.2, rel=0.01)
+    assert final["environment_force"][1] == 0
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    "other", ["simulator.accuracy=1e-6", "simulator.max_step_size=0.0025"]
+)
+def test_metrics_have_converged(name, kind, other):
+    """A hundredfold accuracy or half the step moves none by more than 0.1 %."""
+    if name == "one_dof" and "max_step" in other:
+        other = "simulator.max_step_size=0.005"
+    reference = dict(Flatten(Metrics(name, kind)))
+    changed = dict(Flatten(Metrics(name, kind, other)))
+    assert changed.keys() == reference.keys()
+    for key, value in reference.items():
+        if isinstance(value, bool) or value is None:
+            assert changed[key] == value, key
+        else:
+            assert changed[key] == pytest.approx(value, rel=1e-3, abs=1e-12), key
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS)
+def test_metrics_agree_with_the_independent_solver(name, kind):
+    recording = Run(name, kind)
+    adaptive = kind == ADAPTIVE
+    gains = {"initial_psi": 4.3} if adaptive and name == "one_dof" else {}
+    task = thesis_task(name, adaptive, **gains)
+    theirs = solve(
+        task,
+        recording.scenario.duration,
+        speed_limit=5 * np.linalg.norm(task.velocity),
+    ).metrics()
+    ours = RunSummary(recording)["metrics"]
+    pairs = [("start_velocity_overshoot", ours["start_velocity_overshoot"])]
+    if ours["puncture"]:
+        pairs += [
+            (f"puncture_{key}", ours["puncture"][key])
+            for key in ("time", "velocity", "force")
+        ]
+        pairs.append(("velocity_overshoot", ours["puncture"]["velocity_overshoot"]))
+    if ours["collision"]:
+        pairs += [
+            (f"contact_{key}", ours["collision"][key]) for key in ("time", "velocity")
+        ]
+        pairs += [
+            (key, ours["collision"][key])
+            for key in ("initial_impact_force", "peak_force", "rebound_velocity")
+        ]
+    for key, value in pairs:
+        assert value == pytest.approx(theirs[key], rel=1e-3, abs=1e-9), key
