@@ -155,14 +155,13 @@ def main(picture: Path) -> None:
     WriteDiagram(diagram, picture, max_depth=1)
 
     simulator = Simulator(diagram)
-    # Dormand-Prince 5(4), which Simulink calls ode45. No step may be longer than the
-    # shortest delay.
+    # Dormand-Prince 5(4), which Simulink calls ode45.
     ApplySimulatorConfig(
         SimulatorConfig(
             integration_scheme="runge_kutta5",
             use_error_control=True,
             accuracy=1e-8,
-            max_step_size=0.02,
+            max_step_size=0.01,
         ),
         simulator,
     )

@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, Any
 from teleop_drake.files import IsDevice, Replacing, TemporaryPath
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from teleop_drake.recording import Recording
     from teleop_drake.scenario import Scenario
 
@@ -237,10 +235,10 @@ def _Run(args: argparse.Namespace) -> int:
     recording = _Simulate(scenario, args.quiet)
     record = RunSummary(recording)
     if args.out is not None:
-        from teleop_drake.plotting import PlotRun
+        from teleop_drake.plotting import PlotRun, SaveFigure
 
         recording.Save(recording_path)
-        _SaveFigure(PlotRun(recording), figure_path)
+        SaveFigure(PlotRun(recording), figure_path)
         _WriteText(summary_path, _ToJson(record))
     if args.json is not None:
         _WriteJson(args.json, record)
@@ -270,7 +268,7 @@ def _Compare(args: argparse.Namespace) -> int:
     )
 
     from teleop_drake.metrics import RunSummary
-    from teleop_drake.plotting import PlotComparison
+    from teleop_drake.plotting import PlotComparison, SaveFigure
 
     recordings: dict[str, Recording] = {}
     for (kind, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
@@ -279,7 +277,7 @@ def _Compare(args: argparse.Namespace) -> int:
         if recordings[kind].termination == "interrupted":
             break
     records = {kind: RunSummary(recording) for kind, recording in recordings.items()}
-    _SaveFigure(PlotComparison(recordings), figure_path)
+    SaveFigure(PlotComparison(recordings), figure_path)
     if args.json is not None:
         _WriteJson(args.json, list(records.values()))
     if args.json != "-":
@@ -509,8 +507,3 @@ def _WriteJson(file: str, value: Any) -> None:
         print(_ToJson(value), end="")
     else:
         _WriteText(Path(file), _ToJson(value))
-
-
-def _SaveFigure(figure: "Figure", path: Path) -> None:
-    with Replacing(path) as temporary:
-        figure.savefig(temporary, dpi=150)

@@ -23,6 +23,7 @@ ORDER = [
     "metrics",
     "plotting",
     "rendering",
+    "thesis",
     "cli",
     "__main__",
 ]

@@ -1,0 +1,95 @@
+"""The README keeps what it promises."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from runs import Run
+
+from teleop_drake.metrics import RunMetrics
+from teleop_drake.plotting import PlotComparison, SaveFigure
+from teleop_drake.scenario import CONTROLLERS
+
+ROOT = Path(__file__).parent.parent
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def Blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
+
+
+def test_the_two_commands_are_one_line_each():
+    set_up, tests = Blocks("sh")[:2]
+    assert set_up.count("\n") == tests.count("\n") == 1
+    assert "teleop-drake compare two_dof_combined" in set_up
+    assert "pytest" in tests
+
+
+def test_links_lead_somewhere():
+    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
+    assert links
+    for link in links:
+        if not link.startswith("http"):
+            assert (ROOT / link).exists(), link
+
+
+@pytest.mark.parametrize("code", Blocks("python"), ids=["run", "own_controller"])
+def test_examples_run(code):
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip()
+
+
+def test_command_lines_are_understood(tmp_path, monkeypatch):
+    """Each line parses; what it would simulate is not simulated here."""
+    from teleop_drake import cli
+
+    monkeypatch.chdir(tmp_path)
+    parser = cli._MakeParser()
+    (block,) = [b for b in Blocks("") if b.startswith("teleop-drake list")]
+    lines = [re.split(r"\s{3,}", line)[0] for line in block.splitlines()]
+    assert len(lines) >= 5
+    for line in lines:
+        assert parser.parse_args(line.split()[1:]).command
+
+
+def test_table_is_that_of_the_runs():
+    rows = re.findall(
+        r"^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \|$", TEXT, re.MULTILINE
+    )
+    assert len(rows) == 5
+    for i, kind in enumerate(CONTROLLERS):
+        metrics = RunMetrics(Run("two_dof_combined", kind))
+        for name, *values, _ in rows:
+            value = metrics
+            for key in name.split("."):
+                value = value[key]
+            if values[i] == "never":
+                assert value is None
+            else:
+                assert value == pytest.approx(float(values[i]), rel=1e-3), name
+
+
+def test_numbers_in_the_text():
+    puncture = RunMetrics(Run("one_dof", CONTROLLERS[0]))["puncture"]
+    assert f"{puncture['force']:.2e}".replace("e-0", "e-") + " N" in TEXT
+    assert f"{1000 * puncture['velocity_overshoot']:.3f} mm/s" in TEXT
+
+
+def test_figure_is_that_of_the_runs(tmp_path):
+    """Pixel by pixel but for the rendering of fonts, which may differ."""
+    committed = imread(ROOT / "diagrams" / "two_dof_combined.png")
+    recordings = {kind: Run("two_dof_combined", kind) for kind in CONTROLLERS}
+    SaveFigure(PlotComparison(recordings), tmp_path / "now.png")
+    now = imread(tmp_path / "now.png")
+    assert now.shape == committed.shape
+    assert np.mean(np.abs(now - committed)) < 0.01
