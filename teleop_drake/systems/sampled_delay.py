@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from teleop_drake.systems.transport_delay import check_channel
+from teleop_drake.systems.delay_line import check_channel
 
 
 class SampledDelay(LeafSystem):

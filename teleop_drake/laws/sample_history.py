@@ -1,0 +1,85 @@
+"""Samples of a signal on their way through a delay."""
+
+import math
+from bisect import bisect_left
+from dataclasses import dataclass, field
+from typing import Any
+
+from teleop_drake.laws.interpolation import (
+    Newton,
+    evaluate_newton,
+    interval_polynomials,
+)
+
+# How many samples stay in the history after they were delivered.
+_NUM_KEPT = 32
+
+
+@dataclass(frozen=True)
+class SampleHistory:
+    """The samples of a vector signal that are under way, in ascending order.
+
+    Immutable, so that a copy of the state is the object itself: a Context may be
+    cloned at every step for the price of a reference.
+
+    Attributes:
+        times: When the samples were taken or will arrive, s; two equal ones mark a
+            jump.
+        values: The samples.
+        now: Up to where in `times` the signal has been delivered, s.
+        polynomials: What Eval() has worked out so far: a function of the samples,
+            not a state.
+    """
+
+    times: tuple[float, ...] = ()
+    values: tuple[tuple[float, ...], ...] = ()
+    now: float = -math.inf
+    polynomials: dict[int, list[Newton]] = field(default_factory=dict, compare=False)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
+        return self
+
+    def Append(
+        self, time: float, value: tuple[float, ...], *, now: float, spacing: float
+    ) -> "SampleHistory":
+        """Returns the history with one more sample.
+
+        It lacks what has long been delivered, and what is redundant.
+
+        Args:
+            time: Time of the sample in s, not less than the last.
+            value: The sample.
+            now: Up to where the signal has been delivered, s.
+            spacing: Samples closer together than this, in s, are redundant.
+        """
+        keep = len(self.times)
+        if (
+            keep >= 2
+            and self.times[-2] < self.times[-1] < time
+            and time - self.times[-2] < spacing
+        ):
+            keep -= 1  # The sample between the two adds nothing but length.
+        first = 0
+        # The samples just before the oldest one in use serve its stencil.
+        while first + _NUM_KEPT < keep and self.times[first + _NUM_KEPT] < now:
+            first += 1
+        return SampleHistory(
+            (*self.times[first:keep], time), (*self.values[first:keep], value), now
+        )
+
+    def Eval(self, time: float) -> list[float]:
+        """Returns the signal at a time between (or just behind) the samples.
+
+        Args:
+            time: In s.
+        """
+        if len(self.times) == 1:
+            return list(self.values[0])
+        i = min(max(bisect_left(self.times, time) - 1, 0), len(self.times) - 2)
+        if self.times[i] == self.times[i + 1]:
+            return list(self.values[i + 1])  # Just behind a jump.
+        polynomials = self.polynomials.get(i)
+        if polynomials is None:
+            polynomials = interval_polynomials(self.times, self.values, i)
+            self.polynomials[i] = polynomials
+        return [evaluate_newton(polynomial, time) for polynomial in polynomials]

@@ -1,0 +1,73 @@
+"""How large may the sample period be? `python tests/benchmarks/sample_period_study.py`
+
+The thesis delays continuous signals; real haptics sends packets, commonly 1000 in a
+second. Prints how far the metrics of a task are with a sampled channel each way from
+what they are with an exact delay of 100 ms, in per cent, for a range of sample periods:
+once with packets that take 100 ms, and once with packets that take half a period less.
+A packet is held for one period, so the signal's mean delay is 100 ms plus half a period
+in the first case and 100 ms in the second.
+"""
+
+import argparse
+
+from teleop_drake.metrics import RunMetrics
+from teleop_drake.scenario import CONTROLLERS, LoadScenario
+from teleop_drake.simulation import simulate
+
+DELAY = 0.1
+PERIODS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+METRICS = {
+    "start overshoot": ("start_velocity_overshoot",),
+    "puncture overshoot": ("puncture", "velocity_overshoot"),
+    "first impact": ("collision", "initial_impact_force"),
+    "peak force": ("collision", "peak_force"),
+    "rebound": ("collision", "rebound_velocity"),
+    "rms velocity error": ("velocity_rms_error", 0),
+}
+
+
+def measure(task: str, controller: str, **channel: float | str) -> list[float | None]:
+    overrides = {"controller.kind": controller}
+    for way in ("forward", "return"):
+        overrides |= {f"{way}_channel.{key}": value for key, value in channel.items()}
+    metrics = RunMetrics(simulate(LoadScenario(task, overrides)))
+    values = []
+    for path in METRICS.values():
+        value = None if metrics["diverged"] else metrics
+        for key in path:
+            value = None if value is None else value[key]
+        values.append(value)
+    return values
+
+
+def change(value: float | None, exact: float | None) -> str:
+    if value is None or not exact:
+        return "-"
+    return f"{100 * (value / exact - 1):+.2f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tasks", nargs="*", default=["one_dof", "two_dof_combined"])
+    for task in parser.parse_args().tasks:
+        for controller in CONTROLLERS:
+            exact = measure(task, controller, delay=DELAY)
+            print(f"\n{task}, {controller}: change in % of")
+            print("period ms | packets take ms | " + " | ".join(METRICS))
+            print("|".join(["---"] * (2 + len(METRICS))))
+            for period in PERIODS:
+                for delay in (DELAY, DELAY - period / 2):
+                    values = measure(
+                        task,
+                        controller,
+                        kind="sampled",
+                        delay=delay,
+                        sample_period=period,
+                    )
+                    cells = [f"{1e3 * period:g}", f"{1e3 * delay:g}"]
+                    cells += [change(*pair) for pair in zip(values, exact, strict=True)]
+                    print(" | ".join(cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,355 @@
+"""Tests of network and variable channels, from the scenario to the recording."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from runs import Run
+
+from teleop_drake.laws.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import (
+    ChannelProfile,
+    LoadScenario,
+    ScenarioError,
+    ScenarioFromYaml,
+    ScenarioToYaml,
+)
+from teleop_drake.simulation import simulate
+from teleop_drake.systems.network_delay import NetworkDelay
+from teleop_drake.systems.variable_delay import VariableDelay
+from teleop_drake.teleoperator import MakeChannel
+
+WAYS = ("forward", "return")
+H = 0.02
+JITTER = "jitter: {kind: gamma, std: 0.02, minimum: 0.05}"
+LOSS = "loss: {kind: burst, probability: 0.1, burst_length: 3}"
+
+
+def channels(text, *ways):
+    return [f"{way}_channel={{delay: 0.1, {text}}}" for way in ways or WAYS]
+
+
+def network(text="", h=H):
+    return channels(f"kind: network, sample_period: {h}, {text}".rstrip(", "))
+
+
+def run(*overrides, duration=1.0):
+    return Run("two_dof_collision", "direct_force", f"duration={duration}", *overrides)
+
+
+@pytest.mark.parametrize("h", [0.02, 0.03])
+def test_a_network_with_a_constant_delay_is_the_sampled_channel(h):
+    recordings = [
+        run(*channels(f"kind: sampled, sample_period: {h}")),
+        run(*network(h=h)),
+    ]
+    # Times at which both took a step; the first row of each, before a jump.
+    times = [np.round(recording.time, 9) for recording in recordings]
+    _, *rows = np.intersect1d(*times, return_indices=True)
+    assert len(rows[0]) > 0.9 * len(np.unique(times[0]))
+    for name in recordings[0].signals:
+        a, b = (x[name][i] for x, i in zip(recordings, rows, strict=True))
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11, err_msg=name)
+
+
+def test_arrivals_have_both_sides():
+    recording = run(*network(f"{JITTER}, {LOSS}, seed: 3"))
+    for way in WAYS:
+        received = recording[f"{way}_packet_received"]
+        changes = np.any(np.diff(received, axis=0) != 0, axis=1)
+        # A held packet is replaced at an instant only.
+        assert np.all(np.diff(recording.time)[changes] == 0)
+        config = recording.scenario.forward_channel
+        arrivals = PacketNetwork(
+            profile=ChannelProfile(config, 1.0),
+            sample_period=H,
+            jitter=Jitter(kind="gamma", std=0.02, minimum=0.05),
+            loss=Loss(kind="burst", probability=0.1, burst_length=3),
+            seed=3,
+            stream=f"{way}_channel",
+        ).Arrivals(50)
+        newest = [
+            a for k, a in enumerate(arrivals) if a < min(arrivals[k + 1 :], default=9)
+        ]
+        expected = [a for a in newest if a < 1.0]
+        assert set(recording.time[:-1][changes]) <= set(expected)
+        assert len(expected) > 20
+        assert set(expected) <= set(recording.time)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.005])
+def test_packets_may_arrive_before_the_next_is_sent(delay):
+    recording = run(*(item.replace("0.1,", f"{delay},", 1) for item in network()))
+    assert recording.termination == "completed"
+    t, x = recording.time, recording["return_packet_received"][:, 0]
+    sent = np.arange(0.0, 1.0, H)[1:]
+    held = recording.Interpolate("tool_position", sent)[:, 0]
+    for time, value in zip(sent, held, strict=True):
+        inside = (t > time + delay + 1e-9) & (t < time + delay + H - 1e-9)
+        assert np.any(inside)
+        np.testing.assert_allclose(x[inside], value, atol=1e-12)
+
+
+def test_same_seed_same_bytes():
+    overrides = ["duration=0.4", "controller.kind=direct_force"]
+    signals = []
+    for seed in (1, 1, 2):
+        scenario = LoadScenario(
+            "two_dof_collision",
+            [*overrides, *network(f"{JITTER}, {LOSS}, seed: {seed}")],
+        )
+        recording = simulate(scenario)
+        signals.append(
+            b"".join(x.tobytes() for x in (recording.time, *recording.signals.values()))
+        )
+    assert signals[0] == signals[1] != signals[2]
+
+
+def test_statistics_are_recorded_for_each_direction(tmp_path):
+    recording = run(*network(f"{JITTER}, {LOSS}, seed: 3"))
+    assert set(recording.channels) == {"forward_channel", "return_channel"}
+    forward, back = (recording.channels[f"{way}_channel"] for way in WAYS)
+    assert forward != back
+    assert forward.sent == back.sent == 50
+    received = recording["forward_packet_received"]
+    num_changes = np.sum(np.any(np.diff(received, axis=0) != 0, axis=1))
+    assert num_changes == forward.received - forward.reordered
+    recording.Save(tmp_path / "run.npz")
+    assert LoadRecording(tmp_path / "run.npz").channels == recording.channels
+
+
+def test_other_channels_have_no_statistics():
+    assert run(*channels("kind: transport")).channels == {}
+
+
+def test_extrapolation_follows_the_signal_more_closely():
+    errors = []
+    for policy in ("newest", "extrapolate"):
+        recording = run(*network(f"receiver: {{policy: {policy}}}"))
+        t = np.linspace(0.3, 0.9, 500)
+        received = recording.Interpolate("return_packet_received", t)[:, 0]
+        sent = recording.Interpolate("return_packet_sent", t - 0.1)[:, 0]
+        errors.append(np.abs(received - sent).max())
+    assert errors[1] < 0.2 * errors[0]
+
+
+def test_variable_channel():
+    text = "kind: variable, drift: 0.01, sinusoid: {amplitude: 0.05, frequency: 4}"
+    recording = run(*channels(text))
+    assert recording.scenario.simulator.max_step_size <= 0.05
+    t = np.linspace(0.3, 1.0, 300)
+    delay = 0.1 + 0.01 * t + 0.05 * np.sin(4 * t)
+    for way in WAYS:
+        received = recording.Interpolate(f"{way}_packet_received", t)
+        sent = recording.Interpolate(f"{way}_packet_sent", t - delay)
+        np.testing.assert_allclose(received, sent, atol=1e-5 * np.ptp(sent))
+    first = recording["return_packet_received"][:, 2]
+    jump = np.flatnonzero(np.diff(recording.time) == 0)[0]
+    assert not np.any(first[: jump + 1])
+
+
+# Traces.
+
+
+def write_trace(path, num_rows=21, spacing=0.1):
+    rows = [f"{1e6 + i * spacing},{0.05 + 0.01 * math.sin(i)}" for i in range(num_rows)]
+    path.write_text("time,delay\n# measured\n\n" + "\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["variable", "network"])
+def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
+    write_trace(tmp_path / "trace.csv")
+    scenario = LoadScenario("one_dof", ["duration=0.5", "controller.kind=direct_force"])
+    tree = yaml.safe_load(ScenarioToYaml(scenario))
+    tree["return_channel"] = {
+        "kind": kind,
+        "delay": 0.0,
+        "sample_period": 0.02 if kind == "network" else None,
+        "trace": "trace.csv",
+    }
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(tree))
+    scenario = LoadScenario(path, ["simulator.max_step_size=0.01"])
+    recording = simulate(scenario)
+    t = np.array([0.23, 0.31, 0.4444])
+    times = np.arange(21) * 0.1
+    values = 0.05 + 0.01 * np.sin(np.arange(21))
+    if kind == "variable":
+        origin = t - np.interp(t, times, values)
+    else:
+        k = np.arange(25) * 0.02
+        arrivals = k + np.interp(k, times, values)
+        origin = [k[arrivals <= time].max() for time in t]
+    np.testing.assert_allclose(
+        recording.Interpolate("return_packet_received", t),
+        recording.Interpolate("return_packet_sent", np.asarray(origin)),
+        atol=1e-10,
+    )
+    # A recording can be read where the trace is not.
+    recording.Save(tmp_path / "run.npz")
+    (tmp_path / "trace.csv").unlink()
+    assert LoadRecording(tmp_path / "run.npz").scenario == scenario
+    with pytest.raises(ScenarioError, match="must be readable"):
+        scenario.Validate()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must have at least two lines of time,delay, not 0"),
+        ("time,delay\n", "must have at least two lines of time,delay, not 0"),
+        ("0,0.1\n", "must have at least two lines of time,delay, not 1"),
+        ("0,0.1\n1,-0.1\n", "line 2, '1,-0.1': must be a delay >= 0 (s)"),
+        ("0,0.1\n1,nan\n", "line 2, '1,nan': must be finite numbers"),
+        ("0,0.1\n0,0.1\n", "line 2, '0,0.1': must be later than the line before, 0 s"),
+        ("0,0.1\n1\n", "line 2, '1': must be time,delay in s"),
+        ("0,0.1,3\n1,0.1\n", "line 1, '0,0.1,3': must be time,delay in s"),
+        ("time,delay\nx,y\n0,1\n", "line 2, 'x,y': must be time,delay in s"),
+        ("0,0.1\n5,0.1\n", "must be at least as long as the duration, 25 s, not 5 s"),
+        (b"\xff\xfe", "must be readable (not UTF-8 text)"),
+        (None, "must be readable (No such file or directory)"),
+    ],
+)
+def test_bad_traces(text, message, tmp_path):
+    path = tmp_path / "t.csv"
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    override = f"forward_channel={{kind: variable, trace: {path}}}"
+    with pytest.raises(ScenarioError) as e:
+        LoadScenario("one_dof", [override])
+    assert str(e.value).startswith("forward_channel.trace = ")
+    assert message in str(e.value)
+    assert "\n" not in str(e.value)
+
+
+# Scenarios.
+
+
+def test_round_trip():
+    scenario = LoadScenario("one_dof", network(f"{JITTER}, {LOSS}, seed: 3"))
+    text = ScenarioToYaml(scenario)
+    assert ScenarioFromYaml(text) == scenario
+    assert scenario.forward_channel.jitter == Jitter(
+        kind="gamma", std=0.02, minimum=0.05
+    )
+    assert scenario.return_channel.seed == 3
+    assert type(scenario.return_channel.seed) is int
+
+
+def test_overrides_reach_every_impairment():
+    scenario = LoadScenario(
+        "one_dof",
+        {
+            "forward_channel.kind": "network",
+            "forward_channel.sample_period": 0.001,
+            "forward_channel.jitter.kind": "normal",
+            "forward_channel.jitter.std": 0.01,
+            "forward_channel.jitter.minimum": 0.02,
+            "forward_channel.loss.kind": "independent",
+            "forward_channel.loss.probability": 0.05,
+            "forward_channel.receiver.policy": "playout",
+            "forward_channel.receiver.depth": 0.05,
+            "forward_channel.sinusoid.amplitude": 0.01,
+            "forward_channel.drift": 0.001,
+            "forward_channel.seed": 11,
+        },
+    )
+    channel = MakeChannel(scenario.forward_channel, size=2, initial_value=[0.0, 0.0])
+    assert isinstance(channel, NetworkDelay)
+
+
+def test_make_channel_makes_a_variable_one():
+    (override,) = channels("kind: variable", "forward")
+    config = LoadScenario("one_dof", [override]).forward_channel
+    channel = MakeChannel(config, size=2, initial_value=[0.0, 0.0])
+    assert isinstance(channel, VariableDelay)
+
+
+def test_a_step_that_was_asked_for_must_fit_the_smallest_delay():
+    overrides = channels("kind: variable, sinusoid: {amplitude: 0.095}")
+    assert LoadScenario("one_dof", overrides).simulator.max_step_size < 0.00501
+    with pytest.raises(
+        ScenarioError, match=r"max_step_size = 0.01: must be <= 0.005 s"
+    ):
+        LoadScenario("one_dof", [*overrides, "simulator.max_step_size=0.01"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("kind: network", "sample_period = null: must be a finite number >= 1e-06"),
+        ("kind: network, sample_period: 0", "sample_period = 0.0: must be a finite"),
+        ("kind: network, sample_period: 30", "sample_period = 30.0: must be a finite"),
+        ("kind: network, sample_period: 5.0e-7", "sample_period = 5e-07: must be"),
+        ("kind: variable, sample_period: 0.1", "sample_period = 0.1: must be null"),
+        ("seed: 0.5", "seed = 0.5: must be a whole number"),
+        ("seed: -1", "seed = -1: must be a whole number >= 0"),
+        (
+            "jitter: {kind: uniform}",
+            "jitter.kind = 'uniform': must be 'none' for a tra",
+        ),
+        ("drift: 0.1", "drift = 0.1: must be 0.0 for a transport channel"),
+        ("trace: x.csv", "trace = 'x.csv': must be null for a transport channel"),
+        ("loss: {probability: 0.1}", "loss.probability = 0.1: must be 0.0 for a trans"),
+        (
+            "kind: variable, loss: {kind: burst}",
+            "loss.kind = 'burst': must be 'none' for",
+        ),
+        (
+            "kind: variable, receiver: {depth: 1}",
+            "receiver.depth = 1.0: must be 0.0 for",
+        ),
+        (
+            "kind: sampled, sample_period: 0.01, sinusoid: {amplitude: 0.1}",
+            "sinusoid.amplitude = 0.1: must be 0.0 for a sampled channel",
+        ),
+        (
+            "kind: variable, delay: 0",
+            "delay = 0.0: must be such that the delay, down to",
+        ),
+        (
+            "kind: variable, drift: 1",
+            "drift = 1.0: must be such that dT/dt, up to 1, is",
+        ),
+        (
+            "kind: variable, drift: -0.01",
+            "delay = 0.1: must be such that the delay, dow",
+        ),
+        (
+            "kind: variable, sinusoid: {amplitude: 0.05, frequency: 30}",
+            "sinusoid.amplitude = 0.05: must be such that dT/dt, up to 1.5, is less",
+        ),
+        (
+            "kind: network, sample_period: 0.01, drift: -0.01",
+            "delay = 0.1: must be such that the delay, down to -0.15 s, is never negat",
+        ),
+        (
+            "kind: network, sample_period: 0.01, jitter: {kind: uniform, std: 0.1}",
+            "jitter.std = 0.1: must be such that the delay, down to -0.0732051 s",
+        ),
+        (
+            "kind: network, sample_period: 0.01, jitter: {kind: gama}",
+            "jitter.kind = 'gama': must be one of none, uniform, normal, gamma",
+        ),
+        (
+            "kind: network, sample_period: 0.01, loss: {kind: burst, burst_length: 0}",
+            "loss.burst_length = 0.0: must be a finite number >= 1",
+        ),
+        (
+            "kind: network, sample_period: 0.01, receiver: {policy: oldest}",
+            "receiver.policy = 'oldest': must be one of newest, playout, extrapolate",
+        ),
+        (
+            "kind: network, sample_period: 0.01, receiver: {depht: 1}",
+            "receiver.depht = 1: unknown key 'depht'",
+        ),
+    ],
+)
+def test_bad_channels(text, message):
+    delay = "" if "delay:" in text else "delay: 0.1, "
+    with pytest.raises(ScenarioError) as e:
+        LoadScenario("one_dof", [f"forward_channel={{{delay}{text}}}"])
+    assert str(e.value).startswith(f"forward_channel.{message}")
