@@ -15,15 +15,19 @@ import sys
 import time
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.files import IsDevice, Replacing, TemporaryPath
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from teleop_drake.recording import Recording
-    from teleop_drake.scenario import Scenario
+    from teleop_drake.scenario import AnyScenario
+    from teleop_drake.sweep import SweepResult
 
 _INTERRUPTED = 130
 
@@ -53,6 +57,9 @@ _UNITS = {
     "control_force_peak": "N",
     "control_force_variation": "N",
     "diverged_at": "s",
+    "max_error": "m",
+    "rms_error": "m",
+    "disturbance_rms_error": "N",
     "wall_time_s": "s",
 }
 
@@ -110,10 +117,13 @@ def _MakeParser() -> argparse.ArgumentParser:
     )
 
     def add(
-        name: str, command: Callable[[argparse.Namespace], int], summary: str
+        name: str,
+        command: Callable[[argparse.Namespace], int],
+        summary: str,
+        epilog: str | None = None,
     ) -> argparse.ArgumentParser:
         subparser = commands.add_parser(
-            name, help=summary, description=summary, allow_abbrev=False
+            name, help=summary, description=summary, epilog=epilog, allow_abbrev=False
         )
         subparser.set_defaults(command=command)
         return subparser
@@ -147,6 +157,60 @@ def _MakeParser() -> argparse.ArgumentParser:
         out_default="out",
     )
 
+    sweep = add(
+        "sweep",
+        _Sweep,
+        "Simulate a scenario for many delays, controllers and other values.",
+        epilog="VALUES are START:STOP:COUNT or A,B,... in YAML. A sweep that was "
+        "interrupted, or killed, goes on with --resume.",
+    )
+    _AddScenarioOptions(sweep, has_controller=False, is_sweep=True)
+    sweep.add_argument(
+        "--controllers", metavar="A,B,...", help="controller.kind (default: all)"
+    )
+    sweep.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="PATH=VALUES",
+        help="values of any other field, for example "
+        "environment.layers.bone.stiffness=100:400:7; repeatable",
+    )
+    sweep.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="N runs of each, with the seeds 0 to N - 1 of both network channels",
+    )
+    sweep.add_argument(
+        "--metrics",
+        metavar="A,B,...",
+        help="metrics to draw, for example collision.peak_force or a whole group such "
+        "as puncture (default: a few; runs.csv has all)",
+    )
+    sweep.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that simulate (default: one per processor)",
+    )
+    sweep.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="simulate on the cluster of this Dask scheduler instead, for example "
+        "tcp://host:8786",
+    )
+    sweep.add_argument(
+        "--resume", action="store_true", help="do only what is missing in --out"
+    )
+    _AddRunOptions(
+        sweep,
+        json_help="write a list with the records of all runs as JSON; `-`: to stdout, "
+        "and nothing else there",
+        out_help="write runs.jsonl, runs.csv and figures (.png) there (default: out)",
+        out_default="out",
+    )
+
     diagram = add("diagram", _Diagram, "Draw the block diagram of a scenario.")
     _AddScenarioOptions(diagram)
     diagram.add_argument(
@@ -162,20 +226,50 @@ def _MakeParser() -> argparse.ArgumentParser:
         metavar="N",
         help="levels of nested diagrams to open (default: 1, the loop)",
     )
+
+    reproduce = add(
+        "reproduce",
+        _Reproduce,
+        "Simulate the thesis again: its figures, a ledger of its claims, a report.",
+    )
+    reproduce.add_argument(
+        "--out",
+        metavar="DIR",
+        default="out",
+        help="write figures (.png and .svg), ledger (.json and .csv) and report.html "
+        "there (default: out)",
+    )
+    reproduce.add_argument(
+        "--only",
+        metavar="A,B,...",
+        help="only these figures, for example 4.1,5.7: no ledger and no report",
+    )
+    reproduce.add_argument(
+        "--jobs",
+        type=int,
+        default=2,
+        metavar="N",
+        help="processes that simulate (default: 2)",
+    )
+    reproduce.add_argument("--quiet", action="store_true", help="show no progress")
     return parser
 
 
 def _AddScenarioOptions(
-    parser: argparse.ArgumentParser, *, has_controller: bool = True
+    parser: argparse.ArgumentParser,
+    *,
+    has_controller: bool = True,
+    is_sweep: bool = False,
 ) -> None:
     parser.add_argument(
         "scenario", metavar="SCENARIO", help="a built-in name or a YAML file"
     )
+    delay = "VALUES" if is_sweep else "S"
     if has_controller:
         parser.add_argument("--controller", metavar="KIND", help="controller.kind")
-    parser.add_argument("--delay", metavar="S", help="delay each way, s")
-    parser.add_argument("--forward-delay", metavar="S", help="forward delay, s")
-    parser.add_argument("--return-delay", metavar="S", help="return delay, s")
+    parser.add_argument("--delay", metavar=delay, help="delay each way, s")
+    parser.add_argument("--forward-delay", metavar=delay, help="forward delay, s")
+    parser.add_argument("--return-delay", metavar=delay, help="return delay, s")
     parser.add_argument("--duration", metavar="S", help="simulated time, s")
     parser.add_argument("--accuracy", metavar="X", help="simulator.accuracy")
     parser.add_argument(
@@ -205,12 +299,18 @@ def _AddRunOptions(
 
 def _List(args: argparse.Namespace) -> int:
     from teleop_drake.robots import RobotModels
-    from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioNames
+    from teleop_drake.scenario import (
+        CONTROLLERS,
+        TRACKING_CONTROLLERS,
+        LoadScenario,
+        ScenarioNames,
+    )
 
     print("Scenarios")
+    width = max(map(len, ScenarioNames()))
     for name in ScenarioNames():
-        print(f"  {name:<18} {' '.join(LoadScenario(name).description.split())}")
-    print("Controllers\n  " + ", ".join(CONTROLLERS))
+        print(f"  {name:<{width}} {' '.join(LoadScenario(name).description.split())}")
+    print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     print("Robots\n  " + ", ".join(RobotModels()))
     return 0
 
@@ -251,8 +351,13 @@ def _Run(args: argparse.Namespace) -> int:
 
 
 def _Compare(args: argparse.Namespace) -> int:
-    from teleop_drake.scenario import CONTROLLERS
+    from teleop_drake.scenario import CONTROLLERS, Scenario
 
+    if not isinstance(_Load(args), Scenario):
+        raise _BadInput(
+            f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
+            "controllers; tracking has one only"
+        )
     controllers = list(CONTROLLERS)
     if args.controllers is not None:
         controllers = [name.strip() for name in args.controllers.split(",")]
@@ -290,20 +395,131 @@ def _Compare(args: argparse.Namespace) -> int:
     return _INTERRUPTED if is_interrupted else 0
 
 
+def _Sweep(args: argparse.Namespace) -> int:
+    from teleop_drake.scenario import ScenarioError
+    from teleop_drake.sweep import PlanSweep, RunSweep, SelectMetrics, SweepError
+
+    if args.jobs is not None and args.dask is not None:
+        raise _BadInput("--jobs: must be left out with --dask, which has workers")
+    _CheckJson(args.json)
+    num_finished = num_runs = 0
+    try:
+        grid, overrides = _Grid(args)
+        plan = PlanSweep(args.scenario, grid, overrides=overrides)
+        metrics = []
+        if args.metrics is not None:
+            names = [name.strip() for name in args.metrics.split(",")]
+            metrics = SelectMetrics(plan.scenario, names)
+        with _DaskExecutor(args.dask) as executor, _SweepProgress(args.quiet) as show:
+
+            def Report(finished: int, runs: int) -> None:
+                nonlocal num_finished, num_runs
+                num_finished, num_runs = finished, runs
+                show(finished, runs)
+
+            result = RunSweep(
+                plan,
+                executor=executor,
+                jobs=args.jobs,
+                out=args.out,
+                resume=args.resume,
+                progress=Report,
+            )
+    except (ScenarioError, SweepError) as e:
+        raise _BadInput(e) from None
+    except RuntimeError as e:  # The executor gave up.
+        return _Fail(1, f"{e}; --resume does the rest")
+    except KeyboardInterrupt:
+        return _Fail(
+            _INTERRUPTED,
+            f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
+            "--resume does the rest",
+        )
+    figures, note = _DrawSweep(result, metrics, Path(args.out))
+    if args.json is not None:
+        _WriteJson(args.json, result.records)
+    if args.json != "-":
+        statuses = [record["status"] for record in result.records]
+        counts = ", ".join(
+            f"{statuses.count(status)} {status}"
+            for status in ("completed", "diverged", "failed")
+        )
+        print(f"{plan.scenario.name}: {len(statuses)} runs, {counts}")
+        if note:
+            print(note)
+        written = [Path(args.out) / "runs.jsonl", Path(args.out) / "runs.csv", *figures]
+        print("Written:", ", ".join(map(str, written)))
+    return 0
+
+
+def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
+    """Returns the grid of a sweep and the overrides for all its runs.
+
+    Seeds vary fastest, then the delays.
+    """
+    from teleop_drake.scenario import CONTROLLERS, LoadScenario, Scenario, ScenarioError
+    from teleop_drake.sweep import MAX_RUNS, ParseValues, SweepError
+
+    def Parse(option: str, text: str) -> list[Any]:
+        try:
+            return ParseValues(text)
+        except SweepError as e:
+            raise _BadInput(f"{option} = {e}") from None
+
+    overrides = [
+        f"{path}={getattr(args, option)}"
+        for option in ("duration", "accuracy")
+        if getattr(args, option) is not None
+        for path in _OVERRIDES[option]
+    ] + args.set
+    grid: dict[str, list[Any]] = {}
+    for item in args.vary:
+        path, equals, text = item.partition("=")
+        path = path.strip()
+        if not equals or not path:
+            raise _BadInput(f"--vary = {item!r}: must be PATH=VALUES")
+        if path in grid:
+            raise _BadInput(f"--vary = {item!r}: must vary what no other one does")
+        grid[path] = Parse(f"--vary {path}", text)
+    for key in ("delay", "forward_delay", "return_delay"):
+        text = getattr(args, key)
+        if text is not None:
+            grid[key] = Parse(f"--{key.replace('_', '-')}", text)
+
+    if args.seeds is not None:
+        if not 1 <= args.seeds <= MAX_RUNS:
+            raise _BadInput(f"--seeds = {args.seeds}: must be 1 to {MAX_RUNS}")
+        grid["seed"] = list(range(args.seeds))
+
+    controllers: list[Any] = []
+    if args.controllers is not None:
+        controllers = Parse("--controllers", args.controllers)
+    elif not any(
+        item.partition("=")[0].strip() in ("controller", "controller.kind")
+        for item in [*args.vary, *args.set]
+    ):
+        try:
+            is_teleoperation = isinstance(LoadScenario(args.scenario), Scenario)
+        except ScenarioError:  # It may be good with its overrides.
+            is_teleoperation = True
+        controllers = list(CONTROLLERS) if is_teleoperation else []
+    return ({"controller": controllers} if controllers else {}) | grid, overrides
+
+
 def _Diagram(args: argparse.Namespace) -> int:
     if args.depth < 0:
         raise _BadInput(f"--depth = {args.depth}: must be 0 or positive")
     scenario = _Load(args)
 
     from teleop_drake.rendering import DiagramDot, WriteDiagram
-    from teleop_drake.teleoperator import MakeTeleoperator
+    from teleop_drake.simulation import MakeDiagram
 
-    teleoperator = MakeTeleoperator(scenario)
+    diagram = MakeDiagram(scenario)
     if args.output is None:
-        print(DiagramDot(teleoperator, max_depth=args.depth), end="")
+        print(DiagramDot(diagram, max_depth=args.depth), end="")
         return 0
     try:
-        WriteDiagram(teleoperator, args.output, max_depth=args.depth)
+        WriteDiagram(diagram, args.output, max_depth=args.depth)
     except (ValueError, OSError) as e:
         raise _BadInput(f"--output: {e}") from None
     except RuntimeError as e:
@@ -312,7 +528,39 @@ def _Diagram(args: argparse.Namespace) -> int:
     return 0
 
 
-def _Load(args: argparse.Namespace, *more: str) -> "Scenario":
+def _Reproduce(args: argparse.Namespace) -> int:
+    if args.jobs < 1:
+        raise _BadInput(f"--jobs = {args.jobs}: must be 1 or more")
+
+    from teleop_drake.thesis.report import Reproduce, SelectFigures
+
+    only = None
+    if args.only is not None:
+        only = [number.strip() for number in args.only.split(",")]
+    try:
+        SelectFigures(only)
+    except ValueError as e:
+        raise _BadInput(f"--only: {e}") from None
+    _PrepareFolder(args.out, "report.html")
+
+    def Report(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    try:
+        paths = Reproduce(
+            Path(args.out),
+            only=only,
+            jobs=args.jobs,
+            progress=None if args.quiet else Report,
+        )
+    except RuntimeError as e:
+        # Nothing here can lay out a diagram; the message says what to install.
+        return _Fail(1, e)
+    print(f"Written: {len(paths)} files in {args.out}, the last is {paths[-1].name}")
+    return 0
+
+
+def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line and `more`."""
     from teleop_drake.scenario import LoadScenario, ScenarioError
 
@@ -330,7 +578,7 @@ def _Load(args: argparse.Namespace, *more: str) -> "Scenario":
 # Simulating.
 
 
-def _Simulate(scenario: "Scenario", is_quiet: bool) -> "Recording":
+def _Simulate(scenario: "AnyScenario", is_quiet: bool) -> "Recording":
     from teleop_drake.simulation import simulate
 
     if is_quiet:
@@ -340,7 +588,7 @@ def _Simulate(scenario: "Scenario", is_quiet: bool) -> "Recording":
 
 
 @contextmanager
-def _Progress(scenario: "Scenario") -> Iterator[Callable[[float], None]]:
+def _Progress(scenario: "AnyScenario") -> Iterator[Callable[[float], None]]:
     """Yields a function that shows the simulated time on stderr.
 
     It begins after 2 s of real time. A terminal gets one line that changes, a file
@@ -375,24 +623,124 @@ def _Progress(scenario: "Scenario") -> Iterator[Callable[[float], None]]:
             print(file=sys.stderr)
 
 
+@contextmanager
+def _SweepProgress(is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """Yields a function that shows the finished runs and the time left on stderr.
+
+    A terminal gets one line that changes, a file gets a line every 10 s.
+    """
+    is_terminal = sys.stderr.isatty()
+    start = time.monotonic()
+    next_report = start if is_terminal else start + 10.0
+    num_before: int | None = None
+
+    def Report(num_finished: int, num_runs: int) -> None:
+        nonlocal num_before, next_report
+        now = time.monotonic()
+        if num_before is None:  # What an earlier, interrupted sweep has done.
+            num_before = num_finished
+        if is_quiet or now < next_report:
+            return
+        next_report = now + (0.2 if is_terminal else 10.0)
+        text = f"{num_finished} of {num_runs} runs"
+        if num_finished > num_before:
+            seconds_each = (now - start) / (num_finished - num_before)
+            left = timedelta(seconds=round(seconds_each * (num_runs - num_finished)))
+            text += f", {left} left"
+        print(
+            f"\r{text:<50}" if is_terminal else text,
+            end="" if is_terminal else "\n",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    try:
+        yield Report
+    finally:
+        if is_terminal and not is_quiet and num_before is not None:
+            print(file=sys.stderr)
+
+
+@contextmanager
+def _DaskExecutor(address: str | None) -> Iterator["Executor | None"]:
+    """Yields the executor of a Dask cluster, or None without an address."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise _BadInput(
+            f"--dask = {address!r}: must be left out, or the package distributed "
+            "installed (pip install 'teleop-drake[dask]')"
+        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as e:
+        raise _BadInput(
+            f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
+        ) from None
+    with client:
+        # The default, pure, would take runs with equal arguments for one.
+        yield client.get_executor(pure=False)
+
+
+def _DrawSweep(
+    result: "SweepResult", names: Sequence[str], folder: Path
+) -> tuple[list[Path], str]:
+    """Draws the metrics; returns the files, or why there are none.
+
+    Args:
+        result: The sweep.
+        names: The metrics; empty: some, of those that any run has.
+        folder: Where to.
+    """
+    import numpy as np
+
+    from teleop_drake.plotting import PlotStability, PlotSweep, SaveFigure
+    from teleop_drake.sweep import SelectMetrics
+
+    metrics = list(names) or [
+        metric
+        for metric in SelectMetrics(result.scenario)
+        if np.isfinite(result.Values(metric)).any()
+    ]
+    figures = {}
+    try:
+        for metric in metrics:
+            figures[metric.replace(".", "_")] = PlotSweep(result, metric)
+    except ValueError as e:
+        return [], f"No figures ({e})"
+    with suppress(ValueError):  # Only one key is varied.
+        figures["stability"] = PlotStability(result)
+    for name, figure in figures.items():
+        SaveFigure(figure, folder / f"{name}.png")
+    return [folder / f"{name}.png" for name in figures], ""
+
+
 # Showing.
 
 
 def _Headline(recording: "Recording") -> str:
+    from teleop_drake.scenario import Scenario
+
     scenario = recording.scenario
-    line = (
-        f"{scenario.name}, {scenario.controller.kind}: delay "
-        f"{scenario.forward_channel.delay:g} s forward, "
-        f"{scenario.return_channel.delay:g} s back, "
-        f"{recording.time[-1]:g} s simulated, {recording.termination}"
-    )
+    line = f"{scenario.name}, {scenario.controller.kind}: "
+    if isinstance(scenario, Scenario):
+        line += (
+            f"delay {scenario.forward_channel.delay:g} s forward, "
+            f"{scenario.return_channel.delay:g} s back, "
+        )
+    line += f"{recording.time[-1]:g} s simulated, {recording.termination}"
     return f"{line} ({recording.reason})" if recording.reason else line
 
 
 def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the metrics of some runs: a row for each, a column for each run."""
+    from teleop_drake.sweep import FlattenMetrics
+
     columns = {
-        name: _Flatten(record["metrics"])
+        name: FlattenMetrics(record["metrics"])
         | {
             key: record["solver"][key]
             for key in ("steps", "derivative_evaluations", "wall_time_s")
@@ -422,20 +770,6 @@ def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
         ).rstrip()
         for line in lines
     )
-
-
-def _Flatten(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns numbers by names such as `puncture.time` and `velocity_rms_error.x`."""
-    flat: dict[str, Any] = {}
-    for key, value in metrics.items():
-        if isinstance(value, Mapping):
-            flat |= _Flatten(value, f"{prefix}{key}.")
-        elif isinstance(value, list):
-            axes = "xyz"[: len(value)]
-            flat |= {f"{prefix}{key}.{a}": x for a, x in zip(axes, value, strict=True)}
-        else:
-            flat[prefix + key] = value
-    return flat
 
 
 def _Cell(value: Any) -> str:

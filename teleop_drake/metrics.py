@@ -18,6 +18,7 @@ from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.polynomial.legendre import Legendre
 
 from teleop_drake.recording import Recording
+from teleop_drake.scenario import TrackingScenario
 
 SETTLING_RATIO = 0.05
 """Share of |v_d| under which the tool counts as settled."""
@@ -70,11 +71,7 @@ class _Pieces:
 
     def RootMeanSquare(self, error: np.ndarray) -> list[float]:
         """Returns the rms over time of a signal (M, 8, n), per axis."""
-        length = self.end - self.begin
-        total = length.sum()
-        share = length / total if total > 0 else np.ones(len(length))
-        mean = np.einsum("m,j,mjn->n", share, _WEIGHTS, error**2)
-        return [float(value) for value in np.sqrt(mean)]
+        return _RootMeanSquare(self.begin, self.end, error)
 
 
 def RunMetrics(recording: Recording) -> dict[str, Any]:
@@ -110,6 +107,13 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
     * diverged, diverged_at (s): whether the run ended early because the tool's speed
       grew out of bounds or the solver failed, and when; else None.
 
+    A run of a TrackingScenario has these instead, each per axis:
+
+    * max_error (m): max of |r - r_d|.
+    * rms_error (m): rms over the run of r - r_d.
+    * disturbance_rms_error (N): rms over the run of W Phi - F_e, what the network
+      does not know of the disturbance.
+
     Args:
         recording: A run. If it was made with an environment of one's own (one without
             a `layer` port), the recorded force is interpolated; a robot of one's own
@@ -124,6 +128,8 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
     """
     recording = _FinitePart(recording)
     scenario = recording.scenario
+    if isinstance(scenario, TrackingScenario):
+        return _TrackingMetrics(recording)
     v_d = np.asarray(scenario.surgeon.velocity, dtype=float)
     pieces = _MakePieces(recording)
     surface = scenario.contact_surface
@@ -195,18 +201,29 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
         as the scenario asks for), metrics (see RunMetrics), final (position in m,
         velocity in m/s and environment_force in N of the last sample, n each) and
         solver (see SolverStatistics). Only finite numbers, None, bool, str, and lists
-        and dicts of these.
+        and dicts of these. A run of a TrackingScenario has no delays; diverged and
+        diverged_at (s, or None) stand beside its metrics.
 
     Raises:
         ValueError: If the recording has no finite sample.
     """
     recording = _FinitePart(recording)
     scenario = recording.scenario
+    if isinstance(scenario, TrackingScenario):
+        has_diverged = recording.termination == "diverged"
+        particular = {
+            "diverged": has_diverged,
+            "diverged_at": float(recording.time[-1]) if has_diverged else None,
+        }
+    else:
+        particular = {
+            "forward_delay": float(scenario.forward_channel.delay),
+            "return_delay": float(scenario.return_channel.delay),
+        }
     return {
         "scenario": scenario.name,
         "controller": scenario.controller.kind,
-        "forward_delay": float(scenario.forward_channel.delay),
-        "return_delay": float(scenario.return_channel.delay),
+        **particular,
         "duration": float(scenario.duration),
         "metrics": RunMetrics(recording),
         "final": {
@@ -215,6 +232,34 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
             "environment_force": recording["environment_force"][-1].tolist(),
         },
         "solver": dataclasses.asdict(recording.solver),
+    }
+
+
+def _RootMeanSquare(
+    begin: np.ndarray, end: np.ndarray, error: np.ndarray
+) -> list[float]:
+    """Returns the rms over time of a signal (M, 8, n), per axis."""
+    length = end - begin
+    total = length.sum()
+    share = length / total if total > 0 else np.ones(len(length))
+    mean = np.einsum("m,j,mjn->n", share, _WEIGHTS, error**2)
+    return [float(value) for value in np.sqrt(mean)]
+
+
+def _TrackingMetrics(recording: Recording) -> dict[str, list[float]]:
+    """Returns the metrics of a run of a TrackingScenario."""
+    begin, end = _Split(recording.time, [])
+    r, _ = _Motion(recording, begin, end)
+    error = r - _Sample(recording, "desired_position", begin, end)
+    unknown = _Sample(recording, "disturbance_estimate", begin, end) - _Sample(
+        recording, "environment_force", begin, end
+    )
+    return {
+        "max_error": [
+            float(np.abs(_Trace(axis)).max()) for axis in np.moveaxis(error, 2, 0)
+        ],
+        "rms_error": _RootMeanSquare(begin, end, error),
+        "disturbance_rms_error": _RootMeanSquare(begin, end, unknown),
     }
 
 

@@ -1,14 +1,16 @@
 """What a simulation leaves behind: plain arrays, events and solver statistics."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from teleop_drake.files import Replacing
 from teleop_drake.laws.interpolation import interpolate
-from teleop_drake.scenario import Scenario, ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.laws.packet_network import PacketStatistics
+from teleop_drake.scenario import ScenarioFromYaml, ScenarioToYaml
 
 
 @dataclass(kw_only=True)
@@ -52,21 +54,24 @@ class Recording:
     """All signals of one run.
 
     Attributes:
-        scenario: What was simulated.
+        scenario: What was simulated, a Scenario or a TrackingScenario.
         time: (N,) the ends of the integrator's steps in s. A time that stands twice
             marks a jump: the first row is before it, the second one after.
         signals: (N, k) samples by name; see simulation.simulate().
         events: In the order of their times.
         solver: Solver statistics.
+        channels: What became of the packets, by the name of the channel; for channels
+            of kind network.
         termination: `completed`, `diverged` or `interrupted`.
         reason: Why it did not complete; empty if it did.
     """
 
-    scenario: Scenario
+    scenario: Any
     time: np.ndarray
     signals: dict[str, np.ndarray]
     events: list[Event]
     solver: SolverStatistics
+    channels: dict[str, PacketStatistics] = field(default_factory=dict)
     termination: str = "completed"
     reason: str = ""
 
@@ -106,6 +111,7 @@ class Recording:
             "scenario": ScenarioToYaml(self.scenario),
             "events": [asdict(event) for event in self.events],
             "solver": asdict(self.solver),
+            "channels": {name: asdict(x) for name, x in self.channels.items()},
             "termination": self.termination,
             "reason": self.reason,
         }
@@ -139,6 +145,10 @@ def LoadRecording(path: str | Path) -> Recording:
             },
             events=[Event(**event) for event in description["events"]],
             solver=SolverStatistics(**description["solver"]),
+            channels={
+                name: PacketStatistics(**statistics)
+                for name, statistics in description["channels"].items()
+            },
             termination=description["termination"],
             reason=description["reason"],
         )

@@ -65,7 +65,11 @@ def CheckRobot(
 
 
 def LoadRobotPlant(
-    model: str, *, mass: float | None = None, damping: float | None = None
+    model: str,
+    *,
+    mass: float | None = None,
+    damping: float | None = None,
+    gravity: ArrayLike | None = None,
 ) -> MultibodyPlant:
     """Loads a model into a continuous, finalized MultibodyPlant named `plant`.
 
@@ -74,6 +78,8 @@ def LoadRobotPlant(
         mass: Mass of the slider's carriage, kg; None keeps the model's. Slider only.
         damping: Viscous damping of the slider's rail, N s/m; None keeps the model's.
             Slider only.
+        gravity: Acceleration of gravity along the task axes, m/s^2 (n); None keeps
+            Drake's, across the plane in which the robots move.
 
     Raises:
         ValueError: If there is no such model or it cannot take an override.
@@ -93,6 +99,10 @@ def LoadRobotPlant(
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
     Parser(plant).AddModelsFromString(ET.tostring(sdf, encoding="unicode"), "sdf")
+    if gravity is not None:
+        gravity_W = np.zeros(3)
+        gravity_W[: NumTaskAxes(model)] = gravity
+        plant.mutable_gravity_field().set_gravity_vector(gravity_W)
     plant.Finalize()
     return plant
 
@@ -198,6 +208,7 @@ def MakeRobot(
     elbow: str | None = None,
     mass: float | None = None,
     damping: float | None = None,
+    gravity: ArrayLike | None = None,
 ) -> Diagram:
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
 
@@ -230,6 +241,7 @@ def MakeRobot(
         elbow: As for `InverseKinematics`.
         mass: As for `LoadRobotPlant`, kg.
         damping: As for `LoadRobotPlant`, N s/m.
+        gravity: As for `LoadRobotPlant`, m/s^2.
 
     Raises:
         ValueError: If a parameter does not fit the model.
@@ -237,7 +249,8 @@ def MakeRobot(
     q = InverseKinematics(model, start, elbow)
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem(
-        "plant", LoadRobotPlant(model, mass=mass, damping=damping)
+        "plant",
+        LoadRobotPlant(model, mass=mass, damping=damping, gravity=gravity),
     )
     plant.SetDefaultPositions(q)
     tool = builder.AddNamedSystem(

@@ -1,6 +1,7 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data.
 
-A scenario is a tree of dataclasses. `LoadScenario` reads one from YAML with Drake's
+A scenario is a tree of dataclasses: a `Scenario` is a teleoperation, and what has a
+`trajectory` is a `TrackingScenario`. `LoadScenario` reads one from YAML with Drake's
 `yaml_load_typed`, applies overrides and validates it; `ScenarioToYaml` writes it back.
 Units are SI throughout. Vectors have one entry per task axis (n = 1 for the slider,
 n = 2 for the planar arm); the first axis is x, along which the environment is layered.
@@ -33,13 +34,28 @@ from teleop_drake.laws.layered_force import (
     layer_index,
     puncture_position,
 )
+from teleop_drake.laws.packet_network import (
+    DelayProfile,
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+    Sinusoid,
+    check_receiver,
+)
 from teleop_drake.laws.transfer_function import realize_transfer_function
 from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
 """Every kind of slave-side controller, the baseline first."""
 
-CHANNELS = ("transport", "sampled")
+TRACKING_CONTROLLERS = ("network_tracking",)
+"""Every kind of controller of a TrackingScenario."""
+
+DISTURBANCES = ("linear", "coupled")
+"""Every kind of disturbance of a TrackingScenario."""
+
+CHANNELS = ("transport", "variable", "sampled", "network")
 """Every kind of channel."""
 
 MAX_BASIS_FUNCTIONS = 10_000
@@ -51,7 +67,10 @@ SHORTEST_TIME = 1e-6
 at least as often as these, and would never end."""
 
 MAX_PACKETS = 100_000
-"""Most packets that may be under way in a sampled channel."""
+"""Most packets that may be under way in a sampled or network channel."""
+
+MAX_FREQUENCY = 1000.0
+"""Highest frequency of a trajectory in rad/s."""
 
 INTEGRATION_SCHEMES = tuple(
     # cenic steps a MultibodyPlant, which would have to be named `plant` and stand at
@@ -129,13 +148,31 @@ class HapticDeviceConfig:
 class ChannelConfig:
     """One direction of the communication (thesis section 2.1, Fig. 2.1)."""
 
-    # transport (exact delay) or sampled (a packet stream with a zero-order hold).
+    # transport (exact delay), variable (the same, but changing with time), sampled (a
+    # packet stream with a zero-order hold) or network (packets with fates of their
+    # own).
     kind: str = "transport"
-    # Delay, s, >= 0; 0 passes the signal through. Default: thesis section 4.2.
+    # Delay, s, >= 0; in transport and sampled channels 0 passes the signal through. In
+    # variable and network ones it is the mean, on which the rest adds. Default: thesis
+    # section 4.2.
     delay: float = 0.1
-    # Time between packets, s, > 0 and at most a non-zero delay; sampled only, else
-    # null.
+    # Time between packets, s, > 0 and, for sampled, at most a non-zero delay; sampled
+    # and network only, else null.
     sample_period: float | None = None
+    # Growth of the delay, s/s; variable and network only, else 0, as the next two.
+    drift: float = 0.0
+    sinusoid: Sinusoid = field(default_factory=Sinusoid)
+    # A CSV file with the columns time and delay, both in s, which is added. It covers
+    # the duration and is interpolated linearly; null: none. In a scenario file the path
+    # is relative to that file.
+    trace: str | None = None
+    # The rest is for network only.
+    jitter: Jitter = field(default_factory=Jitter)
+    loss: Loss = field(default_factory=Loss)
+    receiver: Receiver = field(default_factory=Receiver)
+    # Of the random numbers, a whole number >= 0. The two directions have different
+    # ones all the same. Without effect in other channels.
+    seed: int = 0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -221,12 +258,8 @@ def _DefaultSimulator() -> SimulatorConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class Scenario:
-    """One simulation, completely described.
-
-    Two scenarios are equal when every field is. Fields may be edited in Python, with
-    anything that numpy.asarray takes for a vector; call `Validate` afterwards.
-    """
+class _ScenarioBase:
+    """What every scenario has."""
 
     # Short name; the file's stem where the file gives none.
     name: str = ""
@@ -237,6 +270,39 @@ class Scenario:
     # Simulated time, s, > 0.
     duration: float = _REQUIRED
     robot: RobotConfig = field(default_factory=RobotConfig)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, (Scenario, TrackingScenario)):
+            return NotImplemented
+        return ScenarioToYaml(self) == ScenarioToYaml(other)
+
+    # Mutable, so not hashable.
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def num_axes(self) -> int:
+        """Number of task axes n, from the size of `robot.start`."""
+        return len(self.robot.start)
+
+    def Validate(self) -> None:
+        """Checks every field.
+
+        Raises:
+            ScenarioError: naming the first bad field, its value and what is allowed.
+        """
+        # The round trip checks the types, and leaves arrays where a user who edits a
+        # scenario in Python may have put lists.
+        _CheckScenario(_FromTree(_ToTree(self), type(self)))
+
+
+@dataclass(kw_only=True, eq=False)
+class Scenario(_ScenarioBase):
+    """One simulation of a teleoperation, completely described.
+
+    Two scenarios are equal when every field is. Fields may be edited in Python, with
+    anything that numpy.asarray takes for a vector; call `Validate` afterwards.
+    """
+
     surgeon: SurgeonConfig = field(default_factory=SurgeonConfig)
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
     forward_channel: ChannelConfig = field(default_factory=ChannelConfig)
@@ -249,19 +315,6 @@ class Scenario:
     # Drake's own. A transport channel needs max_step_size <= its delay; start_time
     # is 0.
     simulator: SimulatorConfig = field(default_factory=_DefaultSimulator)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Scenario):
-            return NotImplemented
-        return ScenarioToYaml(self) == ScenarioToYaml(other)
-
-    # Mutable, so not hashable.
-    __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def num_axes(self) -> int:
-        """Number of task axes n, from the size of `robot.start`."""
-        return len(self.robot.start)
 
     @property
     def contact_surface(self) -> float | None:
@@ -308,31 +361,172 @@ class Scenario:
 
     @property
     def max_transport_step(self) -> float:
-        """Smallest non-zero transport delay in s, the longest step allowed; or inf."""
-        return min(
-            (
-                channel.delay
-                for channel in (self.forward_channel, self.return_channel)
-                if channel.kind == "transport" and channel.delay > 0
-            ),
-            default=math.inf,
-        )
-
-    def Validate(self) -> None:
-        """Checks every field.
+        """Smallest non-zero delay of a transport or variable channel in s, the longest
+        step allowed; or inf.
 
         Raises:
-            ScenarioError: naming the first bad field, its value and what is allowed.
+            ScenarioError: If a variable channel's parameters are not allowed.
         """
-        # The round trip checks the types, and leaves arrays where a user who edits a
-        # scenario in Python may have put lists.
-        _CheckScenario(_FromTree(_ToTree(self)))
+        smallest = math.inf
+        for path in ("forward_channel", "return_channel"):
+            channel = getattr(self, path)
+            if channel.kind == "transport" and channel.delay > 0:
+                smallest = min(smallest, channel.delay)
+            elif channel.kind == "variable":
+                profile = ChannelProfile(channel, self.duration, path=path)
+                smallest = min(smallest, profile.minimum)
+        return smallest
+
+
+@dataclass(kw_only=True, eq=False)
+class TrajectoryConfig:
+    """r_d(t) = centre + amplitude sin(frequency t + phase) (thesis eq. 3.28)."""
+
+    # m, n entries.
+    centre: np.ndarray = _REQUIRED
+    # m, n entries; the whole line is in reach of the robot.
+    amplitude: np.ndarray = _REQUIRED
+    # rad/s, 0 to MAX_FREQUENCY.
+    frequency: float = 1.0
+    # rad.
+    phase: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class DisturbanceConfig:
+    """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
+
+    # One of DISTURBANCES; coupled needs n = 2.
+    kind: str = _REQUIRED
+    # K, N/m; a number (times the identity) or an n x n matrix.
+    gain: np.ndarray | float = _REQUIRED
+
+
+@dataclass(kw_only=True, eq=False)
+class TrackingControllerConfig:
+    """The controller of chapter 3. A gain is a number or an n x n matrix."""
+
+    # One of TRACKING_CONTROLLERS.
+    kind: str = _REQUIRED
+    # Weight of the position error in s, 1/s; symmetric positive definite (eq. 3.11).
+    Lambda: np.ndarray | float = _REQUIRED
+    # Gain on s, 1/s; symmetric positive definite (eq. 3.18).
+    G1: np.ndarray | float = _REQUIRED
+    # beta, >= 0 (eq. 3.19); 0 switches the network off.
+    adaptation_rate: float = _REQUIRED
+    # nu, >= 0 (eq. 3.27).
+    leakage: float = _REQUIRED
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+
+
+@dataclass(kw_only=True, eq=False)
+class TrackingScenario(_ScenarioBase):
+    """One simulation of the tracking task of chapter 3, completely described.
+
+    An arm follows a trajectory while it learns a disturbance. There is neither a
+    surgeon nor a delay. For the rest see `Scenario`.
+    """
+
+    # Acceleration of gravity along the task axes, m/s^2, n entries.
+    gravity: np.ndarray = _REQUIRED
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    controller: TrackingControllerConfig = field(
+        default_factory=TrackingControllerConfig
+    )
+    # The run ends as diverged when |v_WT| exceeds this, m/s, > 0. Assumed.
+    divergence_speed: float = 10.0
+    # Drake's own; start_time is 0.
+    simulator: SimulatorConfig = field(default_factory=_DefaultSimulator)
+
+
+AnyScenario = Scenario | TrackingScenario
+"""What LoadScenario() returns and simulate() takes."""
 
 
 def GainMatrix(gain: ArrayLike, num_axes: int) -> np.ndarray:
     """Returns a gain as an n x n matrix; a number means that times the identity."""
     matrix = np.asarray(gain, dtype=float)
     return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
+
+
+def ChannelProfile(
+    channel: ChannelConfig, duration: float, *, path: str = "channel"
+) -> DelayProfile:
+    """Returns how the delay of a channel varies with time, jitter apart.
+
+    Args:
+        channel: Its delay, drift, sinusoid and trace are used; the trace is read.
+        duration: Until when, in s.
+        path: What to call the channel in a message.
+
+    Raises:
+        ScenarioError: If one of them is not allowed.
+    """
+    trace = None
+    if channel.trace is not None:
+        trace = _ReadTrace(f"{path}.trace", channel.trace)
+        if trace[0] and trace[0][-1] - trace[0][0] < duration:
+            span = trace[0][-1] - trace[0][0]
+            _Refuse(
+                f"{path}.trace",
+                channel.trace,
+                f"at least as long as the duration, {duration:g} s, not {span:g} s",
+            )
+    try:
+        return DelayProfile(
+            delay=channel.delay,
+            drift=channel.drift,
+            sinusoid=channel.sinusoid,
+            trace=trace,
+            duration=duration,
+        )
+    except ValueError as e:
+        raise ScenarioError(f"{path}.{e}") from None
+
+
+def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
+    """Returns the times and delays in s of a CSV file, with or without a header."""
+    origin = f"{path} = {_Show(file)}"
+    try:
+        lines = Path(file).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    times: list[float] = []
+    delays: list[float] = []
+    may_be_header = True
+    for i, line in enumerate(lines):
+        if not line.strip() or line.startswith("#"):
+            continue
+        is_header = may_be_header and not line.strip()[:1].isdigit()
+        may_be_header = False
+        try:
+            time, delay = map(float, line.split(","))
+        except ValueError:
+            if is_header:
+                continue
+            raise ScenarioError(
+                f"{origin}: line {i + 1}, {_Show(line)}: must be time,delay in s"
+            ) from None
+        wrong = ""
+        if not (math.isfinite(time) and math.isfinite(delay)):
+            wrong = "finite numbers"
+        elif times and time <= times[-1]:
+            wrong = f"later than the line before, {times[-1]:g} s"
+        elif delay < 0:
+            wrong = "a delay >= 0 (s)"
+        if wrong:
+            raise ScenarioError(
+                f"{origin}: line {i + 1}, {_Show(line)}: must be {wrong}"
+            )
+        times.append(time)
+        delays.append(delay)
+    if len(times) < 2:
+        raise ScenarioError(
+            f"{origin}: must have at least two lines of time,delay, not {len(times)}"
+        )
+    return times, delays
 
 
 def ScenarioNames() -> list[str]:
@@ -343,7 +537,7 @@ def ScenarioNames() -> list[str]:
 def LoadScenario(
     name_or_path: str | os.PathLike[str],
     overrides: Mapping[str, Any] | Iterable[str] = (),
-) -> Scenario:
+) -> Any:
     """Loads a scenario, applies overrides and validates the result.
 
     Args:
@@ -355,9 +549,10 @@ def LoadScenario(
             "surgeon.velocity.0"). Later ones win.
 
     Returns:
-        The scenario. A `simulator.max_step_size` that a built-in scenario or the
-        default brings along is reduced to the smallest transport delay; one that the
-        caller gives is not.
+        A TrackingScenario if the file has a key `trajectory`, else a Scenario; Any to
+        a type checker, which cannot know. A `simulator.max_step_size` that a built-in
+        scenario or the default brings along is reduced to the smallest transport
+        delay; one that the caller gives is not.
 
     Raises:
         ScenarioError: if the file cannot be read or anything in it is not allowed.
@@ -369,15 +564,18 @@ def LoadScenario(
     is_step_given = (
         not is_builtin and isinstance(simulator, dict) and "max_step_size" in simulator
     )
-    scenario = _FromTree(tree)
+    schema = _SchemaOf(tree)
+    _ResolveTraces(tree, path.parent)
+    scenario = _FromTree(tree, schema)
     pairs = _ParseOverrides(overrides)
     if pairs:
         tree = _ToTree(scenario)
         for dotted, value in pairs:
             _SetPath(tree, dotted, value)
             is_step_given |= dotted in ("simulator", "simulator.max_step_size")
-        scenario = _FromTree(tree)
-    if not is_step_given:
+        scenario = _FromTree(tree, schema)
+    if isinstance(scenario, Scenario) and not is_step_given:
+        _CheckChannels(scenario)
         scenario.simulator.max_step_size = min(
             scenario.simulator.max_step_size, scenario.max_transport_step
         )
@@ -385,18 +583,29 @@ def LoadScenario(
     return scenario
 
 
-def ScenarioFromYaml(text: str) -> Scenario:
+def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
+    """Makes the paths of traces relative to the folder of the scenario file."""
+    for key in ("forward_channel", "return_channel"):
+        channel = tree.get(key)
+        if isinstance(channel, dict) and isinstance(channel.get("trace"), str):
+            channel["trace"] = str(folder / channel["trace"])
+
+
+def ScenarioFromYaml(text: str) -> AnyScenario:
     """Returns the scenario that `ScenarioToYaml` wrote.
+
+    A trace that it names is not read, so a recording can be loaded without it.
 
     Raises:
         ScenarioError: if the text is not YAML or anything in it is not allowed.
     """
-    scenario = _FromTree(_ParseYaml(text, "scenario"))
-    _CheckScenario(scenario)
+    tree = _ParseYaml(text, "scenario")
+    scenario = _FromTree(tree, _SchemaOf(tree))
+    _CheckScenario(scenario, reads_traces=False)
     return scenario
 
 
-def ScenarioToYaml(scenario: Scenario) -> str:
+def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     """Returns YAML text from which `LoadScenario` or `ScenarioFromYaml` gives an
     equal scenario.
 
@@ -405,7 +614,7 @@ def ScenarioToYaml(scenario: Scenario) -> str:
     Raises:
         ScenarioError: if a field has the wrong type.
     """
-    tree = _Normalize(_ToTree(scenario), Scenario, "")
+    tree = _Normalize(_ToTree(scenario), type(scenario), "")
     return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
 
 
@@ -562,12 +771,18 @@ def _ToTree(value: Any) -> Any:
     return value
 
 
-def _FromTree(tree: Any) -> Scenario:
+def _SchemaOf(tree: Any) -> type[AnyScenario]:
+    """Returns the class that a tree describes."""
+    is_tracking = isinstance(tree, dict) and "trajectory" in tree
+    return TrackingScenario if is_tracking else Scenario
+
+
+def _FromTree(tree: Any, schema: type[_ScenarioBase]) -> AnyScenario:
     """Returns a scenario with the right types but values yet to be checked."""
     # yaml_load_typed is strict too, but names neither the path nor the choices, and
     # takes a bare number neither for `ndarray | float` nor for a vector.
-    data = yaml.safe_dump(_Normalize(tree, Scenario, ""))
-    return yaml_load_typed(schema=Scenario, data=data)
+    data = yaml.safe_dump(_Normalize(tree, schema, ""))
+    return yaml_load_typed(schema=schema, data=data)
 
 
 def _Normalize(value: Any, schema: Any, path: str) -> Any:
@@ -590,6 +805,8 @@ def _Normalize(value: Any, schema: Any, path: str) -> Any:
         return value
     if options == (float,):
         return _NormalizeNumber(value, path, "a number")
+    if options == (int,):
+        return _NormalizeCounts([value], path, "a whole number")[0]
     if options == (list[int],):
         return _NormalizeCounts(value, path)
     if np.ndarray in options:
@@ -654,13 +871,15 @@ def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
     _Refuse(path, value, allowed)
 
 
-def _NormalizeCounts(value: Any, path: str) -> list[int]:
+def _NormalizeCounts(
+    value: Any, path: str, allowed: str = "a list of whole numbers"
+) -> list[int]:
     values = value if isinstance(value, list) else [value]
     counts = []
     for item in values:
-        number = _NormalizeNumber(item, path, "a list of whole numbers")
+        number = _NormalizeNumber(item, path, allowed)
         if not number.is_integer():
-            _Refuse(path, value, "a list of whole numbers")
+            _Refuse(path, item if allowed == "a whole number" else value, allowed)
         counts.append(int(number))
     return counts
 
@@ -729,7 +948,7 @@ def _CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
         _Refuse(path, value, _Choices(value, choices))
 
 
-def _CheckScenario(scenario: Scenario) -> None:
+def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
     """Checks the values of a scenario that has the right types."""
     if (
         not scenario.name
@@ -738,22 +957,32 @@ def _CheckScenario(scenario: Scenario) -> None:
     ):
         _Refuse("name", scenario.name, "one line of text without / and \\")
     _CheckNumber("duration", scenario.duration, "s", above=0)
+    _CheckRobot(scenario.robot)
+    if isinstance(scenario, TrackingScenario):
+        _CheckTracking(scenario)
+    else:
+        _CheckTeleoperation(scenario, reads_traces)
+
+
+def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     _CheckNumber(
         "divergence_speed_ratio",
         scenario.divergence_speed_ratio,
         above=1,
         maximum=1000,
     )
-    _CheckRobot(scenario.robot)
     n = scenario.num_axes
     _CheckSurgeon(scenario.surgeon, n)
     _CheckHapticDevice(scenario.haptic_device)
-    _CheckChannel("forward_channel", scenario.forward_channel)
-    _CheckChannel("return_channel", scenario.return_channel)
+    channels = (scenario.forward_channel, scenario.return_channel)
+    max_step = math.inf
+    if reads_traces or all(channel.trace is None for channel in channels):
+        _CheckChannels(scenario)
+        max_step = scenario.max_transport_step
     _CheckLayers(scenario.environment.layers)
     _CheckController(scenario.controller, n)
     _CheckInitialPsi(scenario)
-    _CheckSimulator(scenario.simulator, scenario.max_transport_step)
+    _CheckSimulator(scenario.simulator, max_step)
     surface = scenario.contact_surface
     if surface is not None and scenario.robot.start[0] >= surface:
         _Refuse(
@@ -761,6 +990,65 @@ def _CheckScenario(scenario: Scenario) -> None:
             scenario.robot.start,
             f"in front of the contact surface (x < {surface:g} m)",
         )
+
+
+def _CheckTracking(scenario: TrackingScenario) -> None:
+    # The controller's model has no friction, and a slider does.
+    _CheckChoice("robot.model", scenario.robot.model, ["two_link_arm"])
+    n = scenario.num_axes
+    _CheckVector("gravity", scenario.gravity, n, "m/s^2")
+    _CheckTrajectory(scenario)
+
+    _CheckChoice("disturbance.kind", scenario.disturbance.kind, DISTURBANCES)
+    gain = scenario.disturbance.gain
+    if (
+        gain is None
+        or not np.all(np.isfinite(gain))
+        or GainMatrix(gain, n).shape != (n, n)
+    ):
+        allowed = f"a finite number or {n} x {n} matrix (N/m)"
+        _Refuse("disturbance.gain", gain, allowed)
+
+    controller = scenario.controller
+    _CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
+    _CheckGain("controller.Lambda", controller.Lambda, n)
+    _CheckGain("controller.G1", controller.G1, n)
+    _CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    _CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    _CheckNetwork(controller.network, n)
+    _CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
+    _CheckSimulator(scenario.simulator, math.inf)
+
+
+def _CheckTrajectory(scenario: TrackingScenario) -> None:
+    trajectory, n = scenario.trajectory, scenario.num_axes
+    _CheckVector("trajectory.centre", trajectory.centre, n, "m")
+    _CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
+    _CheckNumber(
+        "trajectory.frequency",
+        trajectory.frequency,
+        "rad/s",
+        minimum=0,
+        maximum=MAX_FREQUENCY,
+    )
+    _CheckNumber("trajectory.phase", trajectory.phase, "rad")
+    # It runs along a line, whose farthest point is an end. The nearest may be inside.
+    centre, amplitude = trajectory.centre, trajectory.amplitude
+    with np.errstate(all="ignore"):
+        nearest = np.clip(-(centre @ amplitude) / (amplitude @ amplitude), -1, 1)
+    for share in (-1.0, 1.0, 0.0 if np.isnan(nearest) else nearest):
+        try:
+            CheckRobot(
+                model=scenario.robot.model,
+                start=centre + share * amplitude,
+                elbow=scenario.robot.elbow,
+            )
+        except ValueError as e:
+            reason = str(e).removeprefix("robot.start: ")
+            raise ScenarioError(
+                f"trajectory.amplitude = {_Show(amplitude)}: must keep the trajectory "
+                f"in reach ({reason})"
+            ) from None
 
 
 def _CheckRobot(robot: RobotConfig) -> None:
@@ -803,22 +1091,73 @@ def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
         )
 
 
-def _CheckChannel(path: str, channel: ChannelConfig) -> None:
+def _CheckChannels(scenario: Scenario) -> None:
+    _CheckNumber("duration", scenario.duration, "s", above=0)
+    for path in ("forward_channel", "return_channel"):
+        _CheckChannel(path, getattr(scenario, path), scenario.duration)
+
+
+def _CheckChannel(path: str, channel: ChannelConfig, duration: float) -> None:
     _CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
     delay, period = channel.delay, channel.sample_period
     if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
         _Refuse(
             f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
         )
-    path += ".sample_period"
-    if channel.kind == "transport":
+    if channel.kind in ("transport", "variable"):
         if period is not None:
-            _Refuse(path, period, "null for a transport channel")
-        return
-    minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
-    _CheckNumber(path, period, "s", minimum=minimum)
-    if delay > 0 and period is not None and period > delay:
-        _Refuse(path, period, f"at most the delay, {delay:g} (s)")
+            _Refuse(
+                f"{path}.sample_period", period, f"null for a {channel.kind} channel"
+            )
+    else:
+        minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
+        _CheckNumber(f"{path}.sample_period", period, "s", minimum=minimum)
+    if (
+        channel.kind == "sampled"
+        and delay > 0
+        and period is not None
+        and period > delay
+    ):
+        _Refuse(f"{path}.sample_period", period, f"at most the delay, {delay:g} (s)")
+    _CheckUnused(path, channel)
+    if channel.seed < 0:
+        _Refuse(f"{path}.seed", channel.seed, "a whole number >= 0")
+    if channel.kind in ("variable", "network"):
+        profile = ChannelProfile(channel, duration, path=path)
+        try:
+            if channel.kind == "variable":
+                profile.CheckContinuous(SHORTEST_TIME)
+            else:
+                check_receiver(channel.receiver)
+                PacketNetwork(
+                    profile=profile,
+                    sample_period=float(period or 0),
+                    jitter=channel.jitter,
+                    loss=channel.loss,
+                )
+        except ValueError as e:
+            raise ScenarioError(f"{path}.{e}") from None
+
+
+def _CheckUnused(path: str, channel: ChannelConfig) -> None:
+    """Refuses what the kind of channel has no use for."""
+    unused = []
+    if channel.kind in ("transport", "sampled"):
+        unused += ["drift", "sinusoid", "trace"]
+    if channel.kind != "network":
+        unused += ["jitter", "loss", "receiver"]
+    default = _ToTree(ChannelConfig())
+    for name in unused:
+        value = _ToTree(getattr(channel, name))
+        if value == default[name]:
+            continue
+        key, value, allowed = name, value, default[name]
+        if isinstance(value, dict):
+            key = next(key for key in value if value[key] != allowed[key])
+            key, value, allowed = f"{name}.{key}", value[key], allowed[key]
+        _Refuse(
+            f"{path}.{key}", value, f"{_Show(allowed)} for a {channel.kind} channel"
+        )
 
 
 def _CheckLayers(layers: Sequence[LayerConfig]) -> None:

@@ -1,4 +1,4 @@
-"""Runs a teleoperator and records it."""
+"""Runs a scenario and records it."""
 
 import math
 import time as clock
@@ -18,9 +18,10 @@ from teleop_drake.laws.interpolation import (
     find_crossing,
     interpolate,
 )
+from teleop_drake.network_tracking import MakeNetworkTracking
 from teleop_drake.recording import Event, Recording, SolverStatistics
-from teleop_drake.scenario import Scenario
-from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
@@ -43,11 +44,11 @@ _SIGNAL_NAMES = {
 
 
 class _Recorder:
-    """Samples every vector output of the six systems of a teleoperator."""
+    """Samples every vector output of the systems of a diagram."""
 
-    def __init__(self, teleoperator: Diagram, root_context: Context):
+    def __init__(self, diagram: Diagram, root_context: Context):
         self._ports: list[tuple[str, OutputPort, Context]] = []
-        for system in teleoperator.GetSystems():
+        for system in diagram.GetSystems():
             context = system.GetMyContextFromRoot(root_context)
             for i in range(system.num_output_ports()):
                 port = system.get_output_port(i)
@@ -80,7 +81,69 @@ class _Recorder:
 
 
 class _Run:
-    """Watches a run: what happens at each step, and where the next ones should end.
+    """Watches a run: what happens at each step, and where the next ones should end."""
+
+    def __init__(
+        self,
+        diagram: Diagram,
+        root_context: Context,
+        *,
+        duration: float,
+        speed_limit: float,
+        limit_name: str,
+        progress: Callable[[float], None] | None,
+    ):
+        self.recorder = _Recorder(diagram, root_context)
+        self.failure = ""
+        self.speed_limit = speed_limit
+        self._diagram = diagram
+        self._context = root_context
+        self._duration = duration
+        self._limit_name = limit_name
+        self._progress = progress
+        self._last_report = clock.monotonic()
+        self._now: dict[str, np.ndarray] = {}
+
+    def Monitor(self, root_context: Context) -> EventStatus:
+        """Records the end of a step; ends AdvanceTo() if there is more to do."""
+        before, now = self._now, self.recorder.Sample()
+        self._now = now
+        time = root_context.get_time()
+        speed = float(np.linalg.norm(now["tool_velocity"]))
+        if not speed <= self.speed_limit:
+            self.failure = (
+                f"the tool's speed, {speed:.4g} m/s, exceeds {self._limit_name}"
+            )
+            if not math.isfinite(speed):
+                self.recorder.DropLast()
+            return EventStatus.ReachedTermination(self._diagram, self.failure)
+        if (
+            self._progress is not None
+            and clock.monotonic() > self._last_report + _REPORT_PERIOD
+        ):
+            self._last_report = clock.monotonic()
+            self._progress(time)
+        if self._MustStop(before, now):
+            return EventStatus.ReachedTermination(self._diagram, "stop")
+        return EventStatus.DidNothing()
+
+    def _MustStop(
+        self, before: dict[str, np.ndarray], now: dict[str, np.ndarray]
+    ) -> bool:
+        """Returns whether AdvanceTo() has to end with this step."""
+        return False
+
+    def AtJump(self) -> bool:
+        """Returns whether an event that makes signals jump is pending now."""
+        return False
+
+    def NextStop(self) -> float:
+        """Returns where the simulator should stop next, in s."""
+        return self._duration
+
+
+class _TeleoperatorRun(_Run):
+    """Watches the run of a teleoperator, whose signals jump.
 
     The simulator runs by itself except near a jump. There it stops, so that both
     sides are recorded. It is led up to a border by short steps, because finding the
@@ -94,64 +157,44 @@ class _Run:
         root_context: Context,
         progress: Callable[[float], None] | None,
     ):
-        self.recorder = _Recorder(teleoperator, root_context)
-        self.failure = ""
-        self._scenario = scenario
-        self._teleoperator = teleoperator
-        self._context = root_context
-        self._progress = progress
-        self._last_report = clock.monotonic()
-        self.speed_limit = scenario.divergence_speed_ratio * float(
-            np.linalg.norm(scenario.surgeon.velocity)
+        ratio = scenario.divergence_speed_ratio
+        super().__init__(
+            teleoperator,
+            root_context,
+            duration=scenario.duration,
+            speed_limit=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
+            limit_name=f"{ratio:g} times the commanded speed",
+            progress=progress,
         )
+        self._scenario = scenario
         self._channels = [
             (system, system.GetMyContextFromRoot(root_context))
             for system in teleoperator.GetSystems()
-            if isinstance(system, TransportDelay)
+            if hasattr(system, "NextJumpTime")
         ]
         # Where the force on the tool jumps or has a kink, and where the surgeon feels
         # contact.
         self._force_borders = [layer.start for layer in scenario.environment.layers]
         surface = scenario.contact_surface
         self._surfaces = [] if surface is None else [surface]
-        self._now: dict[str, np.ndarray] = {}
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
 
-    def Monitor(self, root_context: Context) -> EventStatus:
-        """Records the end of a step; ends AdvanceTo() if there is more to do."""
-        before, now = self._now, self.recorder.Sample()
-        self._now = now
-        time = root_context.get_time()
-        speed = float(np.linalg.norm(now["tool_velocity"]))
-        if not speed <= self.speed_limit:
-            self.failure = (
-                f"the tool's speed, {speed:.4g} m/s, exceeds "
-                f"{self._scenario.divergence_speed_ratio:g} times the commanded speed"
-            )
-            if not math.isfinite(speed):
-                self.recorder.DropLast()
-            return EventStatus.ReachedTermination(self._teleoperator, self.failure)
-        if (
-            self._progress is not None
-            and clock.monotonic() > self._last_report + _REPORT_PERIOD
-        ):
-            self._last_report = clock.monotonic()
-            self._progress(time)
+    def _MustStop(
+        self, before: dict[str, np.ndarray], now: dict[str, np.ndarray]
+    ) -> bool:
         if before and any(
             (before[signal][0] < border) != (now[signal][0] < border)
             for signal, _, _, borders in self._Motions()
             for border in borders
         ):
-            self._crossing_time = time
-        if (
+            self._crossing_time = self._context.get_time()
+        return (
             self.AtJump()
             or self._ApproachTime() < math.inf
             or self._FindNextJump() < self._stop
-        ):
-            return EventStatus.ReachedTermination(self._teleoperator, "stop")
-        return EventStatus.DidNothing()
+        )
 
     def AtJump(self) -> bool:
         """Returns whether an event that makes signals jump is pending now."""
@@ -167,7 +210,7 @@ class _Run:
         self._stop = min(
             self._next_jump,
             self._context.get_time() + self._ApproachTime(),
-            self._scenario.duration,
+            self._duration,
         )
         return self._stop
 
@@ -236,8 +279,19 @@ def _TimeToCross(gap: float, v: float, a: float) -> float:
     return min((root for root in roots if root > 0), default=math.inf)
 
 
+def MakeDiagram(scenario: AnyScenario) -> Diagram:
+    """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+    """
+    if isinstance(scenario, TrackingScenario):
+        return MakeNetworkTracking(scenario)
+    return MakeTeleoperator(scenario)
+
+
 def simulate(
-    scenario: Scenario,
+    scenario: AnyScenario,
     *,
     teleoperator: Diagram | None = None,
     progress: Callable[[float], None] | None = None,
@@ -257,9 +311,13 @@ def simulate(
     | surgeon_mode                                  | 1    | see Surgeon     |
     | and the telemetry of the control law, for instance psi and weights_1 |||
 
+    A TrackingScenario has neither packets nor layers nor a surgeon, but
+    desired_position, desired_velocity, desired_acceleration and disturbance_estimate
+    (n each).
+
     A run ends early, as a recording that says why, if the tool's speed exceeds
-    divergence_speed_ratio times the commanded speed, if the solver cannot go on, or
-    at Ctrl-C.
+    divergence_speed_ratio times the commanded speed (divergence_speed, for a
+    TrackingScenario), if the solver cannot go on, or at Ctrl-C.
 
     Args:
         scenario: What to simulate.
@@ -274,22 +332,32 @@ def simulate(
         ScenarioError: If the scenario is not valid.
     """
     scenario.Validate()
-    if teleoperator is None:
-        teleoperator = MakeTeleoperator(scenario)
-    simulator = Simulator(teleoperator)
+    diagram = MakeDiagram(scenario) if teleoperator is None else teleoperator
+    simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator, simulator)
     root_context = simulator.get_mutable_context()
     root_context.SetAccuracy(_EVENT_ACCURACY)
-    run = _Run(scenario, teleoperator, root_context, progress)
+    run: _Run
+    if isinstance(scenario, TrackingScenario):
+        run = _Run(
+            diagram,
+            root_context,
+            duration=scenario.duration,
+            speed_limit=scenario.divergence_speed,
+            limit_name=f"{scenario.divergence_speed:g} m/s",
+            progress=progress,
+        )
+    else:
+        run = _TeleoperatorRun(scenario, diagram, root_context, progress)
     simulator.set_monitor(run.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
+    simulator.Initialize()
     try:
-        simulator.Initialize()
         while not run.failure and root_context.get_time() < scenario.duration:
             if run.AtJump():
+                # This calls the monitor as well, which records the other side.
                 simulator.AdvancePendingEvents()
-                run.recorder.Sample()
             simulator.AdvanceTo(run.NextStop())
         if run.failure:
             termination, reason = "diverged", run.failure
@@ -307,7 +375,11 @@ def simulate(
         scenario=scenario,
         time=times,
         signals=signals,
-        events=_FindEvents(scenario, times, signals),
+        events=(
+            _FindEvents(scenario, times, signals)
+            if isinstance(scenario, Scenario)
+            else []
+        ),
         solver=SolverStatistics(
             scheme=scenario.simulator.integration_scheme,
             accuracy=scenario.simulator.accuracy,
@@ -316,6 +388,13 @@ def simulate(
             wall_time_s=wall_time,
             real_time_factor=float(times[-1]) / wall_time,
         ),
+        channels={
+            system.get_name(): system.Statistics(
+                system.GetMyContextFromRoot(root_context)
+            )
+            for system in diagram.GetSystems()
+            if isinstance(system, NetworkDelay)
+        },
         termination=termination,
         reason=reason,
     )

@@ -1,46 +1,79 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
+from teleop_drake.laws.packet_network import PacketNetwork
 from teleop_drake.robots import MakeRobot
-from teleop_drake.scenario import ChannelConfig, Scenario
+from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
 from teleop_drake.systems.layered_force_field import LayeredForceField
+from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.systems.sampled_delay import SampledDelay
 from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.systems.variable_delay import VariableDelay
 
 
 def MakeChannel(
-    config: ChannelConfig, *, size: int, initial_value: Sequence[float]
+    config: ChannelConfig,
+    *,
+    size: int,
+    initial_value: Sequence[float],
+    duration: float = math.inf,
+    stream: str = "",
 ) -> LeafSystem:
     """Makes one direction of the communication between the stations.
 
     Args:
-        config: Kind, delay and, for sampled channels, the sample period.
+        config: Kind and parameters of the channel.
         size: Width of the packets.
         initial_value: What arrives before the first packet does (size).
+        duration: Until when a delay that varies with time is needed, s.
+        stream: Name of the random numbers; another one gives other numbers.
 
     Raises:
         ValueError: If a parameter is not allowed.
     """
+    if config.kind == "transport":
+        return TransportDelay(
+            delay=config.delay,
+            size=size,
+            initial_value=initial_value,
+            # The steps of the solver are what limits the error.
+            max_sample_interval=config.delay or None,
+        )
+    if config.kind == "variable":
+        profile = ChannelProfile(config, duration)
+        return VariableDelay(
+            profile=profile,
+            size=size,
+            initial_value=initial_value,
+            max_sample_interval=profile.minimum or None,
+        )
+    if config.sample_period is None:
+        raise ValueError("sample_period: None; allowed: a number > 0 (s)")
     if config.kind == "sampled":
-        if config.sample_period is None:
-            raise ValueError("sample_period: None; allowed: a number > 0 (s)")
         return SampledDelay(
             delay=config.delay,
             sample_period=config.sample_period,
             size=size,
             initial_value=initial_value,
         )
-    return TransportDelay(
-        delay=config.delay,
+    return NetworkDelay(
+        network=PacketNetwork(
+            profile=ChannelProfile(config, duration),
+            sample_period=config.sample_period,
+            jitter=config.jitter,
+            loss=config.loss,
+            seed=config.seed,
+            stream=stream,
+        ),
+        receiver=config.receiver,
         size=size,
         initial_value=initial_value,
-        # The steps of the solver are what limits the error.
-        max_sample_interval=config.delay or None,
     )
 
 
@@ -85,7 +118,11 @@ def MakeTeleoperator(
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
         MakeChannel(
-            scenario.forward_channel, size=2 * n, initial_value=[0.0] * (2 * n)
+            scenario.forward_channel,
+            size=2 * n,
+            initial_value=[0.0] * (2 * n),
+            duration=scenario.duration,
+            stream="forward_channel",
         ),
     )
     controller = builder.AddNamedSystem(
@@ -113,6 +150,8 @@ def MakeTeleoperator(
             scenario.return_channel,
             size=2 * n,
             initial_value=[*np.asarray(config.start, dtype=float), *[0.0] * n],
+            duration=scenario.duration,
+            stream="return_channel",
         ),
     )
     for source, output, target, input_name in (

@@ -160,7 +160,7 @@ def test_run(case):
 
 
 @given(
-    command=st.sampled_from(["run", "show", "compare", "diagram", "list", "sweep", ""]),
+    command=st.sampled_from(["run", "show", "compare", "diagram", "list", "swap", ""]),
     scenario=st.sampled_from(["one_dof", "two_dof_puncture", "1dof", ".", "a.yaml"]),
     options=st.dictionaries(
         st.sampled_from(

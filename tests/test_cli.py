@@ -66,7 +66,7 @@ def test_list(capsys):
     for name in ScenarioNames():
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert LoadScenario(name).description in line
-    assert "direct_force, adaptive_backstepping" in out
+    assert "direct_force, adaptive_backstepping, network_tracking" in out
     assert "slider, two_link_arm" in out
 
 
@@ -126,6 +126,30 @@ def test_run_prints_a_table(capsys):
         row.startswith("control force peak x ") and row.endswith(" N") for row in rows
     )
     assert os.listdir() == []
+
+
+def test_tracking(capsys):
+    name = "network_tracking_coupled"
+    command = ["run", name, *SHORT]
+    assert main([*command, "--out", "."]) == 0
+    headline, _, *rows = capsys.readouterr().out.splitlines()
+    assert headline == f"{name}, network_tracking: 0.3 s simulated, completed"
+    for row, unit in (("max error x", "m"), ("disturbance rms error y", "N")):
+        (line,) = [line for line in rows if line.startswith(row)]
+        assert line.endswith(f" {unit}")
+    stem = f"{name}_network_tracking"
+    assert sorted(os.listdir()) == [f"{stem}.{end}" for end in ("json", "npz", "png")]
+    record = json.loads(Path(f"{stem}.json").read_text())
+    assert set(record["metrics"]) == {
+        "max_error",
+        "rms_error",
+        "disturbance_rms_error",
+    }
+    assert main(["diagram", name]) == 0
+    dot = capsys.readouterr().out
+    assert all(system in dot for system in ("reference", "robot", "disturbance"))
+    assert main(["show", name]) == 0
+    assert capsys.readouterr().out == ScenarioToYaml(LoadScenario(name))
 
 
 def test_run_json_on_stdout(capsys):
@@ -316,7 +340,7 @@ def no_simulation(monkeypatch):
         ("", "the following arguments are required: COMMAND"),
         ("rum one_dof", "argument COMMAND: invalid choice: 'rum'"),
         ("run", "the following arguments are required: SCENARIO"),
-        ("run one_dot", "scenario = 'one_dot': must be one of one_dof, "),
+        ("run one_dot", "scenario = 'one_dot': must be one of "),
         ("run a.yaml", "scenario file 'a.yaml': must be readable"),
         ("run one_dof two_dof", "unrecognized arguments: two_dof"),
         ("run one_dof --delays 1", "unrecognized arguments: --delays 1"),
@@ -343,6 +367,18 @@ def no_simulation(monkeypatch):
         ("compare one_dof --controllers ,", "--controllers = ',': must be different"),
         ("compare one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("compare one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
+        (
+            "compare network_tracking_linear",
+            "scenario = 'network_tracking_linear': must be a teleoperation to compare",
+        ),
+        (
+            "run network_tracking_linear --controller direct_force",
+            "controller.kind = 'direct_force': must be one of network_tracking",
+        ),
+        (
+            "run network_tracking_linear --delay 0.1",
+            "forward_channel.delay = 0.1: unknown key 'forward_channel', must be one",
+        ),
         ("show one_dof --set robot.mass=-1", "robot.mass: -1.0 must be finite and > 0"),
         ("diagram one_dof --depth -1", "--depth = -1: must be 0 or positive"),
         ("diagram one_dof --depth x", "argument --depth: invalid int value: 'x'"),

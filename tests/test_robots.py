@@ -93,8 +93,7 @@ def test_c21_as_printed_is_wrong(arm, x):
 
 @pytest.mark.parametrize("x", random_states())
 def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a(x):
-    plant = LoadRobotPlant("two_link_arm")
-    plant.mutable_gravity_field().set_gravity_vector([0, -appendix_a.g, 0])
+    plant = LoadRobotPlant("two_link_arm", gravity=[0, -appendix_a.g])
     context = plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(context, x)
     np.testing.assert_allclose(

@@ -20,10 +20,12 @@ from teleop_drake.scenario import (
     ScenarioFromYaml,
     ScenarioNames,
     ScenarioToYaml,
+    TrackingScenario,
 )
 
 SCENARIOS = Path(dut.__file__).parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
+TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
 MINIMAL = """
 duration: 2
@@ -41,7 +43,7 @@ def minimal(tmp_path: Path) -> Path:
 
 
 def test_names():
-    assert ScenarioNames() == BUILT_IN
+    assert ScenarioNames() == TRACKING + BUILT_IN
 
 
 # The thesis's table of tasks (section 2.5) and gains (sections 4.2, 5.2).
@@ -85,11 +87,13 @@ def test_gains(name):
     assert (controller.adaptation_rate, controller.leakage) == (0.1, 0.1)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
 def test_files_state_every_field_with_its_source(name):
     # Null is written out only where it means something.
     unused = {"robot": {"elbow"} if name == "one_dof" else {"mass", "damping"}}
-    unused["forward_channel"] = unused["return_channel"] = {"sample_period"}
+    unused["forward_channel"] = unused["return_channel"] = {
+        field.name for field in dataclasses.fields(dut.ChannelConfig)
+    } - {"kind", "delay"}
     unused[""] = {"name"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
@@ -97,12 +101,12 @@ def test_files_state_every_field_with_its_source(name):
     def compare(written: dict, complete: dict, path: str) -> None:
         assert set(complete) - set(written) == unused.get(path, set())
         for key, value in complete.items():
-            if isinstance(value, dict):
+            if isinstance(value, dict) and key in written:
                 compare(written[key], value, key)
 
     written = yaml.safe_load(text)
     compare(written, yaml.safe_load(ScenarioToYaml(LoadScenario(name))), "")
-    for layer in written["environment"]["layers"]:
+    for layer in written.get("environment", {}).get("layers", []):
         assert set(layer) == {f.name for f in dataclasses.fields(dut.LayerConfig)}
     for line in text.splitlines():
         # A value that is neither a section nor the two texts.
@@ -118,14 +122,14 @@ def test_files_state_every_field_with_its_source(name):
 # Round trip.
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
 def test_round_trip(name, tmp_path):
     overrides = {
         "controller.Lambda": 2.5,
         "simulator.accuracy": 1e-9,
         "description": "Überprüfung:\n - two lines, 'quotes' and # more",
     }
-    if name != "one_dof":
+    if name.startswith("two_dof"):
         overrides["controller.initial_psi"] = [[4.0, -1.0], [-1.0, 3.0]]
     scenario = LoadScenario(name, overrides)
     text = ScenarioToYaml(scenario)
@@ -138,7 +142,7 @@ def test_round_trip(name, tmp_path):
     assert loaded.description == overrides["description"]
     assert ScenarioToYaml(loaded) == text
     assert ScenarioFromYaml(text) == scenario
-    loaded.controller.G2 += 1
+    loaded.controller.G1 += 1
     assert loaded != scenario
     assert scenario != name
 
@@ -581,6 +585,116 @@ def test_bad_values_of_the_arm(overrides, message):
 
 
 @pytest.mark.parametrize(
+    "override, message",
+    [
+        (
+            "controller.kind=direct_force",
+            "controller.kind = 'direct_force': must be one",
+        ),
+        ("controller.Lambda=-1", "controller.Lambda = -1.0: must be positive"),
+        ("controller.G1=null", "controller.G1 = null: must be positive"),
+        (
+            "controller.adaptation_rate=-1",
+            "controller.adaptation_rate = -1.0: must be ",
+        ),
+        ("controller.adaptation_rate=", "controller.adaptation_rate = null: must be "),
+        (
+            "controller.leakage=.nan",
+            "controller.leakage = nan: must be a finite number",
+        ),
+        (
+            "controller.network.count=[5]",
+            "controller.network.count = [5]: must be a li",
+        ),
+        (
+            "controller.G2=20",
+            "controller.G2 = 20: unknown key 'G2', must be one of kind",
+        ),
+        (
+            "forward_channel.delay=0.1",
+            "forward_channel.delay = 0.1: unknown key 'forwa",
+        ),
+        ("surgeon={}", "surgeon = {}: unknown key 'surgeon', must be one of name"),
+        (
+            "robot={model: slider, start: [0]}",
+            "robot.model = 'slider': must be one of two_link_arm",
+        ),
+        ("robot.start=[2, 0]", "robot.start: [2.0, 0.0] is 2 m from the shoulder"),
+        (
+            "gravity=9.81",
+            "gravity = [9.81]: must be a list of 2 finite numbers (m/s^2)",
+        ),
+        (
+            "trajectory=null",
+            "trajectory = null: must be a mapping with the keys centre",
+        ),
+        ("trajectory.centre=[1]", "trajectory.centre = [1.0]: must be a list of 2"),
+        (
+            "trajectory.amplitude=[.inf, 0]",
+            "trajectory.amplitude = [inf, 0.0]: must be",
+        ),
+        ("trajectory.amplitude=[1, 0]", "trajectory.amplitude = [1.0, 0.0]: must keep"),
+        # Both ends are in reach, the shoulder in between is not.
+        (
+            "trajectory={centre: [0.1, 0], amplitude: [0.9, 0]}",
+            "trajectory.amplitude = [0.9, 0.0]: must keep the trajectory in reach ([0",
+        ),
+        (
+            "trajectory.frequency=-1",
+            "trajectory.frequency = -1.0: must be a finite num",
+        ),
+        (
+            "trajectory.frequency=1e4",
+            "trajectory.frequency = 10000.0: must be a finite",
+        ),
+        ("trajectory.phase=.inf", "trajectory.phase = inf: must be a finite number"),
+        (
+            "disturbance.kind=cubic",
+            "disturbance.kind = 'cubic': must be one of linear,",
+        ),
+        (
+            "disturbance.gain=null",
+            "disturbance.gain = null: must be a finite number or",
+        ),
+        ("disturbance.gain=.inf", "disturbance.gain = inf: must be a finite number or"),
+        (
+            "disturbance.gain=[[1]]",
+            "disturbance.gain = [[1.0]]: must be a finite number",
+        ),
+        ("divergence_speed=0", "divergence_speed = 0.0: must be a finite number > 0 ("),
+        ("simulator.start_time=1", "simulator.start_time = 1.0: must be 0 s"),
+    ],
+)
+def test_bad_values_of_tracking(override, message):
+    with pytest.raises(ScenarioError) as info:
+        LoadScenario("network_tracking_linear", [override])
+    assert str(info.value).startswith(message)
+    assert str(info.value).isprintable()
+
+
+def test_tracking_scenario():
+    scenario = LoadScenario(
+        "network_tracking_linear", ["disturbance.gain=[[1, 2], [3, 4]]"]
+    )
+    assert isinstance(scenario, TrackingScenario)
+    assert scenario.num_axes == 2
+    assert scenario.disturbance.gain.tolist() == [[1, 2], [3, 4]]
+    # Section 3.4.
+    controller = scenario.controller
+    assert (controller.Lambda, controller.G1) == (35, 1)
+    assert (controller.adaptation_rate, controller.leakage) == (5, 0.001)
+    assert LoadScenario("network_tracking_coupled").disturbance.gain == 10
+    # No delay limits the step.
+    step = LoadScenario("network_tracking_linear", ["simulator.max_step_size=2"])
+    assert step.simulator.max_step_size == 2
+    # A line through a point is as good as one along it.
+    LoadScenario("network_tracking_linear", ["trajectory.amplitude=[0, 0]"])
+    scenario.trajectory.amplitude = [2, 0]
+    with pytest.raises(ScenarioError, match=r"^trajectory.amplitude = \[2.0, 0.0\]"):
+        scenario.Validate()
+
+
+@pytest.mark.parametrize(
     "override, suggestion",
     [
         ("controller.kind=adaptive_backsteping", "adaptive_backstepping"),
@@ -635,7 +749,7 @@ def test_bad_files(text, message, tmp_path):
     "name, message",
     [
         ("one_dot", r"scenario = 'one_dot': must be .* \(did you mean 'one_dof'\?\)"),
-        ("", "scenario = '': must be one of one_dof, .* or a YAML file"),
+        ("", "scenario = '': must be one of .*one_dof, .* or a YAML file"),
         ("nowhere.yaml", "scenario file 'nowhere.yaml': must be readable"),
         ("no/where", "scenario file 'no/where': must be readable"),
         ("no\nwhere.yaml", r"scenario file 'no\\nwhere.yaml': must be readable"),

@@ -1,0 +1,168 @@
+"""Tracking with an adaptive network, the demonstration of chapter 3.
+
+The robot in task space, r being the position of its tool and v its velocity,
+
+    M_r dv/dt + h_r = F_c - F_e,    h_r = C_r v + G_r,                           (3.6)
+
+tracks r_d(t) while a force F_e acts that only the network W Phi can learn:
+
+    e   = r - r_d,    s = e' + Lambda e                                  (3.10, 3.11)
+    F_c = W Phi + h_r + M_r (r_d'' - Lambda e' - G1 s)                         (3.18)
+    dW/dt = beta (-M_r^-T s Phi^T - nu W)                                (3.19, 3.27)
+
+Hats are left out: W is the estimate of W*. Proof that this is right, with W~ = W* - W,
+for V1 = s^T s/2 + |W~|^2/(2 beta) (3.12), an exact network F_e = W* Phi and nu = 0:
+
+1.  (3.18) in (3.6) leaves  ds/dt = -G1 s - M_r^-1 W~ Phi, hence
+    d/dt s^T s/2 = -s^T G1 s - s^T M_r^-1 W~ Phi.
+2.  The weights add -<W~, dW/dt>/beta = +s^T M_r^-1 W~ Phi, which cancels.
+
+What remains is dV1/dt = -s^T G1 s exactly (3.20). The thesis prints dW/dt with the
+opposite sign in (3.19) and (3.27), from a wrong sign in front of Phi^T w~ in (3.16).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrackingGains:
+    """The constants of the law; n is the number of task axes.
+
+    Attributes:
+        Lambda: Weighs the position error against the velocity error in 1/s (n, n),
+            its symmetric part positive definite (3.11).
+        G1: Damping of s in 1/s (n, n), its symmetric part positive definite (3.18).
+        beta: Adaptation rate, >= 0 (3.19).
+        nu: Leakage, >= 0 (3.27).
+
+    Raises:
+        ValueError: If a gain is not finite, has another size than Lambda or is not
+            what is stated above.
+    """
+
+    Lambda: Array
+    G1: Array
+    beta: float
+    nu: float
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.Lambda))
+        for name in ("Lambda", "G1"):
+            matrix = np.array(getattr(self, name), dtype=float)
+            if (
+                matrix.shape != (n, n)
+                or not np.isfinite(matrix).all()
+                or np.linalg.eigvalsh(matrix + matrix.T)[0] <= 0
+            ):
+                raise ValueError(
+                    f"{name} must be a positive definite {n} x {n} matrix, "
+                    f"got {matrix.tolist()}"
+                )
+            matrix.setflags(write=False)
+            object.__setattr__(self, name, matrix)
+        for name in ("beta", "nu"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and >= 0, got {value}")
+
+    @property
+    def num_axes(self) -> int:
+        """Number of task axes n."""
+        return len(self.Lambda)
+
+
+def task_dynamics(
+    *, M: Array, bias: Array, J: Array, J_dot_qdot: Array
+) -> tuple[Array, Array]:
+    """Returns the robot's dynamics as its tool feels them (2.8 to 2.10).
+
+    From M q'' + bias = J^T F and v = J q' follows M_r dv/dt + h_r = F with
+    M_r^-1 = J M^-1 J^T and h_r = M_r (J M^-1 bias - J' q').
+
+    Args:
+        M: Mass matrix (nv, nv).
+        bias: Coriolis, centrifugal and gravity terms on the left-hand side (nv).
+        J: Jacobian of the tool's velocity (n, nv) of full rank.
+        J_dot_qdot: J' q' in m/s^2 (n).
+
+    Returns:
+        (M_r in kg (n, n), h_r = C_r v + G_r in N (n)).
+
+    Raises:
+        numpy.linalg.LinAlgError: If the pose is exactly singular.
+    """
+    # One factorization serves M^-1 J^T and M^-1 bias.
+    solution = np.linalg.solve(M, np.column_stack([J.T, bias]))
+    M_r = np.linalg.inv(J @ solution[:, :-1])
+    return M_r, M_r @ (J @ solution[:, -1] - J_dot_qdot)
+
+
+def tracking_error(
+    gains: TrackingGains, *, r: Array, v: Array, r_d: Array, v_d: Array
+) -> Array:
+    """Returns s = (v - v_d) + Lambda (r - r_d) in m/s (n) (3.11)."""
+    return v - v_d + gains.Lambda @ (r - r_d)
+
+
+def tracking_force(
+    gains: TrackingGains,
+    *,
+    s: Array,
+    velocity_error: Array,
+    a_d: Array,
+    M_r: Array,
+    h_r: Array,
+    W: Array,
+    Phi: Array,
+) -> Array:
+    """Returns the control force F_c in N (n) (3.18).
+
+    Args:
+        gains: The constants of the law.
+        s: See tracking_error(), m/s (n).
+        velocity_error: e' = v - r_d' in m/s (n).
+        a_d: r_d'' in m/s^2 (n).
+        M_r: Inertia that the tool feels in kg (n, n).
+        h_r: C_r v + G_r in N (n).
+        W: Weights in N (n, N).
+        Phi: Basis functions (N).
+    """
+    a = a_d - gains.Lambda @ velocity_error - gains.G1 @ s
+    return W @ Phi + h_r + M_r @ a
+
+
+def weights_rate(
+    gains: TrackingGains, *, s: Array, M_r: Array, W: Array, Phi: Array
+) -> Array:
+    """Returns dW/dt in N/s (n, N) (3.27, its sign corrected); see tracking_force()."""
+    g = np.linalg.solve(M_r.T, s)
+    return -gains.beta * (np.outer(g, Phi) + gains.nu * W)
+
+
+def linear_disturbance(K: Array, r: Array, v: Array) -> Array:
+    """Returns F_e = K r in N (n), whatever the velocity v (3.7)."""
+    return K @ r
+
+
+def coupled_disturbance(K: Array, r: Array, v: Array) -> Array:
+    """Returns F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2] (3.8).
+
+    The terms have the units that make K times them N; K in N/m fits the first ones.
+
+    Args:
+        K: Gain (2, 2).
+        r: Position [x, z] in m.
+        v: Velocity [x', z'] in m/s.
+    """
+    (x, z), (x_dot, z_dot) = r, v
+    return K @ np.array(
+        [
+            x + x_dot * z + 2 * z_dot * x + z * z,
+            z + z_dot * x + 2 * z * x_dot + x * x,
+        ]
+    )

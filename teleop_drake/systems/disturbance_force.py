@@ -1,0 +1,66 @@
+"""The force that disturbs the robot in the demonstration of chapter 3."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
+
+_LAWS = {"linear": linear_disturbance, "coupled": coupled_disturbance}
+
+
+class DisturbanceForce(LeafSystem):
+    """A force that depends on where the tool is and how fast it moves.
+
+        linear    F_e = K r                                                      (3.7)
+        coupled   F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2]     (3.8)
+
+    | port | name              | size | unit                                       |
+    |------|-------------------|------|--------------------------------------------|
+    | in   | tool_position     | n    | m                                          |
+    | in   | tool_velocity     | n    | m/s                                        |
+    | out  | environment_force | n    | N, force of the robot ON the environment   |
+
+    State: none. Direct feedthrough: of both inputs; of the position only, if linear.
+
+    It knows nothing of contact: it acts everywhere, and it may feed energy in.
+
+    Args:
+        kind: linear or coupled; coupled needs two task axes.
+        gain: K in N/m (n, n).
+
+    Raises:
+        ValueError: If there is no such kind or the gain does not fit it.
+    """
+
+    def __init__(self, *, kind: str, gain: ArrayLike):
+        LeafSystem.__init__(self)
+        K = np.array(gain, dtype=float)
+        if kind not in _LAWS:
+            raise ValueError(f"kind must be one of {', '.join(_LAWS)}, got {kind!r}")
+        if K.ndim != 2 or K.shape[0] != K.shape[1] or not np.isfinite(K).all():
+            raise ValueError(f"gain must be a square, finite matrix, got {gain!r}")
+        if kind == "coupled" and len(K) != 2:
+            raise ValueError(f"gain must be 2 x 2 for kind coupled, got {gain!r}")
+        self._law = _LAWS[kind]
+        self._gain = K
+        self.set_name("disturbance_force")
+
+        self._position = self.DeclareVectorInputPort("tool_position", len(K))
+        self._velocity = self.DeclareVectorInputPort("tool_velocity", len(K))
+        prerequisites = {self._position.ticket()}
+        if kind == "coupled":
+            prerequisites.add(self._velocity.ticket())
+        self.DeclareVectorOutputPort(
+            "environment_force",
+            len(K),
+            self._CalcForce,
+            prerequisites_of_calc=prerequisites,
+        )
+
+    def _CalcForce(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(
+            self._law(
+                self._gain, self._position.Eval(context), self._velocity.Eval(context)
+            )
+        )

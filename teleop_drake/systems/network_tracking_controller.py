@@ -1,0 +1,221 @@
+"""Tracking of a trajectory with an adaptive network, the controller of chapter 3."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    LeafSystem,
+    ValueProducer,
+)
+
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.tracking import (
+    TrackingGains,
+    task_dynamics,
+    tracking_error,
+    tracking_force,
+    weights_rate,
+)
+
+
+class NetworkTrackingController(LeafSystem):
+    """Tracks a trajectory; what the model does not explain, a network learns.
+
+        s     = (v - r_d') + Lambda (r - r_d)                                   (3.11)
+        F_c   = W Phi + C_r v + G_r + M_r (r_d'' - Lambda (v - r_d') - G1 s)    (3.18)
+        dW/dt = beta (-M_r^-T s Phi^T - nu W)                             (3.19, 3.27)
+
+    The law itself is `teleop_drake.laws.tracking`, which also says why the sign of
+    dW/dt is not the printed one. M_r, C_r and G_r are those of `plant` at the given
+    joint state: this controller knows the robot. It does not know the disturbance.
+    The network's input is the tool's position.
+
+    | port | name                 | size | unit         | is                        |
+    |------|----------------------|------|--------------|---------------------------|
+    | in   | desired_position     | n    | m            | r_d                       |
+    | in   | desired_velocity     | n    | m/s          | r_d'                      |
+    | in   | desired_acceleration | n    | m/s^2        | r_d''                     |
+    | in   | tool_position        | n    | m            | r, input of the network   |
+    | in   | tool_velocity        | n    | m/s          | v                         |
+    | in   | joint_position       | nq   | rad or m     | q                         |
+    | in   | joint_velocity       | nv   | rad/s or m/s | q'                        |
+    | out  | control_force        | n    | N            | F_c                       |
+    | out  | disturbance_estimate | n    | N            | W Phi, estimates F_e      |
+    | out  | weights_1            | n N  | N            | W, row by row             |
+    | out  | auxiliary_error      | n    | m/s          | s                         |
+
+    State (continuous): W (n N), row by row; 0 at first.
+
+    Direct feedthrough: all inputs to control_force; tool_position alone to
+    disturbance_estimate; positions and velocities, but not of the joints, to
+    auxiliary_error; none to weights_1.
+
+    It neither limits the force nor avoids singular poses, where M_r is infinite.
+
+    Args:
+        gains: The constants of the law.
+        network: The basis functions, with n inputs in m.
+        plant: A finalized plant with the robot's masses and gravity.
+        tool_name: The body whose origin is the tool T.
+
+    Raises:
+        ValueError: If the network does not have one input per axis.
+    """
+
+    def __init__(
+        self,
+        *,
+        gains: TrackingGains,
+        network: GaussianNetwork,
+        plant: MultibodyPlant,
+        tool_name: str = "tool",
+    ):
+        LeafSystem.__init__(self)
+        n, N = gains.num_axes, network.num_functions
+        if network.num_inputs != n:
+            raise ValueError(
+                f"network must have one input per task axis ({n}), got a network of "
+                f"{network.num_inputs} inputs"
+            )
+        self._gains = gains
+        self._network = network
+        self._plant = plant
+        self._tool_frame = plant.GetFrameByName(tool_name)
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._origin = np.zeros(3)
+        self.set_name("network_tracking_controller")
+
+        self._desired_position = self.DeclareVectorInputPort("desired_position", n)
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", n)
+        self._desired_acceleration = self.DeclareVectorInputPort(
+            "desired_acceleration", n
+        )
+        self._tool_position = self.DeclareVectorInputPort("tool_position", n)
+        self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
+        self._joint_position = self.DeclareVectorInputPort(
+            "joint_position", plant.num_positions()
+        )
+        self._joint_velocity = self.DeclareVectorInputPort(
+            "joint_velocity", plant.num_velocities()
+        )
+        self.DeclareContinuousState(n * N)
+
+        state = {self.xc_ticket()}
+        position = {self._tool_position.ticket()}
+        joints = {self._joint_position.ticket(), self._joint_velocity.ticket()}
+        errors = position | {
+            self._tool_velocity.ticket(),
+            self._desired_position.ticket(),
+            self._desired_velocity.ticket(),
+        }
+        # Both the force and the weights need them.
+        self._dynamics = self.DeclareCacheEntry(
+            "task_dynamics",
+            ValueProducer(allocate=Value[object], calc=self._CalcDynamics),
+            joints,
+        )
+        self._basis = self.DeclareCacheEntry(
+            "basis_functions",
+            ValueProducer(allocate=Value[object], calc=self._CalcBasis),
+            position,
+        )
+        for name, size, calc, prerequisites in (
+            (
+                "control_force",
+                n,
+                self._CalcControlForce,
+                state | joints | errors | {self._desired_acceleration.ticket()},
+            ),
+            (
+                "disturbance_estimate",
+                n,
+                self._CalcDisturbanceEstimate,
+                state | position,
+            ),
+            ("weights_1", n * N, self._CalcWeights, state),
+            ("auxiliary_error", n, self._CalcAuxiliaryError, errors),
+        ):
+            self.DeclareVectorOutputPort(
+                name, size, calc, prerequisites_of_calc=prerequisites
+            )
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Evaluates the law; called by Drake several times in every step."""
+        rate = weights_rate(
+            self._gains,
+            s=self._EvalAuxiliaryError(context),
+            M_r=self._dynamics.Eval(context)[0],
+            W=self._GetWeights(context),
+            Phi=self._basis.Eval(context),
+        )
+        derivatives.SetFromVector(rate.ravel())
+
+    def _GetWeights(self, context: Context) -> np.ndarray:
+        x = context.get_continuous_state_vector().CopyToVector()
+        return x.reshape(self._gains.num_axes, -1)
+
+    def _CalcDynamics(self, context: Context, output: Value[object]) -> None:
+        plant, plant_context = self._plant, self._plant_context
+        plant.SetPositions(plant_context, self._joint_position.Eval(context))
+        plant.SetVelocities(plant_context, self._joint_velocity.Eval(context))
+        world, n = plant.world_frame(), self._gains.num_axes
+        of_tool = (self._tool_frame, self._origin, world, world)
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+            plant_context, JacobianWrtVariable.kV, *of_tool
+        )
+        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(
+            plant_context, JacobianWrtVariable.kV, *of_tool
+        )
+        output.set_value(
+            task_dynamics(
+                M=plant.CalcMassMatrix(plant_context),
+                bias=plant.CalcBiasTerm(plant_context)
+                - plant.CalcGravityGeneralizedForces(plant_context),
+                J=Jv_v_WT[:n],
+                J_dot_qdot=Jv_dot_v.ravel()[:n],
+            )
+        )
+
+    def _CalcBasis(self, context: Context, output: Value[object]) -> None:
+        output.set_value(self._network.evaluate(self._tool_position.Eval(context)))
+
+    def _EvalAuxiliaryError(self, context: Context) -> np.ndarray:
+        return tracking_error(
+            self._gains,
+            r=self._tool_position.Eval(context),
+            v=self._tool_velocity.Eval(context),
+            r_d=self._desired_position.Eval(context),
+            v_d=self._desired_velocity.Eval(context),
+        )
+
+    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
+        M_r, h_r = self._dynamics.Eval(context)
+        output.SetFromVector(
+            tracking_force(
+                self._gains,
+                s=self._EvalAuxiliaryError(context),
+                velocity_error=self._tool_velocity.Eval(context)
+                - self._desired_velocity.Eval(context),
+                a_d=self._desired_acceleration.Eval(context),
+                M_r=M_r,
+                h_r=h_r,
+                W=self._GetWeights(context),
+                Phi=self._basis.Eval(context),
+            )
+        )
+
+    def _CalcDisturbanceEstimate(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._GetWeights(context) @ self._basis.Eval(context))
+
+    def _CalcWeights(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._GetWeights(context).ravel())
+
+    def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._EvalAuxiliaryError(context))

@@ -1,0 +1,122 @@
+"""The law of chapter 3 against closed forms and its own Lyapunov function."""
+
+from dataclasses import replace
+
+import appendix_a as arm
+import numpy as np
+import pytest
+
+from teleop_drake.laws.tracking import (
+    TrackingGains,
+    coupled_disturbance,
+    linear_disturbance,
+    task_dynamics,
+    tracking_error,
+    tracking_force,
+    weights_rate,
+)
+
+GAINS = TrackingGains(
+    Lambda=np.array([[35.0, 3.0], [-2.0, 20.0]]),
+    G1=np.array([[1.0, 0.4], [-0.3, 2.0]]),
+    beta=5.0,
+    nu=0.0,
+)
+
+
+def J_dot(q, qdot, h=1e-6):
+    return (arm.J(q + h * qdot) - arm.J(q - h * qdot)) / (2 * h)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_task_dynamics_are_those_of_the_arm(seed):
+    rng = np.random.default_rng(seed)
+    q = np.array([rng.uniform(-3, 3), rng.uniform(0.3, 2.8)])
+    qdot, F = rng.normal(size=2), rng.normal(size=2)
+    bias = arm.C(q, qdot) @ qdot + arm.G(q)
+    J, drift = arm.J(q), J_dot(q, qdot) @ qdot
+    M_r, h_r = task_dynamics(M=arm.M(q), bias=bias, J=J, J_dot_qdot=drift)
+    # The motion of the joints under F, seen at the tool.
+    qddot = np.linalg.solve(arm.M(q), J.T @ F - bias)
+    np.testing.assert_allclose(M_r @ (J @ qddot + drift) + h_r, F, atol=1e-9)
+    np.testing.assert_allclose(M_r, M_r.T, rtol=1e-9)
+
+
+def lyapunov_rate(seed, gains=GAINS, sign=1.0):
+    """Returns (dV1/dt, -s^T G1 s) of a random robot with an exact network.
+
+    Args:
+        seed: Of the random state.
+        gains: Constants of the law.
+        sign: Factor on the change of the weights.
+    """
+    rng = np.random.default_rng(seed)
+    n, N = 2, 7
+    root = rng.normal(size=(n, n))
+    M_r = root @ root.T + 0.5 * np.eye(n)
+    h_r, Phi = rng.normal(size=n), rng.uniform(size=N)
+    W, W_star = rng.normal(size=(2, n, N))
+    r, v, r_d, v_d, a_d = rng.normal(size=(5, n))
+
+    s = tracking_error(gains, r=r, v=v, r_d=r_d, v_d=v_d)
+    known = {"s": s, "M_r": M_r, "W": W, "Phi": Phi}
+    F_c = tracking_force(gains, velocity_error=v - v_d, a_d=a_d, h_r=h_r, **known)
+    W_rate = sign * weights_rate(gains, **known)
+    a = np.linalg.solve(M_r, F_c - W_star @ Phi - h_r)  # (3.6)
+    s_rate = a - a_d + gains.Lambda @ (v - v_d)
+    rate = s @ s_rate - np.sum((W_star - W) * W_rate) / gains.beta
+    return rate, -s @ gains.G1 @ s
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lyapunov_function_falls_as_in_3_20(seed):
+    rate, expected = lyapunov_rate(seed)
+    assert rate == pytest.approx(expected, rel=1e-9)
+
+
+def test_with_the_printed_sign_it_does_not():
+    differences = [np.subtract(*lyapunov_rate(seed, sign=-1.0)) for seed in range(20)]
+    assert min(np.abs(differences)) > 1
+
+
+def test_leakage_pulls_the_weights_to_zero():
+    rng = np.random.default_rng(0)
+    W = rng.normal(size=(2, 7))
+    known = {"s": rng.normal(size=2), "M_r": np.eye(2), "Phi": rng.uniform(size=7)}
+    pull = weights_rate(replace(GAINS, nu=0.25), W=W, **known) - weights_rate(
+        GAINS, W=W, **known
+    )
+    np.testing.assert_allclose(pull, -5.0 * 0.25 * W)
+
+
+def test_disturbances():
+    K = np.array([[1.0, 10.0], [0.0, 2.0]])
+    r, v = np.array([2.0, 3.0]), np.array([5.0, 7.0])
+    assert linear_disturbance(K, r, v).tolist() == [32, 6]
+    # x + x' z + 2 z' x + z^2 = 2 + 15 + 28 + 9; z + z' x + 2 z x' + x^2 = 3 + 14 + ...
+    assert coupled_disturbance(K, r, v).tolist() == [54 + 510, 102]
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"Lambda": -np.eye(2)}, "Lambda must be a positive definite 2 x 2 matrix"),
+        ({"Lambda": np.array(1.0)}, "Lambda must be a positive definite 1 x 1"),
+        ({"G1": np.eye(3)}, "G1 must be a positive definite 2 x 2 matrix"),
+        ({"G1": np.diag([1.0, np.inf])}, "G1 must be"),
+        ({"beta": -1.0}, "beta must be finite and >= 0, got -1"),
+        ({"nu": np.nan}, "nu must be finite and >= 0, got nan"),
+    ],
+)
+def test_bad_gains(change, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        replace(GAINS, **change)
+
+
+def test_gains_are_copies():
+    Lambda = np.eye(2)
+    gains = replace(GAINS, Lambda=Lambda)
+    Lambda[0, 0] = 7
+    assert gains.Lambda[0, 0] == 1
+    assert not gains.Lambda.flags.writeable
+    assert gains.num_axes == 2

@@ -1,0 +1,111 @@
+"""The controller's block of chapter 3; tests/test_network_tracking.py has the loop."""
+
+import appendix_a as arm
+import numpy as np
+import pytest
+
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.tracking import TrackingGains
+from teleop_drake.robots import LoadRobotPlant
+from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
+
+INPUTS = (
+    "desired_position",
+    "desired_velocity",
+    "desired_acceleration",
+    "tool_position",
+    "tool_velocity",
+    "joint_position",
+    "joint_velocity",
+)
+NETWORK = GaussianNetwork(lower=[-1, -1], upper=[1, 1], count=[4, 5], width=1.0)
+
+
+@pytest.fixture(scope="module")
+def block():
+    return NetworkTrackingController(
+        gains=TrackingGains(
+            Lambda=np.diag([35.0, 20.0]), G1=np.diag([1.0, 2.0]), beta=5.0, nu=0.1
+        ),
+        network=NETWORK,
+        plant=LoadRobotPlant("two_link_arm", gravity=[0, -9.81]),
+    )
+
+
+def make_context(block, seed):
+    rng = np.random.default_rng(seed)
+    context = block.CreateDefaultContext()
+    values = {name: rng.normal(size=2) for name in INPUTS}
+    values["joint_position"][1] = 1.3
+    for name, value in values.items():
+        block.GetInputPort(name).FixValue(context, value)
+    W = rng.normal(size=(2, NETWORK.num_functions))
+    context.SetContinuousState(W.ravel())
+    return context, values, W
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_law_with_the_dynamics_of_appendix_a(block, seed):
+    context, x, W = make_context(block, seed)
+    q, qdot = x["joint_position"], x["joint_velocity"]
+    J_inv = np.linalg.inv(arm.J(q))
+    h = 1e-6
+    J_dot = (arm.J(q + h * qdot) - arm.J(q - h * qdot)) / (2 * h)
+    M_r = J_inv.T @ arm.M(q) @ J_inv  # (2.8)
+    h_r = J_inv.T @ (arm.C(q, qdot) @ qdot + arm.G(q)) - M_r @ J_dot @ qdot
+    e = x["tool_position"] - x["desired_position"]
+    e_dot = x["tool_velocity"] - x["desired_velocity"]
+    s = e_dot + np.array([35, 20]) * e
+    Phi = NETWORK.evaluate(x["tool_position"])
+    a = x["desired_acceleration"] - np.array([35, 20]) * e_dot - np.array([1, 2]) * s
+    for name, expected in {
+        "control_force": W @ Phi + h_r + M_r @ a,
+        "disturbance_estimate": W @ Phi,
+        "weights_1": W.ravel(),
+        "auxiliary_error": s,
+    }.items():
+        value = block.GetOutputPort(name).Eval(context)
+        np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-6)
+    g = np.linalg.solve(M_r, s)
+    np.testing.assert_allclose(
+        block.EvalTimeDerivatives(context).CopyToVector(),
+        (-5 * (np.outer(g, Phi) + 0.1 * W)).ravel(),
+        rtol=1e-6,
+        atol=1e-6,
+    )
+
+
+def test_feedthrough(block):
+    expected = {
+        "control_force": set(INPUTS),
+        "disturbance_estimate": {"tool_position"},
+        "weights_1": set(),
+        "auxiliary_error": {
+            "desired_position",
+            "desired_velocity",
+            "tool_position",
+            "tool_velocity",
+        },
+    }
+    for output, inputs in expected.items():
+        index = block.GetOutputPort(output).get_index()
+        assert {
+            name
+            for name in INPUTS
+            if block.HasDirectFeedthrough(block.GetInputPort(name).get_index(), index)
+        } == inputs
+
+
+def test_weights_start_at_zero(block):
+    context = block.CreateDefaultContext()
+    weights = block.GetOutputPort("weights_1").Eval(context)
+    assert weights.tolist() == [0.0] * 2 * NETWORK.num_functions
+
+
+def test_size_of_the_network():
+    with pytest.raises(ValueError, match=r"one input per task axis \(2\), got a netw"):
+        NetworkTrackingController(
+            gains=TrackingGains(Lambda=np.eye(2), G1=np.eye(2), beta=5.0, nu=0.1),
+            network=GaussianNetwork(lower=[0], upper=[1], count=[3], width=1.0),
+            plant=LoadRobotPlant("two_link_arm"),
+        )

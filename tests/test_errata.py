@@ -1,0 +1,207 @@
+"""The evidence behind the package's list of errata."""
+
+import math
+import re
+from pathlib import Path
+
+import appendix_a
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import teleop_drake
+from teleop_drake.laws.layered_force import layer_force
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.thesis.studies import SimulateSyntheticPlant
+
+ERRATA = Path(teleop_drake.__file__).parent / "thesis" / "errata.md"
+TESTS = Path(__file__).parent
+START = np.array([0.85, 0.0])
+
+
+def InverseKinematics(p, sign=1.0):
+    """(A.14)"""
+    L1, L3 = appendix_a.L1, appendix_a.L3
+    C2 = (p @ p - L1**2 - L3**2) / (2 * L1 * L3)
+    S2 = sign * math.sqrt(1 - C2**2)
+    q2 = math.atan2(S2, C2)
+    q1 = math.atan2(p[1], p[0]) - math.atan2(L3 * math.sin(q2), L1 + L3 * math.cos(q2))
+    return np.array([q1, q2])
+
+
+def Mobility(q):
+    J = appendix_a.J(q)
+    return J @ np.linalg.solve(appendix_a.M(q), J.T)
+
+
+def Derivative(f, q, direction, h=1e-6):
+    return (f(q + h * direction) - f(q - h * direction)) / (2 * h)
+
+
+def test_every_test_that_the_errata_name_exists():
+    named = set(re.findall(r"`(test_\w+)`", ERRATA.read_text(encoding="utf-8")))
+    source = "".join(
+        path.read_text(encoding="utf-8") for path in TESTS.rglob("test_*.py")
+    )
+    assert len(named) > 10
+    assert {name for name in named if f"def {name}(" not in source} == set()
+
+
+def test_every_row_that_the_errata_name_exists():
+    ledger = (ERRATA.parent / "ledger.py").read_text(encoding="utf-8")
+    rows = re.findall(r"row `([^`]+)`", ERRATA.read_text(encoding="utf-8"))
+    assert rows
+    assert all(f'"{row}"' in ledger for row in rows)
+
+
+def test_printed_sign_of_the_haptic_device_runs_away():
+    backwards = {"haptic_device.numerator": [-25.0, -50.0], "duration": 10.0}
+    recording = simulate(
+        LoadScenario("one_dof", {"controller.kind": "direct_force", **backwards})
+    )
+    assert recording.termination == "diverged"
+    assert recording["tool_velocity"][-1, 0] < 0
+
+
+def test_absolute_x_is_right_in_tissue_and_wrong_on_bone():
+    scenario = LoadScenario("one_dof")
+    tissue, _, bone = scenario.environment.layers
+    assert bone.stiffness * bone.start == pytest.approx(2.25)
+    assert layer_force(bone, bone.start, 0.0) == 0.0
+    assert layer_force(tissue, 0.0075, 0.001) == pytest.approx(5.72e-4, rel=0.01)
+
+
+def test_task_space_coriolis_matrix():
+    rng = np.random.default_rng(1)
+    q, qdot = np.array([-0.9, 1.9]), rng.normal(size=2)
+    qddot = rng.normal(size=2)
+    M, C, J = appendix_a.M(q), appendix_a.C(q, qdot), appendix_a.J(q)
+    J_dot = Derivative(appendix_a.J, q, qdot)
+    J_inv = np.linalg.inv(J)
+    C_r = J_inv.T @ (C - M @ J_inv @ J_dot) @ J_inv
+    a = J @ qddot + J_dot @ qdot
+    force = J_inv.T @ (M @ qddot + C @ qdot)
+    assert J_inv.T @ M @ J_inv @ a + C_r @ (J @ qdot) == pytest.approx(force)
+    # As printed, with the vector J' q' spread over the columns of the bracket.
+    printed = J_inv.T @ (C - (M @ J_inv @ J_dot @ qdot)[:, np.newaxis])
+    assert J_inv.T @ M @ J_inv @ a + printed @ (J @ qdot) != pytest.approx(
+        force, rel=0.1
+    )
+
+
+def test_c21_as_printed_creates_energy():
+    q, qdot = np.array([-0.9, 1.9]), np.array([0.7, -1.3])
+    M_dot = Derivative(appendix_a.M, q, qdot)
+    right = M_dot - 2 * appendix_a.C(q, qdot)
+    printed = M_dot - 2 * appendix_a.C_as_printed(q, qdot)
+    assert qdot @ right @ qdot == pytest.approx(0.0, abs=1e-8)
+    assert abs(qdot @ printed @ qdot) > 0.1
+
+
+def test_printed_sign_makes_V2_grow():
+    right = SimulateSyntheticPlant(duration=3.0)
+    printed = SimulateSyntheticPlant(duration=3.0, has_printed_sign=True)
+    assert (np.diff(right.V2) < 0).all()
+    np.testing.assert_allclose(right.V2, right.predicted, rtol=1e-5)
+    assert printed.V2[-1] > printed.V2[0]
+
+
+def test_direct_force_cannot_carry_the_arm():
+    q = InverseKinematics(START)
+    needed = np.linalg.solve(appendix_a.J(q).T, appendix_a.G(q))
+    assert np.linalg.norm(needed) > 3.4
+
+
+def test_estimate_at_zero_joint_angles_is_singular():
+    expected = np.diag([0.0, 6.86])
+    assert Mobility(np.zeros(2)) == pytest.approx(expected, abs=0.005)
+
+
+def test_printed_trajectory_leaves_the_workspace():
+    assert 1.1 + math.sin(math.pi / 2) > appendix_a.L1 + appendix_a.L3
+
+
+def test_elementwise_projection_does_not_keep_psi_invertible():
+    limit, rate = 0.1, np.array([[0.0, 1.0], [1.0, 0.0]])
+    Psi, target = np.array([[1.0, 0.2], [0.2, 1.0]]), np.ones((2, 2))
+    for _ in range(80):
+        # (5.53): an element below the limit may not fall. None is, none falls.
+        update = np.where((limit > Psi) & (rate < 0), 0.0, rate)
+        Psi = Psi + 0.01 * update
+    assert Psi == pytest.approx(target)
+    assert np.linalg.svd(Psi, compute_uv=False)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_mobility_that_the_delayed_loop_tolerates():
+    """H(s) mobility e^(-0.2 s)/s has its phase margin where both phases cancel."""
+
+    def Phase(w):
+        return math.atan(w / 2) - math.atan(w / 25) - 0.2 * w
+
+    w = brentq(Phase, 2.0, 10.0)
+    gain = math.hypot(25 * w, 50) / (w * math.hypot(w, 25) * w)
+    assert 1 / gain == pytest.approx(4.69, abs=0.005)
+    for x in np.linspace(0.85, 1.49, 30):
+        largest = np.linalg.eigvalsh(Mobility(InverseKinematics(np.array([x, 0.0]))))[
+            -1
+        ]
+        assert 6.0 < largest < 6.8
+
+
+def test_first_impact_of_an_undamped_spring():
+    assert 1e-3 * math.sqrt(150.0 * 0.5) == pytest.approx(8.66e-3, rel=1e-3)
+
+
+def test_case_I_reaches_the_edge_of_the_workspace():
+    scenario = LoadScenario("two_dof_puncture")
+    way = appendix_a.L1 + appendix_a.L3 - scenario.robot.start[0]
+    assert way / scenario.surgeon.velocity[0] == pytest.approx(6.5)
+    assert scenario.duration > 6.5
+
+
+def test_completed_square():
+    lam, delta, mu = 2.0, 0.7, np.linspace(0.0, 3.0, 31)
+    bound = -lam * mu**2 + mu * delta
+    square = -lam * (mu - delta / (2 * lam)) ** 2 + delta**2 / (4 * lam)
+    assert square == pytest.approx(bound)
+    assert -lam * mu**2 - mu * delta / lam != pytest.approx(bound)
+    assert (bound[mu > delta / lam] < 0).all()
+
+
+def test_network_1_target_needs_lambda():
+    """ds/dt of (4.5) against (4.7), with and without Lambda in the first terms."""
+    Lambda, m, c, k, d = 3.0, 0.5, 0.1, 7.0, 0.5
+    x, v, f_c, f_h_dot = 0.2, -0.4, 1.3, 0.9
+    f_e = k * x + d * v
+    a = (f_c - f_e - c * v) / m
+    s_dot = a + Lambda * (k * v + d * a - f_h_dot)
+    psi = (1 + Lambda * d) / m
+    rest = -psi * c * v - Lambda * f_h_dot
+    assert psi * (f_c - f_e) + Lambda * k * v + rest == pytest.approx(s_dot)
+    assert psi * (f_c - f_e) + k * v + rest != pytest.approx(s_dot)
+
+
+def test_printed_reductions():
+    pairs = [(0.26, 0.472), (0.658, 0.72), (9.42, 11.3)]
+    reductions = [round(100 * (1 - ours / direct)) for ours, direct in pairs]
+    assert reductions == [45, 9, 17]
+
+
+def test_appendix_a_is_consistent():
+    q = np.array([-0.7, 1.6])
+    J = np.column_stack([Derivative(appendix_a.p_WT, q, e) for e in np.eye(2)])
+    assert appendix_a.J(q) == pytest.approx(J, abs=1e-8)
+
+    def Potential(q):
+        first = appendix_a.L2 * math.sin(q[0])
+        second = appendix_a.L1 * math.sin(q[0]) + appendix_a.L4 * math.sin(q.sum())
+        return appendix_a.g * (appendix_a.m1 * first + appendix_a.m2 * second)
+
+    G = [Derivative(Potential, q, e) for e in np.eye(2)]
+    assert appendix_a.G(q) == pytest.approx(G)
+    for sign in (1.0, -1.0):
+        p = np.array([0.9, -0.3])
+        assert appendix_a.p_WT(InverseKinematics(p, sign)) == pytest.approx(p)
+    rod = appendix_a.m1 * appendix_a.L1**2 / 12
+    assert math.isclose(appendix_a.I1, rod, rel_tol=2e-3)

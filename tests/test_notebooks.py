@@ -1,0 +1,166 @@
+"""The notebooks: they run in a kernel of their own, and are committed clean.
+
+Every cell runs, with deprecation warnings as errors and in an empty directory. Where
+there is a live slider it is moved, and its cell runs again without ipywidgets.
+"""
+
+import ast
+import os
+import re
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+
+TESTS = Path(__file__).parent
+FAILING = TESTS / "failing_notebook.ipynb"
+NOTEBOOKS = sorted((TESTS.parent / "notebooks").glob("*.ipynb"))
+WITH_SLIDER = [path for path in NOTEBOOKS if "ipywidgets" in path.read_text("utf-8")]
+
+# The standard preamble, after the imports.
+PREAMBLE = '\n\nset_matplotlib_formats("retina")\n'
+
+# Runs before the first cell. Importing Drake's module first keeps it from putting its
+# own filter in front.
+STRICT = f"""\
+import sys, warnings
+import pydrake.common.deprecation
+warnings.simplefilter("error", DeprecationWarning)
+assert sys.executable == {sys.executable!r}, sys.executable
+"""
+
+MOVE_SLIDER = """\
+first = picture.value
+slider.value = 0.2
+assert picture.value != first
+slider.value = 0.1
+assert picture.value == first
+"""
+
+HIDE_WIDGETS = "sys.modules['ipywidgets'] = None"
+
+
+def Read(path):
+    return nbformat.read(path, as_version=4)
+
+
+def CodeCells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def Execute(notebook, directory):
+    """Executes a notebook in place; raises what its cells raise or print to stderr."""
+    strict = nbformat.v4.new_code_cell(STRICT)
+    notebook.cells.insert(0, strict)
+    NotebookClient(
+        notebook,
+        timeout=600,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(directory)}},
+    ).execute(
+        env=os.environ
+        | {
+            "DRAKE_DEPRECATION_RUNTIME_SEVERITY": "error",
+            "IPYTHONDIR": str(directory / "ipython"),
+        }
+    )
+    notebook.cells.remove(strict)
+    for cell in CodeCells(notebook):
+        for output in cell.outputs:
+            assert output.get("name") != "stderr", output.text
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_runs(path, tmp_path):
+    notebook = Read(path)
+    if path in WITH_SLIDER:
+        (slider,) = [
+            cell for cell in CodeCells(notebook) if "ipywidgets" in cell.source
+        ]
+        notebook.cells += map(
+            nbformat.v4.new_code_cell, [MOVE_SLIDER, HIDE_WIDGETS, slider.source]
+        )
+    Execute(notebook, tmp_path)
+    cells = CodeCells(notebook)
+    shown = [
+        output.data
+        for cell in cells
+        for output in cell.outputs
+        if output.output_type in ("display_data", "execute_result")
+    ]
+    pictures = [
+        data
+        for data in shown
+        if "image/png" in data or "<svg" in data.get("text/html", "")
+    ]
+    assert len(pictures) >= 4
+    if path in WITH_SLIDER:
+        assert "image/png" in cells[-1].outputs[-1].data
+
+
+def test_sliders_are_where_they_are_promised():
+    stems = [path.stem for path in WITH_SLIDER]
+    assert {"02_delay_one_dof", "03_delay_two_dof"} <= set(stems)
+
+
+@pytest.mark.parametrize(
+    ("number", "error"),
+    [
+        (0, "AssertionError"),
+        (1, "DeprecationWarning"),
+        (2, "DrakeDeprecationWarning"),
+        (3, "something is wrong"),
+    ],
+)
+def test_the_runner_notices_a_failure(number, error, tmp_path):
+    notebook = Read(FAILING)
+    notebook.cells = [CodeCells(notebook)[number]]
+    with pytest.raises((CellExecutionError, AssertionError), match=error):
+        Execute(notebook, tmp_path)
+
+
+@pytest.mark.parametrize("path", [*NOTEBOOKS, FAILING], ids=lambda path: path.stem)
+def test_is_committed_clean(path):
+    notebook = Read(path)
+    nbformat.validate(notebook)
+    assert notebook.metadata == {
+        "kernelspec": {
+            "display_name": "Python 3",
+            "language": "python",
+            "name": "python3",
+        },
+        "language_info": {"name": "python"},
+    }
+    assert all(cell.metadata == {} for cell in notebook.cells)
+    assert all(cell.source.strip() for cell in notebook.cells)
+    for cell in CodeCells(notebook):
+        assert cell.outputs == []
+        assert cell.execution_count is None
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_is_a_story_with_the_public_api(path):
+    notebook = Read(path)
+    first, last = notebook.cells[0], notebook.cells[-1]
+    assert first.cell_type == last.cell_type == "markdown"
+    assert first.source.startswith("# ")
+    assert "to run" in first.source
+    assert last.source.startswith("## Things to try\n\n* ")
+    code = [cell.source for cell in CodeCells(notebook)]
+    assert code[0].startswith(("import ", "from "))
+    assert PREAMBLE in code[0]
+    for source in code:
+        assert "pydrake.all" not in source
+        # Nothing private is imported or called.
+        assert not re.search(r"(\.|import |, )_[a-zA-Z]", source), source
+        # What runs here is Python: no magic, no shell.
+        ast.parse(source)
+
+
+def test_other_notebooks_that_they_name_are_there():
+    stems = {path.stem for path in NOTEBOOKS}
+    for path in NOTEBOOKS:
+        assert set(re.findall(r"`(\d\d_\w+)`", path.read_text("utf-8"))) <= stems
