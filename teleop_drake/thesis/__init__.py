@@ -1,0 +1,1 @@
+"""What is particular to the 2012 thesis: its figures, claims and errata."""

@@ -1,0 +1,123 @@
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.thesis.figures import FIGURES, WritePicture
+from teleop_drake.thesis.runs import ThesisRuns
+
+pytestmark = pytest.mark.xdist_group("thesis")
+
+NUMBERS = [
+    *("2.1", "2.4"),
+    *(f"3.{i}" for i in range(2, 6)),
+    *(f"4.{i}" for i in range(1, 7)),
+    *(f"5.{i}" for i in range(1, 21)),
+]
+COMPARISONS = ["4.1", "4.2", "4.3", "5.1", "5.2", "5.3", "5.7", "5.8", "5.9", "5.10"]
+COMPARISONS += ["5.14", "5.15", "5.16", "5.17"]
+TIME_ONLY = ["5.9", "5.16"]
+
+
+def Curves(ax):
+    """The lines of a panel that are data: neither borders nor the zero line."""
+    return [line for line in ax.get_lines() if len(line.get_xdata()) > 2]
+
+
+def Legend(figure):
+    return [text.get_text() for box in figure.legends for text in box.get_texts()]
+
+
+def test_every_figure_of_the_thesis_is_there():
+    assert list(FIGURES) == NUMBERS
+    for number, figure in FIGURES.items():
+        assert figure.number == number
+        assert figure.title and figure.caption.endswith(".")
+
+
+@pytest.mark.parametrize("number", [n for n in NUMBERS if n != "2.1"])
+def test_axes_have_data_labels_and_units(thesis_runs, number):
+    figure = FIGURES[number].make(thesis_runs)
+    assert isinstance(figure, Figure)
+    axes = [ax for ax in figure.axes if ax.get_visible()]
+    assert axes
+    for ax in axes:
+        assert ax.get_lines()
+        for line in Curves(ax):
+            assert np.isfinite(line.get_xydata()).all()
+        assert any(
+            np.ptp(line.get_xdata()) > 0 or np.ptp(line.get_ydata()) > 0
+            for line in ax.get_lines()
+        )
+        # A panel that shares an axis shares its label too.
+        cell = ax.get_subplotspec()
+        if cell.is_last_row():
+            assert ax.get_xlabel().endswith("]") or "[mm]" in ax.get_xlabel()
+        if cell.is_first_col():
+            assert "[" in ax.get_ylabel() and ax.get_ylabel().endswith("]")
+
+
+@pytest.mark.parametrize("number", COMPARISONS)
+def test_comparisons_show_both_controllers(thesis_runs, number):
+    figure = FIGURES[number].make(thesis_runs)
+    legend = Legend(figure)
+    assert legend[0].startswith("direct force") and legend[1].startswith("adaptive")
+    for ax in figure.axes:
+        assert len(Curves(ax)) >= 2
+    columns = 1 if number in TIME_ONLY else 2
+    num_axes = 1 if number.startswith("4") else 2
+    assert len(figure.axes) == num_axes * columns
+    labels = {ax.get_xlabel() for ax in figure.axes} - {""}
+    assert "time [s]" in labels
+    assert len(labels) == columns
+
+
+def test_curves_are_those_of_the_runs(thesis_runs):
+    recording = thesis_runs("one_dof", **{"controller.kind": "adaptive_backstepping"})
+    (ax,) = FIGURES["4.6"].make(thesis_runs).axes
+    curves = Curves(ax)
+    assert len(curves) == recording["weights_3"].shape[1]
+    for k, curve in enumerate(curves):
+        np.testing.assert_array_equal(curve.get_xdata(), recording.time)
+        np.testing.assert_array_equal(curve.get_ydata(), recording["weights_3"][:, k])
+    position, _ = FIGURES["5.9"].make(thesis_runs).axes
+    recording = thesis_runs("two_dof_collision", **{"controller.kind": "direct_force"})
+    x = Curves(position)[0].get_ydata()
+    assert x.max() == pytest.approx(recording["tool_position"][:, 0].max(), rel=1e-4)
+
+
+def test_weights_of_the_planar_arm_are_told_apart_by_axis_and_centre(thesis_runs):
+    recording = thesis_runs(
+        "two_dof_combined", **{"controller.kind": "adaptive_backstepping"}
+    )
+    num_functions = recording["weights_1"].shape[1] // 2
+    for k, ax in enumerate(FIGURES["5.18"].make(thesis_runs).axes):
+        for i, curve in enumerate(Curves(ax)):
+            np.testing.assert_array_equal(
+                curve.get_ydata(), recording["weights_1"][:, k * num_functions + i]
+            )
+
+
+def test_stiffness_profile():
+    tissue, bone = FIGURES["2.4"].make(ThesisRuns(jobs=1)).axes
+    # k x at the end of the tissue: 0.01 N/m times 7.5 mm.
+    assert Curves(tissue)[0].get_ydata().max() == pytest.approx(0.075)
+    x, force = Curves(bone)[0].get_xydata()[-1]
+    assert force == pytest.approx(150 * (x - 15))
+
+
+def test_the_loop_is_a_diagram(tmp_path):
+    picture = FIGURES["2.1"].make(ThesisRuns(jobs=1))
+    assert isinstance(picture, Diagram)
+    png, svg = WritePicture(picture, tmp_path / FIGURES["2.1"].stem)
+    assert (png.name, svg.name) == ("figure_2_1.png", "figure_2_1.svg")
+    assert "forward_channel" in "".join(ElementTree.parse(svg).getroot().itertext())
+
+
+@pytest.mark.parametrize("number", ["2.1", "4.5", "5.1"])
+def test_files_are_reproducible(thesis_runs, reproduced, tmp_path, number):
+    figure = FIGURES[number]
+    for path in WritePicture(figure.make(thesis_runs), tmp_path / figure.stem):
+        assert path.read_bytes() == (reproduced.folder / path.name).read_bytes()

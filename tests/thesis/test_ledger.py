@@ -1,0 +1,196 @@
+"""The ledger: its verdicts follow from the runs."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from teleop_drake.metrics import RunMetrics
+from teleop_drake.thesis import ledger
+from teleop_drake.thesis.ledger import VERDICTS, Ledger, Row, ShortLedger
+
+pytestmark = pytest.mark.xdist_group("thesis")
+
+REFUTED = {
+    "3-slightly-more",
+    "4-no-start-overshoot",
+    "4-adapts-quickly",
+    "5-I-no-overshoot",
+    "5-I-less-force",
+    "5-I-networks",
+    "5-II-direct-position",
+    "5-II-direct-unstable",
+    "5-II-sluggish",
+    "5-II-less-force",
+    "5-II-less-variation",
+    "5-III-lower-first-impact",
+    "5-III-direct-unstable",
+    "5-III-sluggish",
+    "5-III-less-force",
+    "5-III-less-variation",
+    "6-rest-without-delay",
+    "6-delay-causes-overshoot",
+    "6-outperforms",
+    "6-slows-down",
+    "A-adaptation-matters",
+    "A-I-retuned",
+    "A-II-retuned",
+    "A-III-retuned",
+}
+IN_KIND = {
+    "4-direct-rebound",
+    "4-rebound-reduction",
+    "4-direct-first-impact",
+    "4-direct-largest-force",
+    "4-force-reduction",
+}
+UNKNOWN = {"6-guarantees-stability"}
+
+
+@pytest.fixture(scope="module")
+def rows(thesis_runs):
+    return {row.key: row for row in Ledger(thesis_runs)}
+
+
+class Changed:
+    """Runs of which some recordings are tampered with."""
+
+    def __init__(self, runs, name, kind, change):
+        self._runs = runs
+        self._which = (name, kind)
+        self._change = change
+
+    def __call__(self, name, /, **overrides):
+        recording = self._runs(name, **overrides)
+        if (name, overrides.get("controller.kind")) != self._which:
+            return recording
+        signals = {key: x.copy() for key, x in recording.signals.items()}
+        changed = dataclasses.replace(recording, signals=signals)
+        self._change(changed)
+        return changed
+
+
+def Verdicts(section, runs, *where):
+    return {row.key: row.verdict for row in section(ledger._Evidence(runs), *where)}
+
+
+def test_every_row_is_complete(rows, thesis_runs):
+    assert len(rows) == len(Ledger(thesis_runs)), "keys are unique"
+    for row in rows.values():
+        fields = dataclasses.asdict(row)
+        assert all(isinstance(value, str) for value in fields.values())
+        assert all(value for name, value in fields.items() if name != "reason")
+        assert row.verdict in VERDICTS
+        assert "nan" not in row.ours.split()
+
+
+def test_what_is_refuted(rows):
+    by_verdict = {verdict: set() for verdict in VERDICTS}
+    for row in rows.values():
+        by_verdict[row.verdict].add(row.key)
+    assert by_verdict["refuted"] == REFUTED
+    assert by_verdict["reproduced in kind"] == IN_KIND
+    assert by_verdict["not determinable"] == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("key", "ours"),
+    [
+        ("4-direct-overshoot", 0.4693),
+        ("4-adaptive-overshoot", 0.2524),
+        ("4-direct-puncture-force", 0.5725),
+        ("4-adaptive-puncture-force", 0.5720),
+        ("4-direct-first-impact", 8.657),
+        ("4-adaptive-first-impact", 9.506),
+        ("4-direct-largest-force", 15.74),
+        ("4-adaptive-largest-force", 9.506),
+        ("4-direct-rebound", -1.229),
+        ("4-adaptive-rebound", -0.6693),
+        ("4-overshoot-reduction", 46.2),
+        ("4-rebound-reduction", 45.5),
+        ("4-force-reduction", 39.6),
+    ],
+)
+def test_numbers_of_chapter_4(rows, key, ours):
+    assert float(rows[key].ours.split()[0]) == pytest.approx(ours, rel=2e-3)
+
+
+def test_short_runs_have_the_metrics_of_the_full_ones(thesis_runs):
+    for name, short in ledger.SHORT.items():
+        if name == "two_dof_puncture":
+            continue
+        kind = {"controller.kind": "adaptive_backstepping"}
+        full = RunMetrics(thesis_runs(name, **kind))
+        metrics = RunMetrics(thesis_runs(name, **kind, **short))
+        for part in ("puncture", "collision"):
+            if full[part] is not None:
+                assert metrics[part] == pytest.approx(full[part], rel=1e-3)
+
+
+def test_a_quicker_tool_changes_the_verdicts_of_chapter_4(thesis_runs):
+    def Hurry(recording):
+        # In free space only, so that the puncture stays what it is.
+        free = recording["environment_layer"][:, 0] == 1
+        recording["tool_velocity"][free] += 0.5e-3
+
+    runs = Changed(thesis_runs, "one_dof", "adaptive_backstepping", Hurry)
+    verdicts = Verdicts(ledger._OneAxis, runs)
+    assert verdicts["4-adaptive-overshoot"] == "refuted"
+    assert verdicts["4-overshoot-reduction"] == "refuted"
+    assert verdicts["4-direct-overshoot"] == "reproduced"
+
+
+def test_a_tool_without_overshoot_turns_a_refuted_claim(thesis_runs):
+    def Limit(recording):
+        v = np.minimum(recording["tool_velocity"], 0.1)
+        steps = np.diff(recording.time)[:, np.newaxis] * (v[1:] + v[:-1]) / 2
+        p = recording["tool_position"]
+        p[1:] = p[0] + np.cumsum(steps, axis=0)
+        recording["tool_velocity"][:] = v
+        recording["tool_acceleration"][:] = 0.0
+
+    runs = Changed(thesis_runs, "two_dof_puncture", "adaptive_backstepping", Limit)
+    verdicts = Verdicts(ledger._Puncture, runs)
+    assert verdicts["5-I-no-overshoot"] == "reproduced"
+
+
+def test_a_jump_of_the_control_force_is_seen(thesis_runs):
+    def Jump(recording):
+        i = int(np.flatnonzero(np.diff(recording.time) == 0)[-1])
+        recording["control_force"][i + 1 :] += 1.0
+
+    name = "two_dof_collision"
+    runs = Changed(thesis_runs, name, "adaptive_backstepping", Jump)
+    where = ("II", name, ("7", "8", "9", "10"))
+    assert Verdicts(ledger._Bone, runs, *where)["5-II-no-jumps"] == "refuted"
+    verdicts = Verdicts(ledger._Bone, thesis_runs, *where)
+    assert verdicts["5-II-no-jumps"] == "reproduced"
+
+
+def test_tolerances():
+    def Verdict(ours, holds):
+        return ledger._Number(
+            "key", "", "", 2.0, ours, 0.1, (1.0, "m"), (holds, ""), ""
+        ).verdict
+
+    assert Verdict(2.199, False) == "reproduced"
+    assert Verdict(2.201, True) == "reproduced in kind"
+    assert Verdict(2.201, False) == "refuted"
+    assert Verdict(float("nan"), False) == "refuted"
+    undecided = ledger._Truth("key", "", "", "", None, "", "")
+    assert undecided.verdict == "not determinable"
+
+
+def test_short_ledger(rows):
+    lines = ShortLedger(list(rows.values())).splitlines()
+    assert len(lines) == 12
+    assert all(line.count("|") == 6 for line in lines)
+    assert "refuted" in lines[5]
+    with pytest.raises(KeyError):
+        ShortLedger([])
+
+
+def test_row_fields():
+    names = [field.name for field in dataclasses.fields(Row)]
+    assert names[0] == "key"
+    assert {"place", "thesis", "ours", "tolerance", "verdict", "reason"} <= set(names)
