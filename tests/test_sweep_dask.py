@@ -5,13 +5,12 @@ import os
 import signal
 from pathlib import Path
 
+import distributed
 import pytest
 
 from teleop_drake.cli import main
 from teleop_drake.sweep import Sweep
 from teleop_drake.worker_processes import WorkerProcesses
-
-distributed = pytest.importorskip("distributed")
 
 OVERRIDES = {"duration": 0.5, "simulator.accuracy": 1e-5}
 GRID = {"delay": [0.01 * k for k in range(1, 13)]}
