@@ -61,6 +61,14 @@ _UNITS = {
     "rms_error": "m",
     "disturbance_rms_error": "N",
     "wall_time_s": "s",
+    "delay_mean": "s",
+    "delay_minimum": "s",
+    "delay_median": "s",
+    "delay_p95": "s",
+    "delay_p99": "s",
+    "delay_maximum": "s",
+    "age_mean": "s",
+    "age_maximum": "s",
 }
 
 
@@ -741,6 +749,7 @@ def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
 
     columns = {
         name: FlattenMetrics(record["metrics"])
+        | FlattenMetrics(record.get("channels", {}))
         | {
             key: record["solver"][key]
             for key in ("steps", "derivative_evaluations", "wall_time_s")

@@ -199,16 +199,19 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
     Returns:
         scenario, controller (its kind), forward_delay, return_delay and duration (s,
         as the scenario asks for), metrics (see RunMetrics), final (position in m,
-        velocity in m/s and environment_force in N of the last sample, n each) and
-        solver (see SolverStatistics). Only finite numbers, None, bool, str, and lists
-        and dicts of these. A run of a TrackingScenario has no delays; diverged and
-        diverged_at (s, or None) stand beside its metrics.
+        velocity in m/s and environment_force in N of the last sample, n each),
+        with network channels `channels` (by name, see PacketStatistics), and solver
+        (see SolverStatistics). Only finite numbers, None, bool, str, and lists and
+        dicts of these. A run of a TrackingScenario has no delays; diverged
+        and diverged_at (s, or None) stand beside its metrics.
 
     Raises:
         ValueError: If the recording has no finite sample.
     """
     recording = _FinitePart(recording)
     scenario = recording.scenario
+    particular: dict[str, Any]
+    statistics: dict[str, Any] = {}
     if isinstance(scenario, TrackingScenario):
         has_diverged = recording.termination == "diverged"
         particular = {
@@ -220,6 +223,11 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
             "forward_delay": float(scenario.forward_channel.delay),
             "return_delay": float(scenario.return_channel.delay),
         }
+        if recording.channels:
+            statistics["channels"] = {
+                name: dataclasses.asdict(channel)
+                for name, channel in recording.channels.items()
+            }
     return {
         "scenario": scenario.name,
         "controller": scenario.controller.kind,
@@ -231,6 +239,7 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
             "velocity": recording["tool_velocity"][-1].tolist(),
             "environment_force": recording["environment_force"][-1].tolist(),
         },
+        **statistics,
         "solver": dataclasses.asdict(recording.solver),
     }
 

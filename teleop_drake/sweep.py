@@ -87,6 +87,25 @@ TRACKING_METRICS = {
 }
 """The same of a TrackingScenario."""
 
+CHANNEL_METRICS = {
+    "sent": "",
+    "received": "",
+    "lost": "",
+    "loss_rate": "",
+    "reordered": "",
+    "late": "",
+    "delay_mean": "s",
+    "delay_minimum": "s",
+    "delay_median": "s",
+    "delay_p95": "s",
+    "delay_p99": "s",
+    "delay_maximum": "s",
+    "age_mean": "s",
+    "age_maximum": "s",
+}
+"""What becomes of the packets of a network channel, see PacketStatistics. In a table
+the names begin with that of the channel, as in `forward_channel.age_mean`."""
+
 _HEADLINES = (
     "start_velocity_overshoot",
     "puncture.force",
@@ -146,10 +165,7 @@ class SweepResult:
             SweepError: If there is no such metric.
         """
         SelectMetrics(self.scenario, [metric])
-        values = [
-            FlattenMetrics(record["metrics"] or {}).get(metric)
-            for record in self.records
-        ]
+        values = [_RecordMetrics(record).get(metric) for record in self.records]
         return np.array(
             [math.nan if value is None else value for value in values], dtype=float
         ).reshape(self.shape)
@@ -168,7 +184,7 @@ class SweepResult:
         """
         rows = []
         for record in self.records:
-            metrics = FlattenMetrics(record["metrics"] or {})
+            metrics = _RecordMetrics(record)
             rows.append(
                 {
                     "run": record["run"],
@@ -392,11 +408,20 @@ def ParseValues(text: str) -> list[Any]:
 def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
     """Returns the names of all scalar metrics of a scenario, and their units.
 
+    Those of its network channels, if it has any, are among them.
+
     Args:
         scenario: The scenario.
     """
-    is_tracking = isinstance(scenario, TrackingScenario)
-    units = TRACKING_METRICS if is_tracking else TELEOPERATION_METRICS
+    if isinstance(scenario, TrackingScenario):
+        units = TRACKING_METRICS
+    else:
+        units = TELEOPERATION_METRICS | {
+            f"{name}.{key}": unit
+            for name in ("forward_channel", "return_channel")
+            if getattr(scenario, name).kind == "network"
+            for key, unit in CHANNEL_METRICS.items()
+        }
     return {
         name.replace("*", axis): unit
         for name, unit in units.items()
@@ -446,6 +471,11 @@ def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, An
         else:
             flat[prefix + key] = value
     return flat
+
+
+def _RecordMetrics(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the metrics of a run and of its channels by their names."""
+    return FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))
 
 
 # What to do.

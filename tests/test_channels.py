@@ -1,5 +1,6 @@
 """Tests of network and variable channels, from the scenario to the recording."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import yaml
 from runs import Run
 
 from teleop_drake.laws.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.metrics import RunSummary
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     ChannelProfile,
@@ -17,6 +19,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
 )
 from teleop_drake.simulation import simulate
+from teleop_drake.sweep import MetricUnits
 from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.systems.variable_delay import VariableDelay
 from teleop_drake.teleoperator import MakeChannel
@@ -120,8 +123,21 @@ def test_statistics_are_recorded_for_each_direction(tmp_path):
     assert LoadRecording(tmp_path / "run.npz").channels == recording.channels
 
 
+def test_statistics_are_in_the_summary():
+    recording = run(*network(f"{JITTER}, seed: 3"))
+    summary = RunSummary(recording)["channels"]
+    assert set(summary) == {"forward_channel", "return_channel"}
+    assert summary["return_channel"]["sent"] == 50
+    back = recording.channels["return_channel"]
+    assert summary["return_channel"] == dataclasses.asdict(back)
+    units = MetricUnits(recording.scenario)
+    assert {f"forward_channel.{name}" for name in dataclasses.asdict(back)} < set(units)
+
+
 def test_other_channels_have_no_statistics():
-    assert run(*channels("kind: transport")).channels == {}
+    recording = run(*channels("kind: transport"))
+    assert recording.channels == {} and "channels" not in RunSummary(recording)
+    assert not [x for x in MetricUnits(recording.scenario) if "channel" in x]
 
 
 def test_extrapolation_follows_the_signal_more_closely():

@@ -163,6 +163,28 @@ def test_tracking_can_be_swept(threads):
         PlanSweep("network_tracking_linear", {"delay": [0.1]})
 
 
+def test_the_packets_of_network_channels_can_be_swept(threads):
+    result = Sweep(
+        "one_dof",
+        {"forward_channel.jitter.std": [0.005, 0.02]},
+        overrides={
+            **SHORT,
+            "duration": 1.0,
+            "forward_channel.kind": "network",
+            "forward_channel.sample_period": 0.01,
+            "forward_channel.jitter.kind": "gamma",
+        },
+        executor=threads,
+    )
+    spread = result.Values("forward_channel.delay_p95") - result.Values(
+        "forward_channel.delay_minimum"
+    )
+    assert 0 < spread[0] < spread[1]
+    assert result.Table()[1]["forward_channel.age_mean"] > 0.05
+    axes = PlotSweep(result, "forward_channel.age_mean").axes[0]
+    assert "age mean" in axes.get_ylabel()
+
+
 def test_all_scalar_metrics_have_names():
     recording = Run("one_dof", "direct_force")
     flat = FlattenMetrics(RunSummary(recording)["metrics"])
