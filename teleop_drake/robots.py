@@ -213,8 +213,8 @@ def MakeRobot(
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
 
     The Diagram, named `robot`, holds the MultibodyPlant `plant`, the ToolInterface
-    `tool_interface`, and `joint_state`, which splits the plant's state. Its default
-    context is at rest at the start pose.
+    `tool_interface`, and `joint_state` and `tool_motion`, which split the states of the
+    joints and of the tool. Its default context is at rest at the start pose.
 
     Input ports:
 
@@ -253,9 +253,11 @@ def MakeRobot(
         LoadRobotPlant(model, mass=mass, damping=damping, gravity=gravity),
     )
     plant.SetDefaultPositions(q)
+    n = NumTaskAxes(model)
     tool = builder.AddNamedSystem(
-        "tool_interface", ToolInterface(plant=plant, num_task_axes=NumTaskAxes(model))
+        "tool_interface", ToolInterface(plant=plant, num_task_axes=n)
     )
+    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n]))
     joints = builder.AddNamedSystem(
         "joint_state", Demultiplexer([plant.num_positions(), plant.num_velocities()])
     )
@@ -275,8 +277,10 @@ def MakeRobot(
     )
     for name in ("control_force", "environment_force"):
         builder.ExportInput(tool.GetInputPort(name), name)
-    for name in ("tool_position", "tool_velocity", "tool_acceleration"):
-        builder.ExportOutput(tool.GetOutputPort(name), name)
+    builder.Connect(tool.GetOutputPort("tool_motion"), motion.get_input_port())
+    builder.ExportOutput(motion.get_output_port(0), "tool_position")
+    builder.ExportOutput(motion.get_output_port(1), "tool_velocity")
+    builder.ExportOutput(tool.GetOutputPort("tool_acceleration"), "tool_acceleration")
     builder.ExportOutput(joints.get_output_port(0), "joint_position")
     builder.ExportOutput(joints.get_output_port(1), "joint_velocity")
     builder.ExportOutput(tool.GetOutputPort("joint_torque"), "joint_torque")

@@ -436,9 +436,9 @@ def _FindEvents(
             is_forward = bool(x[i + 1] >= position)
 
             def is_beyond(
-                p: list[float], border: float = position, forward: bool = is_forward
+                p: np.ndarray, border: float = position, forward: bool = is_forward
             ) -> bool:
-                return (p[0] >= border) == forward
+                return bool(p[0] >= border) == forward
 
             time = find_crossing(time_list, x_list, int(i), is_beyond)
             events.append(Event(name=names[0 if is_forward else 1], time=time))

@@ -39,8 +39,9 @@ Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) 
 (5.51).
 """
 
+from collections import namedtuple
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,6 +148,15 @@ class BacksteppingGains:
         """Number n of task axes."""
         return self.Lambda.shape[0]
 
+    def AsTuple(self) -> Any:
+        """Returns the gains as a named tuple, which compiled laws can take."""
+        return _GainsTuple(*(getattr(self, field.name) for field in fields(self)))
+
+
+_GainsTuple = namedtuple(  # type: ignore[misc]
+    "_GainsTuple", [field.name for field in fields(BacksteppingGains)]
+)
+
 
 class BacksteppingState(NamedTuple):
     """The state of the law, or its time rate; N basis functions per network.
@@ -181,7 +191,9 @@ def pack_state(state: BacksteppingState) -> Array:
     Args:
         state: The state, or its time rate.
     """
-    return np.concatenate([part.ravel() for part in state])
+    return np.concatenate(
+        (state.F_c, state.W1.ravel(), state.Psi.ravel(), state.W3.ravel())
+    )
 
 
 def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
@@ -218,7 +230,7 @@ def initial_state(gains: BacksteppingGains, num_functions: int) -> BacksteppingS
 
 
 def auxiliary_error(
-    gains: BacksteppingGains, *, v: Array, v_dd: Array, F_e: Array, F_hd: Array
+    gains: BacksteppingGains, v: Array, v_dd: Array, F_e: Array, F_hd: Array
 ) -> Array:
     """Returns s of (4.2), (5.2) in m/s (n).
 
@@ -299,7 +311,6 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
 def backstepping_rate(
     gains: BacksteppingGains,
     state: BacksteppingState,
-    *,
     Phi: Array,
     Phi_dot: Array,
     v: Array,
@@ -329,7 +340,7 @@ def backstepping_rate(
     Psi_inv = np.linalg.inv(Psi)
     dF = F_c - F_e
 
-    s = auxiliary_error(gains, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd)  # (4.2, 5.2)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)  # (4.2, 5.2)
     y1 = W1 @ Phi  # (4.8, 5.8)
     y3 = W3 @ Phi  # (4.25, 5.25)
     offset = Psi_inv @ (y1 + G1 @ s)
@@ -343,7 +354,7 @@ def backstepping_rate(
     W1_dot = gains.beta1 * (g_column * Phi - gains.nu1 * W1)
     Psi_dot = g_column * dF + gains.Upsilon * (gains.Psi0 - Psi)
     # 1/sigma_min <= |Psi^-1|: far from the limit this spares a decomposition.
-    if np.vdot(Psi_inv, Psi_inv) * Psi_min**2 > 0.9:
+    if (Psi_inv * Psi_inv).sum() * Psi_min**2 > 0.9:
         Psi_dot = project(Psi, Psi_dot, Psi_min)  # (4.53)
     Psi_dot = gains.beta2 * Psi_dot
     W3_dot = gains.beta3 * (-z[:, np.newaxis] * Phi - gains.nu3 * W3)
@@ -354,3 +365,29 @@ def backstepping_rate(
     alpha_dot = y3 + Psi_inv @ (Psi_dot @ offset) - Psi_inv @ (y1_dot + G1 @ s_dot)
     F_c_dot = alpha_dot - Psi.T @ Ps - G2 @ z  # (4.32, 5.31)
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
+
+
+def backstepping_rate_vector(
+    gains: BacksteppingGains,
+    x: Array,
+    Phi: Array,
+    Phi_dot: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns backstepping_rate() of and as a vector made by pack_state().
+
+    Args:
+        gains: The constants of the law, also as BacksteppingGains.AsTuple().
+        x: The state of the law.
+        Phi: As there, and so are the following.
+        Phi_dot: In 1/s (N).
+        v: In m/s (n).
+        v_dd: In m/s (n).
+        F_e: In N (n).
+        F_hd: In N (n).
+    """
+    state = unpack_state(x, v.size)
+    return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.laws.compiled import compiled
+
 Array = NDArray[np.float64]
 
 
@@ -86,6 +88,22 @@ def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) ->
     return (high - low) / np.maximum(np.array(counts) - 1, 1)
 
 
+def gaussian_functions(
+    u: Array, u_dot: Array, centres: Array, widths: Array
+) -> tuple[Array, Array]:
+    """Returns Phi(u) of (3.1) and dPhi/dt = dPhi/du u_dot, both (N).
+
+    Args:
+        u: Input (m).
+        u_dot: Its time rate (m), in the unit of u per s.
+        centres: The centres mu_i (N, m).
+        widths: The square roots of R's diagonal (m).
+    """
+    offset = (u - centres) / widths
+    Phi = np.exp(-(offset * offset).sum(axis=1))
+    return Phi, Phi * (offset @ (u_dot / widths)) * -2.0
+
+
 class GaussianNetwork:
     """The basis functions of one network: Phi of (3.1) and its rate of change.
 
@@ -122,6 +140,7 @@ class GaussianNetwork:
         self._widths = width * lattice_spacing(lower, upper, count)
         self._centres.setflags(write=False)
         self._widths.setflags(write=False)
+        self._functions = compiled(gaussian_functions)
 
     @property
     def centres(self) -> Array:
@@ -165,6 +184,4 @@ class GaussianNetwork:
         Returns:
             (Phi, Phi_dot), both (N); Phi_dot in 1/s.
         """
-        offset = (u - self._centres) / self._widths
-        Phi = np.exp(-(offset * offset).sum(axis=1))
-        return Phi, Phi * (offset @ (u_dot / self._widths)) * -2.0
+        return self._functions(u, u_dot, self._centres, self._widths)

@@ -12,16 +12,18 @@ accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987).
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.laws.compiled import compiled
 
 # Eight points: the error of a smooth signal is O(step^8), well below that of the
 # fifth-order integrator which made the samples.
 NUM_STENCIL_POINTS = 8
 
-Time = TypeVar("Time", float, np.ndarray)
-Newton = tuple[tuple[float, ...], tuple[float, ...]]
+Array = NDArray[np.float64]
+Table = Array | Sequence[Sequence[float]]
 
 
 def stencil_window(times: Sequence[float], i: int) -> tuple[list[int], int]:
@@ -61,84 +63,97 @@ def stencil_window(times: Sequence[float], i: int) -> tuple[list[int], int]:
     return [*reversed(left), i, i + 1, *right], len(left)
 
 
-def newton_polynomial(
-    times: Sequence[float], values: Sequence[float], i: int
-) -> Newton:
-    """Returns the ENO polynomial of one signal on [times[i], times[i + 1]].
+def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array]:
+    """Returns the ENO polynomials of k signals on [times[i], times[i + 1]].
+
+    They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
 
     Args:
-        times: Sample times, all different (one smooth window, see stencil_window).
-        values: One value for each time.
+        times: (N,) sample times, all different (a smooth window, see stencil_window).
+        values: (N, k) samples.
         i: Index of the interval.
 
     Returns:
-        (nodes, coefficients) of the Newton form
-        c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
+        Nodes n and coefficients c, (m, k) each, m = min(N, NUM_STENCIL_POINTS).
     """
-    nodes = [times[i], times[i + 1]]
-    differences: Sequence[float] = [
-        (values[j + 1] - values[j]) / (times[j + 1] - times[j])
-        for j in range(len(times) - 1)
-    ]
-    coefficients = [values[i], differences[i]]
-    left = i
-    for order in range(2, min(NUM_STENCIL_POINTS, len(times))):
-        differences = [
-            (differences[j + 1] - differences[j]) / (times[j + order] - times[j])
-            for j in range(len(times) - order)
-        ]
-        can_grow_right = left + order < len(times)
-        if left > 0 and (
-            not can_grow_right or abs(differences[left - 1]) < abs(differences[left])
-        ):
-            left -= 1
-            nodes.append(times[left])
-        else:
-            nodes.append(times[left + order])
-        coefficients.append(differences[left])
-    return tuple(nodes), tuple(coefficients)
+    N, k = values.shape
+    nodes = np.empty((min(N, NUM_STENCIL_POINTS), k))
+    coefficients = np.empty_like(nodes)
+    nodes[0], coefficients[0] = times[i], values[i]
+    left = np.full(k, i)
+    differences = values
+    for order in range(1, len(nodes)):
+        gaps = times[order:] - times[:-order]
+        differences = (differences[1:] - differences[:-1]) / gaps[:, np.newaxis]
+        for j in range(k):
+            # The first one makes the line through both ends of the interval.
+            can_grow_left = left[j] > 0 and order > 1
+            if can_grow_left and (
+                left[j] + order == N
+                or abs(differences[left[j] - 1, j]) < abs(differences[left[j], j])
+            ):
+                left[j] -= 1
+                nodes[order, j] = times[left[j]]
+            else:
+                nodes[order, j] = times[left[j] + order]
+            coefficients[order, j] = differences[left[j], j]
+    return nodes, coefficients
 
 
-def evaluate_newton(polynomial: Newton, t: Time) -> Time:
-    """Returns the value at t, or at each of an array of times.
+def evaluate_newton(nodes: Table, coefficients: Table, t: float) -> Array:
+    """Returns the values (k) of polynomials at t.
 
     Args:
-        polynomial: As newton_polynomial() returns it.
-        t: A time or an array of times.
+        nodes: As newton_polynomial() returns them, an array or nested lists.
+        coefficients: Likewise.
+        t: A time.
     """
-    nodes, coefficients = polynomial
-    value = 0.0 * t + coefficients[-1]
-    for k in range(len(coefficients) - 2, -1, -1):
-        value = coefficients[k] + (t - nodes[k]) * value
-    return value
+    result = np.empty(len(nodes[0]))
+    for j in range(len(result)):
+        value = coefficients[-1][j]
+        for m in range(len(nodes) - 2, -1, -1):
+            value = coefficients[m][j] + (t - nodes[m][j]) * value
+        result[j] = value
+    return result
 
 
-def interval_polynomials(
-    times: Sequence[float], values: Sequence[Sequence[float]], i: int
-) -> list[Newton]:
-    """Returns the ENO polynomials of a vector signal on [times[i], times[i + 1]].
+class IntervalPolynomial:
+    """The ENO polynomial of a vector signal on [times[i], times[i + 1]].
 
     Args:
-        times: Non-decreasing sample times; two equal ones mark a jump.
+        times: Non-decreasing sample times.
         values: One sample (k) for each time.
         i: Index of the interval, of length > 0.
-
-    Returns:
-        One polynomial for each of the k components.
     """
-    indices, place = stencil_window(times, i)
-    window = [times[j] for j in indices]
-    return [
-        newton_polynomial(window, component, place)
-        for component in zip(*[values[j] for j in indices], strict=True)
-    ]
+
+    def __init__(self, times: Sequence[float], values: Table, i: int):
+        indices, place = stencil_window(times, i)
+        nodes, coefficients = compiled(newton_polynomial)(
+            np.array([times[j] for j in indices]),
+            np.array([values[j] for j in indices]),
+            place,
+        )
+        self._evaluate = compiled(evaluate_newton)
+        self._nodes: Table = nodes
+        self._coefficients: Table = coefficients
+        if self._evaluate is evaluate_newton:
+            # Python itself is faster with lists.
+            self._nodes, self._coefficients = nodes.tolist(), coefficients.tolist()
+
+    def Eval(self, t: float) -> Array:
+        """Returns the signal (k) at a time.
+
+        Args:
+            t: The time.
+        """
+        return self._evaluate(self._nodes, self._coefficients, t)
 
 
 def find_crossing(
     times: Sequence[float],
-    values: Sequence[Sequence[float]],
+    values: Table,
     i: int,
-    is_beyond: Callable[[list[float]], bool],
+    is_beyond: Callable[[Array], bool],
 ) -> float:
     """Returns when a vector signal crosses a border, by bisection.
 
@@ -151,9 +166,9 @@ def find_crossing(
     begin, end = times[i], times[i + 1]
     if begin == end:
         return end
-    polynomials = interval_polynomials(times, values, i)
+    polynomial = IntervalPolynomial(times, values, i)
     while begin < (middle := (begin + end) / 2) < end:
-        if is_beyond([evaluate_newton(p, middle) for p in polynomials]):
+        if is_beyond(polynomial.Eval(middle)):
             end = middle
         else:
             begin = middle
@@ -177,14 +192,14 @@ def interpolate(
     query_times = np.clip(query_times, times[0], times[-1])
     result = np.empty((len(query_times), values.shape[1]))
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
-    time_list, value_list = times.tolist(), values.tolist()
+    time_list, query_list = times.tolist(), query_times.tolist()
     bounds = np.flatnonzero(np.diff(interval, prepend=-1, append=-1))
     for begin, end in pairwise(bounds):
         i = int(interval[begin])
         if time_list[i] == time_list[i + 1]:
             result[begin:end] = values[i]
             continue
-        polynomials = interval_polynomials(time_list, value_list, i)
-        for k, polynomial in enumerate(polynomials):
-            result[begin:end, k] = evaluate_newton(polynomial, query_times[begin:end])
+        polynomial = IntervalPolynomial(time_list, values, i)
+        for row in range(begin, end):
+            result[row] = polynomial.Eval(query_list[row])
     return result

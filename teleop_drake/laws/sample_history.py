@@ -2,14 +2,13 @@
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from teleop_drake.laws.interpolation import (
-    Newton,
-    evaluate_newton,
-    interval_polynomials,
-)
+import numpy as np
+
+from teleop_drake.laws.interpolation import IntervalPolynomial
 
 # How many samples stay in the history after they were delivered.
 _NUM_KEPT = 32
@@ -34,7 +33,9 @@ class SampleHistory:
     times: tuple[float, ...] = ()
     values: tuple[tuple[float, ...], ...] = ()
     now: float = -math.inf
-    polynomials: dict[int, list[Newton]] = field(default_factory=dict, compare=False)
+    polynomials: dict[int, IntervalPolynomial] = field(
+        default_factory=dict, compare=False
+    )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
@@ -67,19 +68,19 @@ class SampleHistory:
             (*self.times[first:keep], time), (*self.values[first:keep], value), now
         )
 
-    def Eval(self, time: float) -> list[float]:
+    def Eval(self, time: float) -> Sequence[float] | np.ndarray:
         """Returns the signal at a time between (or just behind) the samples.
 
         Args:
             time: In s.
         """
         if len(self.times) == 1:
-            return list(self.values[0])
+            return self.values[0]
         i = min(max(bisect_left(self.times, time) - 1, 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
-            return list(self.values[i + 1])  # Just behind a jump.
-        polynomials = self.polynomials.get(i)
-        if polynomials is None:
-            polynomials = interval_polynomials(self.times, self.values, i)
-            self.polynomials[i] = polynomials
-        return [evaluate_newton(polynomial, time) for polynomial in polynomials]
+            return self.values[i + 1]  # Just behind a jump.
+        polynomial = self.polynomials.get(i)
+        if polynomial is None:
+            polynomial = IntervalPolynomial(self.times, self.values, i)
+            self.polynomials[i] = polynomial
+        return polynomial.Eval(time)

@@ -6,23 +6,27 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     ContinuousState,
+    Diagram,
+    DiagramBuilder,
     LeafSystem,
 )
+from pydrake.systems.primitives import Demultiplexer
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
     auxiliary_error,
-    backstepping_rate,
+    backstepping_rate_vector,
     control_force_error,
     initial_state,
     pack_state,
     unpack_state,
 )
+from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 
 
-class AdaptiveBackstepping(LeafSystem):
+class AdaptiveBackstepping(Diagram):
     """Tracks the surgeon's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
@@ -69,47 +73,66 @@ class AdaptiveBackstepping(LeafSystem):
     """
 
     def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        LeafSystem.__init__(self)
+        Diagram.__init__(self)
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
             raise ValueError(
                 f"network must have one input per task axis ({n}), got a network of "
                 f"{network.num_inputs} inputs"
             )
-        self._gains = gains
-        self._network = network
+        builder = DiagramBuilder()
+        law = builder.AddNamedSystem("law", _Law(gains, network))
+        # The parts of the state come out without Python.
+        split = builder.AddNamedSystem(
+            "split_state", Demultiplexer([n, n * N, n * n, n * N])
+        )
+        builder.Connect(law.GetOutputPort("state"), split.get_input_port())
+        for i in range(law.num_input_ports()):
+            port = law.get_input_port(i)
+            builder.ExportInput(port, port.get_name())
+        for i, name in enumerate(("control_force", "weights_1", "psi", "weights_3")):
+            builder.ExportOutput(split.get_output_port(i), name)
+        for name in ("auxiliary_error", "control_force_error"):
+            builder.ExportOutput(law.GetOutputPort(name), name)
+        builder.BuildInto(self)
         self.set_name("adaptive_backstepping")
+
+
+class _Law(LeafSystem):
+    """The law: the state and its time derivatives, s and z."""
+
+    def __init__(self, gains: BacksteppingGains, network: GaussianNetwork):
+        LeafSystem.__init__(self)
+        n, N = gains.num_axes, network.num_functions
+        self._gains = gains
+        self._gains_tuple = gains.AsTuple()
+        self._rate = compiled(backstepping_rate_vector)
+        self._network = network
 
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
         self._velocity_command = self.DeclareVectorInputPort("velocity_command", n)
         self._tool_position = self.DeclareVectorInputPort("tool_position", n)
         self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
         self._environment_force = self.DeclareVectorInputPort("environment_force", n)
-        self.DeclareContinuousState(BasicVector(pack_state(initial_state(gains, N))))
-
-        state = {self.xc_ticket()}
+        state = self.DeclareContinuousState(
+            BasicVector(pack_state(initial_state(gains, N)))
+        )
+        self.DeclareStateOutputPort("state", state)
         error_inputs = {
             self._haptic_force.ticket(),
             self._velocity_command.ticket(),
             self._tool_velocity.ticket(),
             self._environment_force.ticket(),
         }
-        for name, size, calc, prerequisites in (
-            ("control_force", n, self._CalcControlForce, state),
-            ("psi", n * n, self._CalcPsi, state),
-            ("weights_1", n * N, self._CalcWeights1, state),
-            ("weights_3", n * N, self._CalcWeights3, state),
-            ("auxiliary_error", n, self._CalcAuxiliaryError, error_inputs),
-            (
-                "control_force_error",
-                n,
-                self._CalcControlForceError,
-                state | error_inputs | {self._tool_position.ticket()},
-            ),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+        self.DeclareVectorOutputPort(
+            "auxiliary_error", n, self._CalcAuxiliaryError, error_inputs
+        )
+        self.DeclareVectorOutputPort(
+            "control_force_error",
+            n,
+            self._CalcControlForceError,
+            error_inputs | {self.xc_ticket(), self._tool_position.ticket()},
+        )
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
@@ -119,17 +142,18 @@ class AdaptiveBackstepping(LeafSystem):
         Phi, Phi_dot = self._network.evaluate_with_rate(
             self._tool_position.Eval(context), v
         )
-        rate = backstepping_rate(
-            self._gains,
-            self._GetState(context),
-            Phi=Phi,
-            Phi_dot=Phi_dot,
-            v=v,
-            v_dd=self._velocity_command.Eval(context),
-            F_e=self._environment_force.Eval(context),
-            F_hd=self._haptic_force.Eval(context),
+        derivatives.SetFromVector(
+            self._rate(
+                self._gains_tuple,
+                context.get_continuous_state_vector().CopyToVector(),
+                Phi,
+                Phi_dot,
+                v,
+                self._velocity_command.Eval(context),
+                self._environment_force.Eval(context),
+                self._haptic_force.Eval(context),
+            )
         )
-        derivatives.SetFromVector(pack_state(rate))
 
     def _GetState(self, context: Context) -> BacksteppingState:
         x = context.get_continuous_state_vector().CopyToVector()
@@ -143,18 +167,6 @@ class AdaptiveBackstepping(LeafSystem):
             F_e=self._environment_force.Eval(context),
             F_hd=self._haptic_force.Eval(context),
         )
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context).F_c)
-
-    def _CalcPsi(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context).Psi.ravel())
-
-    def _CalcWeights1(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context).W1.ravel())
-
-    def _CalcWeights3(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context).W3.ravel())
 
     def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalAuxiliaryError(context))

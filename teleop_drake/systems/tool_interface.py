@@ -35,8 +35,7 @@ class ToolInterface(LeafSystem):
 
     | name              | size | unit     | direct feedthrough from                    |
     |-------------------|------|----------|--------------------------------------------|
-    | tool_position     | n    | m        | plant_state                                |
-    | tool_velocity     | n    | m/s      | plant_state                                |
+    | tool_motion       | 2n   | m, m/s   | plant_state; [p_WT; v_WT]                  |
     | tool_acceleration | n    | m/s^2    | body_spatial_accelerations                 |
     | joint_torque      | nv   | N m or N | plant_state, control_force                 |
     | spatial_forces    | list | N        | environment_force                          |
@@ -93,15 +92,14 @@ class ToolInterface(LeafSystem):
             "environment_force", BasicVector(n)
         )
 
-        # One visit to the plant for each state serves three output ports.
+        # One visit to the plant for each state serves two output ports.
         state = {self._plant_state.ticket()}
         self._kinematics = self.DeclareCacheEntry(
             "kinematics",
             ValueProducer(allocate=Value[object], calc=self._CalcKinematics),
             state,
         )
-        self.DeclareVectorOutputPort("tool_position", n, self._CalcPosition, state)
-        self.DeclareVectorOutputPort("tool_velocity", n, self._CalcVelocity, state)
+        self.DeclareVectorOutputPort("tool_motion", 2 * n, self._CalcMotion, state)
         self.DeclareVectorOutputPort(
             "tool_acceleration",
             n,
@@ -135,14 +133,13 @@ class ToolInterface(LeafSystem):
             world,
             world,
         )[: self._n]
-        v_WT = Jv_v_WT @ x[plant.num_positions() :]
-        output.set_value((X_WT.translation()[: self._n], v_WT, Jv_v_WT))
+        motion = np.empty(2 * self._n)
+        motion[: self._n] = X_WT.translation()[: self._n]
+        motion[self._n :] = Jv_v_WT @ x[plant.num_positions() :]
+        output.set_value((motion, Jv_v_WT))
 
-    def _CalcPosition(self, context: Context, output: BasicVector) -> None:
+    def _CalcMotion(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._kinematics.Eval(context)[0])
-
-    def _CalcVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._kinematics.Eval(context)[1])
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
         A_WT = self._accelerations.Eval(context)[int(self._tool_index)]
@@ -150,7 +147,7 @@ class ToolInterface(LeafSystem):
 
     def _CalcTorque(self, context: Context, output: BasicVector) -> None:
         F_c = self._control_force.Eval(context)
-        output.SetFromVector(F_c @ self._kinematics.Eval(context)[2])
+        output.SetFromVector(F_c @ self._kinematics.Eval(context)[1])
 
     def _CalcSpatialForces(self, context: Context, output: Value) -> None:
         f_T_W = np.zeros(3)

@@ -58,8 +58,7 @@ def test_ports(dut):
         dut.get_output_port(i).get_name(): dut.get_output_port(i).size()
         for i in range(dut.num_output_ports())
     } == {
-        "tool_position": 2,
-        "tool_velocity": 2,
+        "tool_motion": 4,
         "tool_acceleration": 2,
         "joint_torque": 3,
         "spatial_forces": 0,
@@ -68,8 +67,7 @@ def test_ports(dut):
 
 def test_direct_feedthrough(dut):
     expected = {
-        "tool_position": {"plant_state"},
-        "tool_velocity": {"plant_state"},
+        "tool_motion": {"plant_state"},
         "tool_acceleration": {"body_spatial_accelerations"},
         "joint_torque": {"plant_state", "control_force"},
         "spatial_forces": {"environment_force"},
@@ -88,10 +86,11 @@ def test_tool_motion_and_joint_torque(dut, q, qdot, F_c):
     context = dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))
     dut.GetInputPort("control_force").FixValue(context, F_c)
-    p_WT, v_WT, tau = (
+    motion, tau = (
         dut.GetOutputPort(name).Eval(context)
-        for name in ("tool_position", "tool_velocity", "joint_torque")
+        for name in ("tool_motion", "joint_torque")
     )
+    p_WT, v_WT = np.split(motion, 2)
     # As complex numbers: the links turn by the sums of the joint angles.
     links = LENGTHS * np.exp(1j * np.cumsum(q))
     p, v = sum(links), 1j * links @ np.cumsum(qdot)
@@ -110,7 +109,7 @@ def test_outputs_follow_the_state(dut):
     for q, expected in (([0, 0, 0], [1.2, 0]), ([np.pi / 2, 0, 0], [0, 1.2])):
         state.FixValue(context, [*q, 0, 0, 0])
         np.testing.assert_allclose(
-            dut.GetOutputPort("tool_position").Eval(context), expected, atol=1e-12
+            dut.GetOutputPort("tool_motion").Eval(context)[:2], expected, atol=1e-12
         )
 
 
@@ -118,11 +117,10 @@ def test_contexts_do_not_disturb_one_another(dut):
     first, second = dut.CreateDefaultContext(), dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(first, [0, 0, 0, 1, 0, 0])
     dut.GetInputPort("plant_state").FixValue(second, [np.pi / 2, 0, 0, 1, 0, 0])
-    p_WT, v_WT = dut.GetOutputPort("tool_position"), dut.GetOutputPort("tool_velocity")
-    p_WT.Eval(first)
-    np.testing.assert_allclose(p_WT.Eval(second), [0, 1.2], atol=1e-12)
-    np.testing.assert_allclose(v_WT.Eval(first), [0, 1.2], atol=1e-12)
-    np.testing.assert_allclose(v_WT.Eval(second), [-1.2, 0], atol=1e-12)
+    motion = dut.GetOutputPort("tool_motion")
+    motion.Eval(first)
+    np.testing.assert_allclose(motion.Eval(second), [0, 1.2, -1.2, 0], atol=1e-12)
+    np.testing.assert_allclose(motion.Eval(first), [1.2, 0, 0, 1.2], atol=1e-12)
 
 
 def test_the_environment_pushes_back_at_the_tool(dut):

@@ -1,0 +1,109 @@
+"""Compiled laws give the numbers of the laws."""
+
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    backstepping_rate_vector,
+    state_size,
+)
+from teleop_drake.laws.compiled import compiled
+from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.laws.interpolation import evaluate_newton, newton_polynomial
+
+NUM_FUNCTIONS = 7
+
+
+def assert_same(law, *arguments):
+    fast = compiled(law)
+    assert isinstance(fast, numba.core.dispatcher.Dispatcher)
+    results, expected = fast(*arguments), law(*arguments)
+    if not isinstance(expected, tuple):
+        results, expected = (results,), (expected,)
+    for result, value in zip(results, expected, strict=True):
+        scale = max(np.max(np.abs(value)), 1.0)
+        np.testing.assert_allclose(result, value, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("is_at_limit", [False, True])
+def test_backstepping(n, is_at_limit):
+    rng = np.random.default_rng(n)
+    I = np.eye(n)
+    gains = BacksteppingGains(
+        Lambda=1.5 * I,
+        G1=4 * I,
+        G2=30 * I,
+        P=2 * I,
+        beta1=0.1,
+        beta2=0.2,
+        beta3=0.3,
+        nu1=0.4,
+        nu3=0.5,
+        Upsilon=0.6,
+        Psi0=4 * I + 0.1,
+        Psi_min=2.0 if is_at_limit else 0.1,
+    )
+    for _ in range(20):
+        x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
+        start = n + n * NUM_FUNCTIONS
+        x[start : start + n * n] = (1.9 * I + 0.1 * rng.normal(size=(n, n))).ravel()
+        vectors = rng.normal(size=(4, n))
+        functions = rng.normal(size=(2, NUM_FUNCTIONS))
+        assert_same(backstepping_rate_vector, gains.AsTuple(), x, *functions, *vectors)
+
+
+def test_gaussian_functions():
+    rng = np.random.default_rng(0)
+    network = GaussianNetwork(lower=[0, 0], upper=[1, 2], count=[3, 4], width=1.2)
+    for u, u_dot in rng.normal(size=(20, 2, 2)):
+        assert_same(gaussian_functions, u, u_dot, network.centres, network.widths)
+
+
+@pytest.mark.parametrize("num_samples", [2, 5, 14])
+def test_interpolation(num_samples):
+    rng = np.random.default_rng(0)
+    times = np.cumsum(rng.uniform(0.5, 1.5, num_samples))
+    values = rng.normal(size=(num_samples, 3))
+    for i in range(num_samples - 1):
+        assert_same(newton_polynomial, times, values, i)
+        nodes, coefficients = newton_polynomial(times, values, i)
+        assert_same(evaluate_newton, nodes, coefficients, (times[i] + times[i + 1]) / 2)
+
+
+RUN = """
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+recording = simulate(LoadScenario("two_dof_combined", {"duration": 1.0}))
+print(*recording["tool_velocity"].ravel(), *recording["control_force"].ravel())
+"""
+
+
+def test_a_run_without_numba_is_the_same():
+    signals = [
+        np.array(
+            subprocess.run(
+                [sys.executable, "-c", RUN],
+                env=os.environ | {"NUMBA_DISABLE_JIT": disable},
+                stdout=subprocess.PIPE,
+                check=True,
+                text=True,
+            ).stdout.split(),
+            dtype=float,
+        )
+        for disable in "01"
+    ]
+    np.testing.assert_allclose(*signals, rtol=0, atol=1e-12)
+
+
+def test_it_is_optional(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    law = compiled.__wrapped__(gaussian_functions)
+    assert law is gaussian_functions
