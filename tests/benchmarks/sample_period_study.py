@@ -40,33 +40,56 @@ def measure(task: str, controller: str, **channel: float | str) -> list[float | 
     return values
 
 
-def change(value: float | None, exact: float | None) -> str:
-    if value is None or not exact:
-        return "-"
-    return f"{100 * (value / exact - 1):+.2f}"
+def measure_sampled(
+    task: str, controller: str, delay: float, period: float
+) -> list[float | None]:
+    return measure(task, controller, kind="sampled", delay=delay, sample_period=period)
+
+
+def changes(
+    values: list[float | None], exact: list[float | None]
+) -> list[float | None]:
+    """Returns by how many per cent each metric differs, None where it has no value."""
+    return [
+        100 * (value / reference - 1) if value is not None and reference else None
+        for value, reference in zip(values, exact, strict=True)
+    ]
+
+
+def largest(values: list[float | None]) -> str:
+    """Returns the largest change, or that there is nothing to compare."""
+    known = [abs(value) for value in values if value is not None]
+    return f"{max(known):.2g}" if known else "diverges"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("tasks", nargs="*", default=["one_dof", "two_dof_combined"])
-    for task in parser.parse_args().tasks:
+    tasks = parser.parse_args().tasks
+    summary: dict[float, list[str]] = {period: [] for period in PERIODS}
+    for task in tasks:
         for controller in CONTROLLERS:
             exact = measure(task, controller, delay=DELAY)
             print(f"\n{task}, {controller}: change in % of")
             print("period ms | packets take ms | " + " | ".join(METRICS))
             print("|".join(["---"] * (2 + len(METRICS))))
             for period in PERIODS:
+                worst = []
                 for delay in (DELAY, DELAY - period / 2):
-                    values = measure(
-                        task,
-                        controller,
-                        kind="sampled",
-                        delay=delay,
-                        sample_period=period,
+                    row = changes(
+                        measure_sampled(task, controller, delay, period), exact
                     )
                     cells = [f"{1e3 * period:g}", f"{1e3 * delay:g}"]
-                    cells += [change(*pair) for pair in zip(values, exact, strict=True)]
+                    cells += ["-" if x is None else f"{x:+.2f}" for x in row]
                     print(" | ".join(cells), flush=True)
+                    worst.append(largest(row))
+                summary[period].append("{} ({})".format(*worst))
+    print("\nLargest change in %, (with the mean delay held):")
+    heads = [f"{task}, {kind}" for task in tasks for kind in CONTROLLERS]
+    print("| sample period | " + " | ".join(heads) + " |")
+    print("|" + "---|" * (1 + len(heads)))
+    for period, cells in summary.items():
+        print(f"| {1e3 * period:g} ms | " + " | ".join(cells) + " |")
 
 
 if __name__ == "__main__":
