@@ -21,6 +21,7 @@ from teleop_drake.laws.interpolation import (
 from teleop_drake.network_tracking import MakeNetworkTracking
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.systems.delay_line import DelayLine
 from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -30,6 +31,14 @@ _EVENT_ACCURACY = 1e-4
 
 # A step across a border as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
+
+# After a jump or a kink the first step is this share of the longest one, and each later
+# one at most that share of the time since. A delayed signal is a polynomial through the
+# steps of its sender: behind a jump there are none but the new ones, and the first of
+# them set its error. Long steps come slowly, because Drake's error norm is absolute and
+# hardly sees a tool that bounces by micrometres.
+_FIRST_STEP = 1 / 8
+_STEP_GROWTH = 0.03
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -154,9 +163,10 @@ class _TeleoperatorRun(_Run):
         self,
         scenario: Scenario,
         teleoperator: Diagram,
-        root_context: Context,
+        simulator: Simulator,
         progress: Callable[[float], None] | None,
     ):
+        root_context = simulator.get_mutable_context()
         ratio = scenario.divergence_speed_ratio
         super().__init__(
             teleoperator,
@@ -172,11 +182,17 @@ class _TeleoperatorRun(_Run):
             for system in teleoperator.GetSystems()
             if hasattr(system, "NextJumpTime")
         ]
+        self._has_delay_lines = any(
+            isinstance(system, DelayLine) for system, _ in self._channels
+        )
         # Where the force on the tool jumps or has a kink, and where the surgeon feels
         # contact.
         self._force_borders = [layer.start for layer in scenario.environment.layers]
         surface = scenario.contact_surface
         self._surfaces = [] if surface is None else [surface]
+        self._integrator = simulator.get_mutable_integrator()
+        self._longest_step = self._integrator.get_maximum_step_size()
+        self._last_jump = 0.0
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
@@ -190,6 +206,8 @@ class _TeleoperatorRun(_Run):
             for border in borders
         ):
             self._crossing_time = self._context.get_time()
+        if self._has_delay_lines:
+            self._LimitStep()
         return (
             self.AtJump()
             or self._ApproachTime() < math.inf
@@ -203,6 +221,15 @@ class _TeleoperatorRun(_Run):
             self._next_jump,
             self._scenario.surgeon.stop_time,
         )
+
+    def _LimitStep(self) -> None:
+        """Makes the steps after a jump short, and then longer and longer."""
+        time = self._context.get_time()
+        if self.AtJump():
+            self._last_jump = time
+        shortest = _FIRST_STEP * self._longest_step
+        step = max(shortest, _STEP_GROWTH * (time - self._last_jump))
+        self._integrator.set_maximum_step_size(min(step, self._longest_step))
 
     def NextStop(self) -> float:
         """Returns where the simulator should stop next, in s."""
@@ -249,17 +276,20 @@ class _TeleoperatorRun(_Run):
         It covers most of the way, or a little more than the whole if that is short
         enough for Drake to accept the step as the location of the crossing.
         """
+        horizon = 1.5 * self._longest_step
         shortest = math.inf
         for signal, v, a, borders in self._Motions():
             x = float(self._now[signal][0])
             for border in borders:
                 time = _TimeToCross(border - x, v, a)
-                if time < _EVENT_WINDOW:
-                    time += _EVENT_WINDOW
-                elif time < 1.5 * self._scenario.simulator.max_step_size:
-                    time *= 0.9
-                else:
+                if time >= horizon:
                     continue
+                # What the acceleration's change does to the time is of third order.
+                margin = 0.1 * time * (time / horizon) ** 2
+                if margin > _EVENT_WINDOW:
+                    time -= margin
+                else:
+                    time += _EVENT_WINDOW
                 shortest = min(shortest, time)
         return shortest
 
@@ -348,7 +378,7 @@ def simulate(
             progress=progress,
         )
     else:
-        run = _TeleoperatorRun(scenario, diagram, root_context, progress)
+        run = _TeleoperatorRun(scenario, diagram, simulator, progress)
     simulator.set_monitor(run.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()

@@ -1,18 +1,20 @@
 """The README keeps what it promises."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib.image import imread
 from runs import Run
 
 from teleop_drake.metrics import RunMetrics
 from teleop_drake.plotting import PlotComparison, SaveFigure
-from teleop_drake.scenario import CONTROLLERS
+from teleop_drake.scenario import CONTROLLERS, LoadScenario
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -83,6 +85,26 @@ def test_numbers_in_the_text():
     puncture = RunMetrics(Run("one_dof", CONTROLLERS[0]))["puncture"]
     assert f"{puncture['force']:.2e}".replace("e-0", "e-") + " N" in TEXT
     assert f"{1000 * puncture['velocity_overshoot']:.3f} mm/s" in TEXT
+
+
+def test_channel_example_is_valid():
+    (text,) = Blocks("yaml")
+    scenario = LoadScenario("one_dof", yaml.safe_load(text))
+    assert scenario.forward_channel.receiver.policy == "playout"
+
+
+def test_sample_period_study():
+    (cells,) = re.findall(r"^\| 10 ms \|(.*)\|$", TEXT, re.MULTILINE)
+    study = runpy.run_path(str(ROOT / "tests/benchmarks/sample_period_study.py"))
+    exact = study["measure"]("one_dof", CONTROLLERS[1], delay=0.1)
+    changes = [
+        study["changes"](
+            study["measure_sampled"]("one_dof", CONTROLLERS[1], delay, 0.01), exact
+        )
+        for delay in (0.1, 0.095)
+    ]
+    expected = "{} ({})".format(*map(study["largest"], changes))
+    assert cells.split(" | ")[1].strip() == expected
 
 
 def test_figure_is_that_of_the_runs(tmp_path):

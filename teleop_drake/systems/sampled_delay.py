@@ -25,7 +25,8 @@ class SampledDelay(LeafSystem):
 
     State (discrete): the packets under way, newest first (floor(delay / h) + 1
     packets of `size`), and the packet that is held (size). Both change in periodic
-    unrestricted updates, so blocks that record jumps see them.
+    unrestricted updates, so blocks that record jumps see them. NextJumpTime() tells
+    simulate() when to record both sides of a jump.
 
     Initial value: `initial_value` is delivered until the first packet, sent at
     t = 0, arrives.
@@ -64,6 +65,8 @@ class SampledDelay(LeafSystem):
                 f"sample_period: {sample_period}; allowed: at most the delay, {delay} s"
             )
         self._size = size
+        self._period = sample_period if delay > 0 else math.inf
+        self._offset = 0.0
         self._signal = self.DeclareVectorInputPort("signal", size)
         if delay == 0:
             self.DeclareVectorOutputPort(
@@ -90,10 +93,25 @@ class SampledDelay(LeafSystem):
                 sample_period, 0.0, self._SendAndDeliver
             )
         else:
+            self._offset = offset
             self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Send)
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 sample_period, offset, self._Deliver
             )
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the next packet is delivered (s), infinity without a delay.
+
+        Args:
+            context: The Context of this block.
+        """
+        if self._period == math.inf:
+            return math.inf
+        time = context.get_time()
+        k = max(math.floor((time - self._offset) / self._period), 0)
+        while (tick := self._offset + k * self._period) <= time:
+            k += 1
+        return tick
 
     def _Send(self, context: Context, state: State) -> None:
         packets = context.get_discrete_state(self._packets).CopyToVector()
