@@ -1,0 +1,1 @@
+def Peers(options): return []
