@@ -16,7 +16,7 @@ SIGNALS = {
 }
 
 # A jump is at one instant, which two solutions place on either side of a sample.
-JUMP_WINDOW = 1e-4
+JUMP_WINDOW = 1e-3
 
 INITIAL_PSI = {"one_dof": {"initial_psi": 4.3}}
 

@@ -28,7 +28,7 @@ def Measure(options: Options) -> list[Table]:
             note=f"Target: every error at most {target:g}. CPU time of one process "
             "with everything from building the model to arrays of signals; medians "
             "of alternating runs. Errors are the largest deviations from the "
-            "independent solver, relative to each signal's range, more than 0.1 ms "
+            "independent solver, relative to each signal's range, more than 1 ms "
             "away from a jump; the straightforward variant is 1 in the ratios. "
             "Compiling, where there is any, is apart.",
         )

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from benchmarks import accuracy, straightforward
+from benchmarks import accuracy, peers, straightforward
 from benchmarks.straightforward import Solution
 
 from teleop_drake.recording import Recording
@@ -102,3 +102,8 @@ CONTENDERS: dict[str, Callable[[str, str, float, float], Solution]] = {
     "1 kHz DiscreteTimeDelay": Sampled,
     "scipy, method of steps": Scipy,
 }
+
+
+def Find(name: str) -> Callable[[str, str, float, float], Solution]:
+    """Returns a contender or a peer by its name."""
+    return CONTENDERS.get(name) or peers.Find(name)

@@ -1,1 +1,2 @@
 def Peers(options): return []
+def Find(name): raise KeyError(name)

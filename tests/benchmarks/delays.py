@@ -1,0 +1,112 @@
+"""Fifty delays on all processors, start-up included: what a study of delay costs.
+
+Every contender is a program of its own, timed from outside: imports, processes, and
+what compiling there is, count.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from benchmarks import accuracy, contenders
+from benchmarks.delay_program import CONTROLLER, JOBS
+from benchmarks.options import Options
+from benchmarks.peers import Peers
+from benchmarks.tables import Table
+from benchmarks.timing import Alternate
+
+from teleop_drake.simulation import simulate
+
+DELAYS = np.linspace(0.02, 0.4, 50)
+
+
+def Delays(options: Options) -> list[float]:
+    return (DELAYS[::25] if options.quick else DELAYS).tolist()
+
+
+def Measure(options: Options) -> list[Table]:
+    tables = []
+    for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
+        delays = Delays(options)
+        scenario = contenders.Load(task)
+        duration = options.Duration(scenario)
+        setting = {
+            f"simulator.{key}": value
+            for key, value in contenders.PACKAGE_SETTINGS[scenario.num_axes].items()
+        }
+        # The step may not exceed the delay, and Sweep has one setting for all.
+        setting["simulator.max_step_size"] = delays[0]
+        programs = {
+            "package Sweep, its own settings": ["sweep", {}],
+            "package Sweep, within target": ["sweep", setting],
+            "straightforward": ["pool", "straightforward"],
+            "1 kHz DiscreteTimeDelay": ["pool", "1 kHz DiscreteTimeDelay"],
+            "scipy, method of steps": ["pool", "scipy, method of steps"],
+        }
+        for peer in Peers(options):
+            if peer.sweeps:
+                programs[peer.name] = ["pool", peer.name]
+        repeats = 1 if options.quick else 2
+        measured = Alternate(
+            {
+                name: lambda program=program: _Spawn(
+                    [*program, task, delays, duration]
+                )
+                for name, program in programs.items()
+            },
+            repeats,
+        )
+        base = measured["straightforward"]
+        table = Table(
+            name=f"delays_{task}",
+            title=f"{len(delays)} delays, {task}, {CONTROLLER}, {duration:g} s, "
+            f"{JOBS} processes",
+            note="Wall time of a fresh program in s, medians of alternating runs; "
+            "the straightforward variant is 1. The error is the largest deviation "
+            "from the independent solver, relative to the signal's range, at the "
+            "shortest, the middle and the longest delay. That the sampled delays are "
+            "whole milliseconds is part of it.",
+        )
+        for name, measurement in measured.items():
+            kind, what = programs[name]
+            table.Add(
+                contender=name,
+                wall_s=measurement.wall,
+                ratio=measurement.wall / base.wall,
+                s_per_run=measurement.wall * JOBS / len(delays),
+                largest_error=max(
+                    _Error(kind, what, task, delay, duration)
+                    for delay in delays[:: max(1, (len(delays) - 1) // 2)]
+                ),
+            )
+        tables.append(table)
+    return tables
+
+
+def _Error(kind: str, what, task: str, delay: float, duration: float) -> float:
+    """Returns the error of one run of a program, measured outside of its time."""
+    oracle = accuracy.Oracle(task, CONTROLLER, delay, duration)
+    if kind == "sweep":
+        scenario = contenders.Load(task, CONTROLLER, delay, duration)
+        for key, value in what.items():
+            setattr(scenario.simulator, key.removeprefix("simulator."), value)
+        solution = contenders.FromRecording(simulate(scenario))
+    else:
+        solution = contenders.Find(what)(task, CONTROLLER, delay, duration)
+    return accuracy.LargestError(oracle, solution)
+
+
+def _Spawn(program: list) -> list[float]:
+    """Runs a program of benchmarks.delay_program; returns its peak forces in N."""
+    paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.delay_program", json.dumps(program)],
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return json.loads(done.stdout.splitlines()[-1])
