@@ -498,7 +498,7 @@ def Run(scenario, make_delay, duration, **config) -> Solution:
     if config:
         ApplySimulatorConfig(SimulatorConfig(**config), simulator)
     context = simulator.get_mutable_context()
-    context.SetAccuracy(1e-4)  # Drake locates events to a microsecond or better.
+    context.SetAccuracy(EVENT_ACCURACY)
     simulator.Initialize()
     simulator.AdvanceTo(duration)
     logs = {name: log.FindLog(context) for name, log in loggers.items()}
@@ -511,11 +511,14 @@ def Run(scenario, make_delay, duration, **config) -> Solution:
     )
 
 
+# Drake locates events to a microsecond or better with this accuracy of the Context.
+EVENT_ACCURACY = 1e-4
+
 # The loosest of the tried settings that keep the errors below 1e-5 of each signal's
-# range on one axis and below 1e-4 on two; `run.py --only work_precision` shows them.
+# range on one axis and below 1e-4 on two; `run.py --only precision` shows them.
 SETTINGS = {
-    1: {"accuracy": 1e-11, "max_step_size": 0.1},
-    2: {"accuracy": 1e-8, "max_step_size": 0.05},
+    1: {"accuracy": 1e-10, "max_step_size": 0.03},
+    2: {"accuracy": 1e-8, "max_step_size": 0.03},
 }
 
 
