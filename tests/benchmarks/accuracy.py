@@ -70,9 +70,7 @@ def Errors(oracle, time, signals) -> dict[str, float]:
         if name not in signals:
             continue
         scale = np.ptp(reference[key], axis=0).max()
-        errors[name] = float(
-            np.abs(signals[name][keep] - reference[key]).max() / scale
-        )
+        errors[name] = float(np.abs(signals[name][keep] - reference[key]).max() / scale)
     v = reference["v_WT"]
     if v.shape[1] > 1:
         error = np.abs(signals["tool_velocity"][keep][:, 1] - v[:, 1]).max()

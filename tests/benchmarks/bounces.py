@@ -1,4 +1,6 @@
-"""What bouncing costs: direct force, which never rests on the bone, against adaptive."""
+"""What bouncing costs: direct force, never at rest on the bone, against adaptive."""
+
+from functools import partial
 
 from benchmarks import accuracy
 from benchmarks.contenders import Load, Package, PackageAtTarget, Straightforward
@@ -17,11 +19,9 @@ def Measure(options: Options) -> list[Table]:
         "of the same contender.",
     )
     for task in ("two_dof_collision", "two_dof_combined"):
-        duration = 3.0 if options.quick else Load(task).duration
+        duration = 2.0 if options.quick else Load(task).duration
         calls = {
-            (name, controller): lambda run=run, controller=controller: run(
-                task, controller, DELAY, duration
-            )
+            (name, controller): partial(run, task, controller, DELAY, duration)
             for name, run in (
                 ("package, its own settings", Package),
                 ("package, loosest within target", PackageAtTarget),

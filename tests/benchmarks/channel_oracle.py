@@ -190,9 +190,10 @@ class _Packets(_Channels):
             if arrived:
                 self._shown[way] = arrived[-1], self._sent[way][arrived[-1]]
         surface = self.task.contact_index()
-        if self.perceives and isinf(self.perceived):
-            if self._shown[1][1][0] >= self.task.layers[surface].start:
-                self.perceived = t
+        if not (self.perceives and isinf(self.perceived)):
+            return
+        if self._shown[1][1][0] >= self.task.layers[surface].start:
+            self.perceived = t
 
     def append(self, piece):
         super().append(piece)

@@ -1,5 +1,7 @@
 """One run, by everything that can do it, at equal error."""
 
+from functools import partial
+
 from benchmarks import accuracy
 from benchmarks.contenders import CONTENDERS, TARGETS, Load
 from benchmarks.options import Options
@@ -30,16 +32,19 @@ def Measure(options: Options) -> list[Table]:
             "of alternating runs. Errors are the largest deviations from the "
             "independent solver, relative to each signal's range, more than 1 ms "
             "away from a jump; the straightforward variant is 1 in the ratios. "
-            "Compiling, where there is any, is apart.",
+            "Compiling, where there is any, is apart. Peers that say 1 ms or 1 kHz "
+            "cannot reach the target: their delays are sampled.",
         )
         arguments = (task, controller, DELAY, duration)
         calls, preparation = {}, {}
         for name, contender in CONTENDERS.items():
-            calls[name] = lambda contender=contender: contender(*arguments)
-        for peer in Peers(options):
-            call, seconds = peer.Prepare(*arguments)
-            calls[peer.name], preparation[peer.name] = call, seconds
-        measured = Alternate(calls, options.repeats)
+            calls[name] = partial(contender, *arguments)
+        peers = Peers(options)
+        for peer in peers:
+            if not peer.missing:
+                preparation[peer.name] = peer.module.Prepare(*arguments)
+                calls[peer.name] = partial(peer.module.Simulate, *arguments)
+        measured = Alternate(calls, 1 if options.quick else 3)
         base = measured["straightforward"]
         base_cost = base.cpu / base.value.derivative_evaluations
         for name, measurement in measured.items():
@@ -61,5 +66,8 @@ def Measure(options: Options) -> list[Table]:
                 velocity_y_error=errors.get("velocity_y"),
                 compile_s=preparation.get(name),
             )
+        for peer in peers:
+            if peer.missing:
+                table.Add(contender=f"{peer.name}, {peer.missing}")
         tables.append(table)
     return tables

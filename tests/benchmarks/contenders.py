@@ -6,7 +6,6 @@ loosest setting, of those in benchmarks.precision, whose error stays below TARGE
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from benchmarks import accuracy, peers, straightforward
@@ -19,10 +18,12 @@ from teleop_drake.simulation import simulate
 TARGETS = {1: 1e-5, 2: 1e-4}
 """Largest error, relative to the signal's range, by the number of axes."""
 
-# By the number of axes, as straightforward.SETTINGS.
+# By the number of axes and the controller, as straightforward.SETTINGS.
 PACKAGE_SETTINGS = {
-    1: {"accuracy": 1e-10, "max_step_size": 0.1},
-    2: {"accuracy": 1e-8, "max_step_size": 0.05},
+    (1, "adaptive_backstepping"): {"accuracy": 1e-10, "max_step_size": 0.1},
+    (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.005},
+    (2, "adaptive_backstepping"): {"accuracy": 1e-8, "max_step_size": 0.05},
+    (2, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.005},
 }
 SCIPY_TOLERANCES = {1: 1e-4, 2: 1e-4}
 
@@ -62,7 +63,7 @@ def Package(task, controller, delay, duration) -> Solution:
 
 def PackageAtTarget(task, controller, delay, duration) -> Solution:
     num_axes = 1 if task == "one_dof" else 2
-    setting = dict(PACKAGE_SETTINGS[num_axes])
+    setting = dict(PACKAGE_SETTINGS[num_axes, controller])
     setting["max_step_size"] = min(setting["max_step_size"], delay)
     return FromRecording(simulate(Load(task, controller, delay, duration, **setting)))
 

@@ -54,9 +54,16 @@ def PeakForce(arguments) -> float:
 
 def RunPool(name: str, task: str, delays: list[float], duration: float):
     """Maps PeakForce over processes, each with a few runs at most."""
-    with multiprocessing.get_context("spawn").Pool(JOBS) as pool:
-        arguments = [(name, task, delay, duration) for delay in delays]
-        return pool.map(PeakForce, arguments, chunksize=1)
+    initializer, arguments = None, ()
+    if name.startswith("JiTCDDE"):
+        from benchmarks import jitcdde_peer
+
+        file = jitcdde_peer.Compiled(task, CONTROLLER)
+        initializer, arguments = jitcdde_peer.Adopt, (task, CONTROLLER, file)
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(JOBS, initializer, arguments) as pool:
+        runs = [(name, task, delay, duration) for delay in delays]
+        return pool.map(PeakForce, runs, chunksize=1)
 
 
 def main() -> None:

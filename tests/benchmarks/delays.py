@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +33,9 @@ def Measure(options: Options) -> list[Table]:
     for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
         delays = Delays(options)
         scenario = contenders.Load(task)
+        target_setting = contenders.PACKAGE_SETTINGS[scenario.num_axes, CONTROLLER]
         duration = options.Duration(scenario)
-        setting = {
-            f"simulator.{key}": value
-            for key, value in contenders.PACKAGE_SETTINGS[scenario.num_axes].items()
-        }
+        setting = {f"simulator.{key}": value for key, value in target_setting.items()}
         # The step may not exceed the delay, and Sweep has one setting for all.
         setting["simulator.max_step_size"] = delays[0]
         programs = {
@@ -49,22 +48,19 @@ def Measure(options: Options) -> list[Table]:
         for peer in Peers(options):
             if peer.sweeps:
                 programs[peer.name] = ["pool", peer.name]
-        repeats = 1 if options.quick else 2
         measured = Alternate(
             {
-                name: lambda program=program: _Spawn(
-                    [*program, task, delays, duration]
-                )
+                name: partial(_Spawn, [*program, task, delays, duration])
                 for name, program in programs.items()
             },
-            repeats,
+            1,
         )
         base = measured["straightforward"]
         table = Table(
             name=f"delays_{task}",
             title=f"{len(delays)} delays, {task}, {CONTROLLER}, {duration:g} s, "
             f"{JOBS} processes",
-            note="Wall time of a fresh program in s, medians of alternating runs; "
+            note="Wall time of a fresh program in s, compiling included; "
             "the straightforward variant is 1. The error is the largest deviation "
             "from the independent solver, relative to the signal's range, at the "
             "shortest, the middle and the longest delay. That the sampled delays are "

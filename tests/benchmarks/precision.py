@@ -1,5 +1,7 @@
 """Work and precision: what an error costs, over accuracies and maximum steps."""
 
+from functools import partial
+
 import matplotlib
 
 matplotlib.use("Agg")
@@ -48,26 +50,7 @@ def Measure(options: Options) -> list[Table]:
         duration = options.Duration(Load(task))
         target = TARGETS[Load(task).num_axes]
         arguments = (task, controller, DELAY, duration)
-        calls = {
-            ("package, its own settings", ""): lambda: FromRecording(
-                simulate(Load(*arguments))
-            )
-        }
-        for step in steps:
-            for tolerance in accuracies:
-                setting = {"accuracy": tolerance, "max_step_size": step}
-                text = f"accuracy {tolerance:g}, max step {step:g} s"
-                calls["package", text] = lambda setting=setting: FromRecording(
-                    simulate(Load(*arguments, **setting))
-                )
-                calls["straightforward", text] = lambda setting=setting: (
-                    straightforward.simulate(Load(*arguments), **setting)
-                )
-        for tolerance in tolerances:
-            calls["scipy, method of steps", f"rtol {tolerance:g}"] = (
-                lambda tolerance=tolerance: Scipy(*arguments, tolerance)
-            )
-        calls["1 kHz DiscreteTimeDelay", "Drake's"] = lambda: Sampled(*arguments)
+        calls = _Calls(arguments, accuracies, steps, tolerances)
         measured = Alternate(calls, 1)
         oracle = accuracy.Oracle(*arguments)
         table = Table(
@@ -99,6 +82,29 @@ def Measure(options: Options) -> list[Table]:
         if options.out is not None:
             _Plot(rows, target, table.title, options.out / f"{table.name}.png")
     return tables
+
+
+def _Calls(arguments, accuracies, steps, tolerances) -> dict:
+    """Returns what to run by contender and setting."""
+
+    def Package(**setting):
+        return FromRecording(simulate(Load(*arguments, **setting)))
+
+    def Straightforward(**setting):
+        return straightforward.simulate(Load(*arguments), **setting)
+
+    calls = {("package, its own settings", ""): Package}
+    for step in steps:
+        for tolerance in accuracies:
+            setting = {"accuracy": tolerance, "max_step_size": step}
+            text = f"accuracy {tolerance:g}, max step {step:g} s"
+            calls["package", text] = partial(Package, **setting)
+            calls["straightforward", text] = partial(Straightforward, **setting)
+    for tolerance in tolerances:
+        name = "scipy, method of steps", f"rtol {tolerance:g}"
+        calls[name] = partial(Scipy, *arguments, tolerance)
+    calls["1 kHz DiscreteTimeDelay", "Drake's"] = partial(Sampled, *arguments)
+    return calls
 
 
 def _Plot(rows, target, title, path) -> None:

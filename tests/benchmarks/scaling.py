@@ -7,9 +7,7 @@ from benchmarks.timing import Alternate
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
-NOTE = (
-    "CPU time of `simulate`, medians of alternating runs; the ratio is to the first row."
-)
+NOTE = "CPU time of `simulate`, medians of alternating runs; ratios to the first row."
 DELAYS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
 PERIODS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
 LATTICES = {
@@ -118,7 +116,6 @@ def _Dimensions(options: Options) -> Table:
             CPU_s=measurement.cpu,
             evaluations=measurement.value.solver.derivative_evaluations,
             us_per_evaluation=1e6 * costs[task, controller],
-            ratio_per_evaluation=costs[task, controller]
-            / costs["one_dof", controller],
+            ratio_per_evaluation=costs[task, controller] / costs["one_dof", controller],
         )
     return table

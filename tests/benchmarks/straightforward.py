@@ -4,9 +4,9 @@ What somebody who knows Drake and numpy makes of the thesis's equations in an
 afternoon, without the package and without a thought of speed: one Diagram, one
 LeafSystem an idea, and
 
-* four delay blocks, one for each signal that crosses: F_h, v_d, position, velocity. Each
-  keeps samples of the solver's steps in a ring buffer in discrete state and joins
-  them by cubics. A located event is recorded on both sides.
+* four delay blocks, one for each signal that crosses: F_h, v_d, position, velocity.
+  Each keeps samples of the solver's steps in a ring buffer in discrete state and
+  joins them by cubics. A located event is recorded on both sides.
 * plain numpy in every callback, and the arm's kinematics anew in every one of them.
 * the puncture and the surgeon's switch located by Drake's witness functions as they
   are. Everything else (kinks, and the echoes of the jumps) is left to error control.
@@ -390,9 +390,7 @@ def StartJoints(scenario: Scenario) -> np.ndarray:
     return np.array([q1, q2])
 
 
-def MakeDiagram(
-    scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]
-):
+def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]):
     """Returns the Diagram and its loggers by signal."""
     n = scenario.num_axes
     builder = DiagramBuilder()
@@ -514,11 +512,14 @@ def Run(scenario, make_delay, duration, **config) -> Solution:
 # Drake locates events to a microsecond or better with this accuracy of the Context.
 EVENT_ACCURACY = 1e-4
 
-# The loosest of the tried settings that keep the errors below 1e-5 of each signal's
-# range on one axis and below 1e-4 on two; `run.py --only precision` shows them.
+# By the number of axes and the controller: the loosest of the tried settings that keep
+# the errors below 1e-5 of each signal's range on one axis and 1e-4 on two, as the
+# benchmarks `precision` and `bounces` show. Bouncing magnifies errors.
 SETTINGS = {
-    1: {"accuracy": 1e-10, "max_step_size": 0.03},
-    2: {"accuracy": 1e-8, "max_step_size": 0.03},
+    (1, "adaptive_backstepping"): {"accuracy": 1e-10, "max_step_size": 0.03},
+    (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.003},
+    (2, "adaptive_backstepping"): {"accuracy": 1e-8, "max_step_size": 0.03},
+    (2, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.001},
 }
 
 
@@ -530,8 +531,8 @@ def simulate(
     duration: float | None = None,
     scheme: str = "runge_kutta5",
 ) -> Solution:
-    """Simulates with exact delays; by default with the SETTINGS of its size."""
-    setting = SETTINGS[scenario.num_axes]
+    """Simulates with exact delays; by default with its SETTINGS."""
+    setting = SETTINGS[scenario.num_axes, scenario.controller.kind]
     channels = (scenario.forward_channel, scenario.return_channel)
     delays = [channel.delay for channel in channels if channel.delay > 0]
     step = min(max_step_size or setting["max_step_size"], *delays)

@@ -81,9 +81,7 @@ def Measure(options: Options) -> list[Table]:
                 steps=solver.steps,
                 evaluations=solver.derivative_evaluations,
                 CPU_s=measurement.cpu,
-                us_per_evaluation=1e6
-                * measurement.cpu
-                / solver.derivative_evaluations,
+                us_per_evaluation=1e6 * measurement.cpu / solver.derivative_evaluations,
                 real_time_factor=float(recording.time[-1]) / measurement.cpu,
                 largest_error=max(errors.values()),
                 velocity_error=errors["tool_velocity"],

@@ -19,9 +19,7 @@ def Measure(options: Options) -> list[Table]:
     overrides = {"duration": 0.5 if options.quick else 5.0}
     num_runs = len(CONTROLLERS) * num_delays
     calls = {
-        jobs: lambda jobs=jobs: Sweep(
-            "one_dof", grid, overrides=overrides, jobs=jobs
-        )
+        jobs: lambda jobs=jobs: Sweep("one_dof", grid, overrides=overrides, jobs=jobs)
         for jobs in WORKERS
     }
     measured = Alternate(calls, 1 if options.quick else 3)

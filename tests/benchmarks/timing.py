@@ -1,8 +1,8 @@
 """Fair timing on a machine that does other things as well.
 
-Contenders take turns (A B A B ...) in one invocation, so that whatever slows the machine
-slows all of them, and a comparison is the ratio of their medians. In one process, CPU time
-counts: wall time would count the other processes too.
+Contenders take turns (A B A B ...) in one invocation, so that whatever slows the
+machine slows all of them, and a comparison is the ratio of their medians. In one
+process, CPU time counts: wall time would count the other processes too.
 """
 
 import gc
