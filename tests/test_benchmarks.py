@@ -7,6 +7,7 @@ import pytest
 from benchmarks import accuracy, contenders
 from benchmarks.channel_oracle import ChannelOracle
 from benchmarks.options import Options
+from benchmarks.peers import Find, Peers
 from benchmarks.straightforward import Solution
 from benchmarks.suite import Measure
 from benchmarks.tables import Table
@@ -80,6 +81,22 @@ def test_channels_agree_with_their_oracle(controller, kind):
         del signals["control_force"]
     errors = accuracy.Errors(oracle, recording.time, signals)
     assert max(errors.values()) < 1e-4
+
+
+def test_peers_solve_the_same_model_or_say_why_not():
+    arguments = ("one_dof", ADAPTIVE, 0.1, 0.5)
+    peers = Peers(Options(peers=True))
+    assert len(peers) == 3
+    for peer in peers:
+        if peer.missing:
+            assert peer.missing.startswith("not run: ")
+            with pytest.raises(LookupError, match="installed peer"):
+                Find(peer.name)
+        else:
+            solution = Find(peer.name)(*arguments)
+            error = accuracy.LargestError(accuracy.Oracle(*arguments), solution)
+            assert error < 1e-2, peer.name
+    assert Peers(Options(peers=False)) == []
 
 
 def test_errors_are_relative_to_the_range():

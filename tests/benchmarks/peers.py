@@ -46,7 +46,7 @@ def Find(name: str) -> Callable:
     """
     for package in MODULES:
         peer = _Load(package)
-        if peer.name == name:
+        if peer.name == name and not peer.missing:
             return peer.module.Simulate
     raise LookupError(f"{name!r} is neither a contender nor an installed peer")
 
