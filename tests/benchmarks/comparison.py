@@ -1,5 +1,6 @@
 """One run, by everything that can do it, at equal error."""
 
+from collections.abc import Iterator
 from functools import partial
 
 from benchmarks import accuracy
@@ -16,8 +17,7 @@ CASES = {
 DELAY = 0.1
 
 
-def Measure(options: Options) -> list[Table]:
-    tables = []
+def Measure(options: Options) -> Iterator[Table]:
     for (task, controller), title in CASES.items():
         scenario = Load(task, controller, DELAY)
         target = TARGETS[scenario.num_axes]
@@ -69,5 +69,4 @@ def Measure(options: Options) -> list[Table]:
         for peer in peers:
             if peer.missing:
                 table.Add(contender=f"{peer.name}, {peer.missing}")
-        tables.append(table)
-    return tables
+        yield table

@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -28,8 +29,7 @@ def Delays(options: Options) -> list[float]:
     return (DELAYS[::25] if options.quick else DELAYS).tolist()
 
 
-def Measure(options: Options) -> list[Table]:
-    tables = []
+def Measure(options: Options) -> Iterator[Table]:
     for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
         delays = Delays(options)
         scenario = contenders.Load(task)
@@ -42,12 +42,13 @@ def Measure(options: Options) -> list[Table]:
             "package Sweep, its own settings": ["sweep", {}],
             "package Sweep, within target": ["sweep", setting],
             "straightforward": ["pool", "straightforward"],
-            "1 kHz DiscreteTimeDelay": ["pool", "1 kHz DiscreteTimeDelay"],
             "scipy, method of steps": ["pool", "scipy, method of steps"],
         }
         for peer in Peers(options):
             if peer.sweeps:
                 programs[peer.name] = ["pool", peer.name]
+        sampled = "1 kHz DiscreteTimeDelay"
+        programs[sampled] = ["pool", sampled]
         measured = Alternate(
             {
                 name: partial(_Spawn, [*program, task, delays, duration])
@@ -60,8 +61,9 @@ def Measure(options: Options) -> list[Table]:
             name=f"delays_{task}",
             title=f"{len(delays)} delays, {task}, {CONTROLLER}, {duration:g} s, "
             f"{JOBS} processes",
-            note="Wall time of a fresh program in s, compiling included; "
-            "the straightforward variant is 1. The error is the largest deviation "
+            note="CPU time of a fresh program and its processes, with start-up and "
+            "compiling; the straightforward variant is 1. Wall time depends on what "
+            "else the machine does. The error is the largest deviation "
             "from the independent solver, relative to the signal's range, at the "
             "shortest, the middle and the longest delay. That the sampled delays are "
             "whole milliseconds is part of it.",
@@ -70,16 +72,16 @@ def Measure(options: Options) -> list[Table]:
             kind, what = programs[name]
             table.Add(
                 contender=name,
+                CPU_s=measurement.cpu,
+                ratio=measurement.cpu / base.cpu,
+                CPU_s_per_run=measurement.cpu / len(delays),
                 wall_s=measurement.wall,
-                ratio=measurement.wall / base.wall,
-                s_per_run=measurement.wall * JOBS / len(delays),
                 largest_error=max(
                     _Error(kind, what, task, delay, duration)
                     for delay in delays[:: max(1, (len(delays) - 1) // 2)]
                 ),
             )
-        tables.append(table)
-    return tables
+        yield table
 
 
 def _Error(kind: str, what, task: str, delay: float, duration: float) -> float:

@@ -1,5 +1,6 @@
 """Work and precision: what an error costs, over accuracies and maximum steps."""
 
+from collections.abc import Iterator
 from functools import partial
 
 import matplotlib
@@ -40,8 +41,7 @@ STYLES = {
 }
 
 
-def Measure(options: Options) -> list[Table]:
-    tables = []
+def Measure(options: Options) -> Iterator[Table]:
     accuracies = ACCURACIES[:2] if options.quick else ACCURACIES
     tolerances = TOLERANCES[:2] if options.quick else TOLERANCES
     steps = STEPS[-1:] if options.quick else STEPS
@@ -78,10 +78,9 @@ def Measure(options: Options) -> list[Table]:
                 largest_error=error,
                 cheapest="yes" if cheapest.get(contender) == cpu else "",
             )
-        tables.append(table)
+        yield table
         if options.out is not None:
             _Plot(rows, target, table.title, options.out / f"{table.name}.png")
-    return tables
 
 
 def _Calls(arguments, accuracies, steps, tolerances) -> dict:

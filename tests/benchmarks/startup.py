@@ -25,8 +25,8 @@ def Measure(options: Options) -> list[Table]:
     table = Table(
         name="startup",
         title="Import and start-up",
-        note="Wall time of a fresh process in s; medians of alternating runs, after "
-        "one that is not counted.",
+        note="A fresh process; medians of alternating runs, after one that is not "
+        "counted.",
     )
     contenders = {
         name: lambda command=command: subprocess.run(
@@ -40,7 +40,8 @@ def Measure(options: Options) -> list[Table]:
     for name, measurement in measured.items():
         table.Add(
             command=name,
+            CPU_s=measurement.cpu,
             wall_s=measurement.wall,
-            more_than_python_s=measurement.wall - bare,
+            more_wall_s_than_python=measurement.wall - bare,
         )
     return [table]
