@@ -44,7 +44,7 @@ def Measure(options: Options) -> Iterator[Table]:
             if not peer.missing:
                 preparation[peer.name] = peer.module.Prepare(*arguments)
                 calls[peer.name] = partial(peer.module.Simulate, *arguments)
-        measured = Alternate(calls, 1 if options.quick else 3)
+        measured = Alternate(calls, options.repeats)
         base = measured["straightforward"]
         base_cost = base.cpu / base.value.derivative_evaluations
         for name, measurement in measured.items():

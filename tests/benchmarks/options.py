@@ -21,7 +21,7 @@ class Options:
     @property
     def repeats(self) -> int:
         """How often each contender runs."""
-        return 1 if self.quick else 5
+        return 1 if self.quick else 3
 
     def Duration(self, scenario) -> float:
         """Returns how much of a scenario to simulate, in s."""

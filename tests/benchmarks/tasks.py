@@ -58,7 +58,7 @@ def Measure(options: Options) -> list[Table]:
                 case: lambda scenario=scenario: simulate(scenario)
                 for case, scenario in cases.items()
             },
-            1 if options.quick else 3,
+            options.repeats,
         )
         for (controller, kind), measurement in measured.items():
             recording = measurement.value

@@ -22,7 +22,7 @@ def Measure(options: Options) -> list[Table]:
         jobs: lambda jobs=jobs: Sweep("one_dof", grid, overrides=overrides, jobs=jobs)
         for jobs in WORKERS
     }
-    measured = Alternate(calls, 1 if options.quick else 3)
+    measured = Alternate(calls, options.repeats)
     table = Table(
         name="throughput",
         title=f"Throughput of a Sweep: {num_runs} runs of one_dof, "
