@@ -34,7 +34,8 @@ def Measure(options: Options) -> list[Table]:
         )
         for name, command in COMMANDS.items()
     }
-    Alternate(contenders, 1)
+    if not options.quick:
+        Alternate(contenders, 1)
     measured = Alternate(contenders, options.repeats)
     bare = measured["python, nothing else"].wall
     for name, measurement in measured.items():
