@@ -1,0 +1,83 @@
+"""How wrong a solution is, measured against the independent solver.
+
+The oracle (tests/independent_solver.py) shares no code with the package.
+"""
+
+import functools
+
+import numpy as np
+from independent_solver import solve, thesis_task
+
+SIGNALS = {
+    "tool_position": "p_WT",
+    "tool_velocity": "v_WT",
+    "environment_force": "F_e",
+    "control_force": "F_c",
+}
+
+# A jump is at one instant, which two solutions place on either side of a sample.
+JUMP_WINDOW = 1e-3
+
+INITIAL_PSI = {"one_dof": {"initial_psi": 4.3}}
+
+
+def ThesisTask(task, controller, delay):
+    """Returns one of the thesis's tasks for the independent solver."""
+    adaptive = controller == "adaptive_backstepping"
+    gains = INITIAL_PSI.get(task, {}) if adaptive else {}
+    return thesis_task(task, adaptive, delays=(delay, delay), **gains)
+
+
+def Solve(task, controller, delay, duration, *, rtol):
+    """Solves one of the thesis's tasks with the independent solver."""
+    problem = ThesisTask(task, controller, delay)
+    limit = 5 * np.linalg.norm(problem.velocity)
+    return solve(problem, duration, speed_limit=limit, rtol=rtol)
+
+
+@functools.cache
+def Oracle(task, controller, delay, duration):
+    """Returns the converged solution; `test_benchmarks` says how converged it is."""
+    return Solve(task, controller, delay, duration, rtol=1e-11)
+
+
+def _JumpTimes(oracle) -> list[float]:
+    """Returns where F_e or F_c may jump: at events, and a forward delay later."""
+    if hasattr(oracle, "jumps"):
+        return oracle.jumps
+    delay = oracle.task.forward_delay
+    times = [0.0, *(event.time for event in oracle.events)]
+    return [*times, *(time + delay for time in times)]
+
+
+def Errors(oracle, time, signals) -> dict[str, float]:
+    """Largest deviations of a solution, each relative to that signal's range.
+
+    At the solution's own samples, so that nothing is blamed on interpolation. The range
+    is that of the signal's largest axis; "velocity_y" is relative to its own.
+
+    Args:
+        oracle: What Oracle() returned.
+        time: (N,) instants.
+        signals: (N, k) samples by name.
+    """
+    keep = (time < oracle.end - JUMP_WINDOW) & (time > 0)
+    for jump in _JumpTimes(oracle):
+        keep &= np.abs(time - jump) > JUMP_WINDOW
+    reference = oracle.sample(time[keep])
+    errors = {}
+    for name, key in SIGNALS.items():
+        if name not in signals:
+            continue
+        scale = np.ptp(reference[key], axis=0).max()
+        errors[name] = float(np.abs(signals[name][keep] - reference[key]).max() / scale)
+    v = reference["v_WT"]
+    if v.shape[1] > 1:
+        error = np.abs(signals["tool_velocity"][keep][:, 1] - v[:, 1]).max()
+        errors["velocity_y"] = float(error / np.ptp(v[:, 1]))
+    return errors
+
+
+def LargestError(oracle, solution) -> float:
+    """Returns the largest of the Errors of a Solution."""
+    return max(Errors(oracle, solution.time, solution.signals).values())

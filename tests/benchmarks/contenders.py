@@ -1,0 +1,110 @@
+"""The ways to simulate a task that are compared, behind one signature.
+
+Each takes a task's name, a controller, the delay each way and a duration, builds
+everything anew, and returns a Solution. What has been tuned is tuned the same way: the
+loosest setting, of those in benchmarks.precision, whose error stays below TARGETS.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from benchmarks import accuracy, peers, straightforward
+from benchmarks.straightforward import Solution
+
+from teleop_drake.recording import Recording
+from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.simulation import simulate
+
+TARGETS = {1: 1e-5, 2: 1e-4}
+"""Largest error, relative to the signal's range, by the number of axes."""
+
+# By the number of axes and the controller, as straightforward.SETTINGS.
+PACKAGE_SETTINGS = {
+    (1, "adaptive_backstepping"): {"accuracy": 1e-10, "max_step_size": 0.1},
+    (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.005},
+    (2, "adaptive_backstepping"): {"accuracy": 1e-8, "max_step_size": 0.05},
+    (2, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.005},
+}
+SCIPY_TOLERANCES = {1: 1e-4, 2: 1e-4}
+
+
+def Load(
+    task: str,
+    controller: str = "adaptive_backstepping",
+    delay: float = 0.1,
+    duration: float | None = None,
+    **simulator: float,
+) -> Scenario:
+    """Loads a scenario of the package with both delays the same."""
+    overrides: dict = {
+        "controller.kind": controller,
+        "forward_channel.delay": delay,
+        "return_channel.delay": delay,
+    }
+    if duration is not None:
+        overrides["duration"] = duration
+    overrides |= {f"simulator.{key}": value for key, value in simulator.items()}
+    return LoadScenario(task, overrides)
+
+
+def FromRecording(recording: Recording) -> Solution:
+    """Returns what the package recorded as a Solution."""
+    return Solution(
+        time=recording.time,
+        signals={name: recording[name] for name in accuracy.SIGNALS},
+        steps=recording.solver.steps,
+        derivative_evaluations=recording.solver.derivative_evaluations,
+    )
+
+
+def Package(task, controller, delay, duration) -> Solution:
+    return FromRecording(simulate(Load(task, controller, delay, duration)))
+
+
+def PackageAtTarget(task, controller, delay, duration) -> Solution:
+    num_axes = 1 if task == "one_dof" else 2
+    setting = dict(PACKAGE_SETTINGS[num_axes, controller])
+    setting["max_step_size"] = min(setting["max_step_size"], delay)
+    return FromRecording(simulate(Load(task, controller, delay, duration, **setting)))
+
+
+def Straightforward(task, controller, delay, duration) -> Solution:
+    return straightforward.simulate(Load(task, controller, delay, duration))
+
+
+def Sampled(task, controller, delay, duration) -> Solution:
+    return straightforward.simulate_sampled(Load(task, controller, delay, duration))
+
+
+def Scipy(task, controller, delay, duration, rtol: float | None = None) -> Solution:
+    """The method of steps with scipy's DOP853: the independent solver, but looser."""
+    num_axes = 1 if task == "one_dof" else 2
+    result = accuracy.Solve(
+        task,
+        controller,
+        delay,
+        duration,
+        rtol=rtol or SCIPY_TOLERANCES[num_axes],
+    )
+    time = np.array([piece.end for piece in result.pieces])
+    sampled = result.sample(time, "left")
+    return Solution(
+        time=time,
+        signals={name: sampled[key] for name, key in accuracy.SIGNALS.items()},
+        steps=len(time),
+        derivative_evaluations=None,
+    )
+
+
+CONTENDERS: dict[str, Callable[[str, str, float, float], Solution]] = {
+    "package, its own settings": Package,
+    "package, loosest within target": PackageAtTarget,
+    "straightforward": Straightforward,
+    "1 kHz DiscreteTimeDelay": Sampled,
+    "scipy, method of steps": Scipy,
+}
+
+
+def Find(name: str) -> Callable[[str, str, float, float], Solution]:
+    """Returns a contender or a peer by its name."""
+    return CONTENDERS.get(name) or peers.Find(name)

@@ -1,0 +1,79 @@
+"""The programs that benchmarks.delays times: one study of many delays each.
+
+    python -m benchmarks.delay_program '[kind, what, task, [delay, ...], duration]'
+
+Each imports only what it needs, because start-up counts.
+"""
+
+import json
+import multiprocessing
+import sys
+
+CONTROLLER = "adaptive_backstepping"
+JOBS = 2
+
+
+def RunSweep(task: str, delays: list[float], duration: float, overrides: dict):
+    """Runs the package's Sweep; returns the peak control force of each run in N."""
+    from teleop_drake.sweep import Sweep
+
+    result = Sweep(
+        task,
+        {"delay": delays},
+        overrides={"controller.kind": CONTROLLER, "duration": duration} | overrides,
+        jobs=JOBS,
+    )
+    return result.Values("control_force_peak.x").tolist()
+
+
+def PeakForce(arguments) -> float:
+    """Runs one contender once; returns the largest control force it sampled in N."""
+    name, task, delay, duration = arguments
+    if name in ("straightforward", "1 kHz DiscreteTimeDelay"):
+        from benchmarks import straightforward
+
+        from teleop_drake.scenario import LoadScenario
+
+        overrides = {
+            "controller.kind": CONTROLLER,
+            "forward_channel.delay": delay,
+            "return_channel.delay": delay,
+            "duration": duration,
+        }
+        scenario = LoadScenario(task, overrides)
+        if name == "straightforward":
+            solution = straightforward.simulate(scenario)
+        else:
+            solution = straightforward.simulate_sampled(scenario)
+    else:
+        from benchmarks import contenders
+
+        solution = contenders.Find(name)(task, CONTROLLER, delay, duration)
+    return float(abs(solution.signals["control_force"][:, 0]).max())
+
+
+def RunPool(name: str, task: str, delays: list[float], duration: float):
+    """Maps PeakForce over processes, each with a few runs at most."""
+    initializer, arguments = None, ()
+    if name.startswith("JiTCDDE"):
+        from benchmarks import jitcdde_peer
+
+        file = jitcdde_peer.Compiled(task, CONTROLLER)
+        initializer, arguments = jitcdde_peer.Adopt, (task, CONTROLLER, file)
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(JOBS, initializer, arguments) as pool:
+        runs = [(name, task, delay, duration) for delay in delays]
+        return pool.map(PeakForce, runs, chunksize=1)
+
+
+def main() -> None:
+    kind, what, task, delays, duration = json.loads(sys.argv[1])
+    if kind == "sweep":
+        peaks = RunSweep(task, delays, duration, what)
+    else:
+        peaks = RunPool(what, task, delays, duration)
+    print(json.dumps(peaks))
+
+
+if __name__ == "__main__":
+    main()

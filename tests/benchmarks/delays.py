@@ -1,0 +1,110 @@
+"""Fifty delays on all processors, start-up included: what a study of delay costs.
+
+Every contender is a program of its own, timed from outside: imports, processes, and
+what compiling there is, count.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from benchmarks import accuracy, contenders
+from benchmarks.delay_program import CONTROLLER, JOBS
+from benchmarks.options import Options
+from benchmarks.peers import Peers
+from benchmarks.tables import Table
+from benchmarks.timing import Alternate
+
+from teleop_drake.simulation import simulate
+
+DELAYS = np.linspace(0.02, 0.4, 50)
+
+
+def Delays(options: Options) -> list[float]:
+    return (DELAYS[::25] if options.quick else DELAYS).tolist()
+
+
+def Measure(options: Options) -> Iterator[Table]:
+    for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
+        delays = Delays(options)
+        scenario = contenders.Load(task)
+        target_setting = contenders.PACKAGE_SETTINGS[scenario.num_axes, CONTROLLER]
+        duration = options.Duration(scenario)
+        setting = {f"simulator.{key}": value for key, value in target_setting.items()}
+        # The step may not exceed the delay, and Sweep has one setting for all.
+        setting["simulator.max_step_size"] = delays[0]
+        programs = {
+            "package Sweep, its own settings": ["sweep", {}],
+            "package Sweep, within target": ["sweep", setting],
+            "straightforward": ["pool", "straightforward"],
+            "scipy, method of steps": ["pool", "scipy, method of steps"],
+        }
+        for peer in Peers(options):
+            if peer.sweeps:
+                programs[peer.name] = ["pool", peer.name]
+        sampled = "1 kHz DiscreteTimeDelay"
+        programs[sampled] = ["pool", sampled]
+        measured = Alternate(
+            {
+                name: partial(_Spawn, [*program, task, delays, duration])
+                for name, program in programs.items()
+            },
+            1,
+        )
+        base = measured["straightforward"]
+        table = Table(
+            name=f"delays_{task}",
+            title=f"{len(delays)} delays, {task}, {CONTROLLER}, {duration:g} s, "
+            f"{JOBS} processes",
+            note="CPU time of a fresh program and its processes, with start-up and "
+            "compiling; the straightforward variant is 1. Wall time depends on what "
+            "else the machine does. The error is the largest deviation "
+            "from the independent solver, relative to the signal's range, at the "
+            "shortest, the middle and the longest delay. That the sampled delays are "
+            "whole milliseconds is part of it.",
+        )
+        for name, measurement in measured.items():
+            kind, what = programs[name]
+            table.Add(
+                contender=name,
+                CPU_s=measurement.cpu,
+                ratio=measurement.cpu / base.cpu,
+                CPU_s_per_run=measurement.cpu / len(delays),
+                wall_s=measurement.wall,
+                largest_error=max(
+                    _Error(kind, what, task, delay, duration)
+                    for delay in delays[:: max(1, (len(delays) - 1) // 2)]
+                ),
+            )
+        yield table
+
+
+def _Error(kind: str, what, task: str, delay: float, duration: float) -> float:
+    """Returns the error of one run of a program, measured outside of its time."""
+    oracle = accuracy.Oracle(task, CONTROLLER, delay, duration)
+    if kind == "sweep":
+        scenario = contenders.Load(task, CONTROLLER, delay, duration)
+        for key, value in what.items():
+            setattr(scenario.simulator, key.removeprefix("simulator."), value)
+        solution = contenders.FromRecording(simulate(scenario))
+    else:
+        solution = contenders.Find(what)(task, CONTROLLER, delay, duration)
+    return accuracy.LargestError(oracle, solution)
+
+
+def _Spawn(program: list) -> list[float]:
+    """Runs a program of benchmarks.delay_program; returns its peak forces in N."""
+    paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.delay_program", json.dumps(program)],
+        check=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return json.loads(done.stdout.splitlines()[-1])

@@ -1,0 +1,141 @@
+"""The benchmarks measure what they say. No test asserts a time."""
+
+import math
+
+import numpy as np
+import pytest
+from benchmarks import accuracy, contenders
+from benchmarks.channel_oracle import ChannelOracle
+from benchmarks.options import Options
+from benchmarks.peers import Find, Peers
+from benchmarks.straightforward import Solution
+from benchmarks.suite import Measure
+from benchmarks.tables import Table
+from benchmarks.tasks import MakeScenario
+from benchmarks.timing import Alternate
+
+from teleop_drake.scenario import CONTROLLERS
+from teleop_drake.simulation import simulate
+
+ADAPTIVE = "adaptive_backstepping"
+
+
+@pytest.mark.parametrize("name", ["comparison", "scaling", "startup"])
+def test_quick_tables_have_finite_numbers(name):
+    tables = Measure([name], Options(quick=True))
+    assert tables
+    for table in tables:
+        numbers = list(table.Numbers())
+        assert len(numbers) > 3, table.name
+        assert all(map(math.isfinite, numbers)), table.name
+        assert table.Markdown().count("\n|") == len(table.rows) + 2
+        errors = [row["largest error"] for row in table.rows if "largest error" in row]
+        assert all(error < 1e-2 for error in errors), table.name
+
+
+@pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
+def test_straightforward_keeps_its_targets(task):
+    scenario = contenders.Load(task)
+    arguments = (task, ADAPTIVE, 0.1, scenario.duration)
+    solution = contenders.Straightforward(*arguments)
+    error = accuracy.LargestError(accuracy.Oracle(*arguments), solution)
+    assert error <= contenders.TARGETS[scenario.num_axes]
+
+
+def test_straightforward_keeps_its_target_while_it_bounces():
+    arguments = ("two_dof_combined", "direct_force", 0.1, 3.3)
+    oracle = accuracy.Oracle(*arguments)
+    assert sum(event.kind == "contact" for event in oracle.events) >= 2
+    solution = contenders.Straightforward(*arguments)
+    assert accuracy.LargestError(oracle, solution) <= contenders.TARGETS[2]
+
+
+@pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
+def test_sampled_delays_are_about_right(task):
+    arguments = (task, ADAPTIVE, 0.1, 1.0)
+    error = accuracy.LargestError(
+        accuracy.Oracle(*arguments), contenders.Sampled(*arguments)
+    )
+    # Half a millisecond of mean delay too much: wrong, but not by much.
+    assert 1e-4 < error < 1e-2
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_oracle_has_converged(controller):
+    arguments = ("two_dof_combined", controller, 0.1, 4.0)
+    looser = contenders.Scipy(*arguments, rtol=1e-9)
+    assert accuracy.LargestError(accuracy.Oracle(*arguments), looser) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["variable", "sampled", "network"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_channels_agree_with_their_oracle(controller, kind):
+    # Long enough for the puncture, the contact and the surgeon's switch.
+    scenario = MakeScenario("two_dof_combined", controller, kind, 2.8)
+    oracle = ChannelOracle(scenario)
+    assert len(oracle.jumps) >= 2
+    assert math.isfinite(oracle.perceived)
+    recording = simulate(scenario)
+    signals = {name: recording[name] for name in accuracy.SIGNALS}
+    if kind != "variable" and controller == "direct_force":
+        del signals["control_force"]
+    errors = accuracy.Errors(oracle, recording.time, signals)
+    assert max(errors.values()) < 1e-4
+
+
+def test_peers_solve_the_same_model_or_say_why_not():
+    arguments = ("one_dof", ADAPTIVE, 0.1, 0.5)
+    peers = Peers(Options(peers=True))
+    assert len(peers) == 3
+    for peer in peers:
+        if peer.missing:
+            assert peer.missing.startswith("not run: ")
+            with pytest.raises(LookupError, match="installed peer"):
+                Find(peer.name)
+        else:
+            solution = Find(peer.name)(*arguments)
+            error = accuracy.LargestError(accuracy.Oracle(*arguments), solution)
+            assert error < 1e-2, peer.name
+    assert Peers(Options(peers=False)) == []
+
+
+def test_errors_are_relative_to_the_range():
+    arguments = ("one_dof", ADAPTIVE, 0.1, 1.0)
+    oracle = accuracy.Oracle(*arguments)
+    time = np.linspace(0.2, 0.9, 50)
+    reference = oracle.sample(time)
+    signals = {name: reference[key].copy() for name, key in accuracy.SIGNALS.items()}
+    assert max(accuracy.Errors(oracle, time, signals).values()) == 0.0
+    signals["tool_velocity"][7] += 0.03 * np.ptp(reference["v_WT"])
+    errors = accuracy.Errors(oracle, time, signals)
+    assert errors["tool_velocity"] == pytest.approx(0.03)
+    assert errors["tool_position"] == 0.0
+    solution = Solution(
+        time=time, signals=signals, steps=None, derivative_evaluations=None
+    )
+    assert accuracy.LargestError(oracle, solution) == pytest.approx(0.03)
+
+
+def test_contenders_take_turns():
+    calls = []
+    measured = Alternate(
+        {name: lambda name=name: calls.append(name) or name for name in "AB"}, 3
+    )
+    assert calls == list("ABABAB")
+    assert [measured[name].value for name in "AB"] == ["A", "B"]
+    measured["A"].cpu_times = [5.0, 1.0, 2.0]
+    assert measured["A"].cpu == 2.0
+
+
+def test_tables_in_markdown():
+    table = Table(name="n", title="T", note="N")
+    table.Add(some_name="a", number=1234.5, few=3)
+    table.Add(some_name="b", number=1.5e-7, error=0.012)
+    assert table.Markdown() == (
+        "## T\n\nN\n\n"
+        "| some name | number | few | error |\n"
+        "|---|---|---|---|\n"
+        "| a | 1234 | 3 | - |\n"
+        "| b | 1.5e-07 | - | 0.012 |\n"
+    )
+    assert sorted(table.Numbers()) == [1.5e-7, 0.012, 3.0, 1234.5]
