@@ -29,10 +29,11 @@ from the estimates' rates stays in.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram, InputPort, System
 
 from teleop_drake.laws.layered_force import layer_index
 from teleop_drake.laws.state_space import StateSpace
@@ -131,7 +132,7 @@ def OperatingPoints(scenario: Scenario) -> list[OperatingPoint]:
     times = sorted(borders)
     points = [
         _MakePoint(scenario, start + velocity * (begin + end) / 2, velocity)
-        for begin, end in zip(times[:-1], times[1:], strict=True)
+        for begin, end in pairwise(times)
     ]
     if surface is not None and end_time == (surface - start[0]) / velocity[0]:
         position = start + velocity * end_time
@@ -215,9 +216,7 @@ def LinearizeLoop(
     return _Linearizer(scenario, point, diagram).Linearize()
 
 
-def _MakePoint(
-    scenario: Scenario, position: Array, velocity: Array
-) -> OperatingPoint:
+def _MakePoint(scenario: Scenario, position: Array, velocity: Array) -> OperatingPoint:
     layers = scenario.environment.layers
     index = layer_index([layer.start for layer in layers], position[0])
     name = layers[index].name if index >= 0 else EMPTY
@@ -322,7 +321,7 @@ class _Linearizer:
 
     # The diagram.
 
-    def _Port(self, system: str, port: str) -> object:
+    def _Port(self, system: str, port: str) -> InputPort:
         return self._systems[system].GetInputPort(port)
 
     def _Eval(self, system: str, port: str) -> Array:
@@ -331,12 +330,12 @@ class _Linearizer:
     def _SetForwardPacket(self, packet: Array) -> None:
         # A fixed value takes the place of what the channel delivers.
         port = self._Port("controller", "forward_packet")
-        port.FixValue(self._contexts["controller"], packet)  # type: ignore[attr-defined]
+        port.FixValue(self._contexts["controller"], packet)
         self._packet = packet
 
     def _SetReturnPacket(self, packet: Array) -> None:
         port = self._Port("master", "return_packet")
-        port.FixValue(self._contexts["master"], packet)  # type: ignore[attr-defined]
+        port.FixValue(self._contexts["master"], packet)
 
     def _FindStates(self, name: str) -> list[_States]:
         result = []
@@ -367,9 +366,7 @@ class _Linearizer:
             plant.Set(np.concatenate([q, rates]))
             columns.append(self._Eval("robot", "tool_velocity"))
         self._jacobian = np.array(columns).T
-        plant.Set(
-            np.concatenate([q, np.linalg.solve(self._jacobian, point.velocity)])
-        )
+        plant.Set(np.concatenate([q, np.linalg.solve(self._jacobian, point.velocity)]))
 
     # Vectors of the slave side: x = [joints, controller], u = forward packet.
 
@@ -491,8 +488,9 @@ class _Linearizer:
         size = len(x0)
         # The coordinates are a function of the state: d/d(coordinates).
         to_coordinates = np.linalg.inv(by_x[:size])
-        by_z, error_z = by_x[size:] @ to_coordinates, error_x[size:] @ np.abs(
-            to_coordinates
+        by_z, error_z = (
+            by_x[size:] @ to_coordinates,
+            error_x[size:] @ np.abs(to_coordinates),
         )
         by_u, error_u = by_u[size:], error_u[size:]
         model = StateSpace(A=by_z[:size], B=by_u[:size], C=by_z[size:], D=by_u[size:])
@@ -502,7 +500,7 @@ class _Linearizer:
 
     def _LinearizeMaster(self) -> tuple[StateSpace, float]:
         port = self._Port("master", "return_packet")
-        u0 = port.Eval(self._contexts["master"])  # type: ignore[attr-defined]
+        u0 = port.Eval(self._contexts["master"])
         x0 = _Concatenate([states.Get() for states in self._master])
 
         def Evaluate() -> Array:
@@ -524,9 +522,7 @@ class _Linearizer:
             self._SetReturnPacket(u)
             return Evaluate()
 
-        by_x, error_x = _Differentiate(
-            OfState, x0, _STEP * np.maximum(1.0, np.abs(x0))
-        )
+        by_x, error_x = _Differentiate(OfState, x0, _STEP * np.maximum(1.0, np.abs(x0)))
         if len(x0):
             OfState(x0)
         by_u, error_u = _Differentiate(OfPacket, u0, np.full(len(u0), _STEP))

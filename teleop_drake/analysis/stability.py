@@ -36,14 +36,13 @@ from teleop_drake.analysis.linearization import (
 from teleop_drake.laws.characteristic_roots import characteristic_roots
 from teleop_drake.laws.delay_margin import (
     Crossing,
-    closed_loop_matrix,
     delay_margin,
     find_crossings,
     is_delay_robust,
     stable_delays,
 )
 from teleop_drake.laws.state_space import StateSpace, minimal_realization
-from teleop_drake.scenario import LoadScenario, Scenario, ScenarioError
+from teleop_drake.scenario import AnyScenario, LoadScenario, Scenario, ScenarioError
 
 Array = NDArray[np.float64]
 
@@ -56,8 +55,8 @@ POSITION = "position"
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
 
-# A hidden mode this close to 0, in 1/s, is an integrator.
-_INTEGRATOR = 1e-5
+# A hidden mode this close to 0, relative to the fastest mode, is an integrator.
+_INTEGRATOR = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -240,8 +239,10 @@ def AnalyzeModel(
         delay: Round-trip delay of the scenario in s.
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
     """
-    loop, hidden = minimal_realization(CutLoop(model))
-    is_integrator = np.abs(hidden) < _INTEGRATOR
+    cut = CutLoop(model)
+    loop, hidden = minimal_realization(cut)
+    slow = _INTEGRATOR * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0)
+    is_integrator = np.abs(hidden) < slow
     # Which modes are hidden does not depend on the delay, and what is not a decaying
     # one among them spoils every delay.
     modes = hidden[~is_integrator]
@@ -251,7 +252,7 @@ def AnalyzeModel(
     if np.any(modes.real >= 0):
         intervals, margin = [], None
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
-    slave_roots = slave_roots[np.abs(slave_roots) >= _INTEGRATOR]
+    slave_roots = slave_roots[np.abs(slave_roots) >= slow]
     slave_roots = slave_roots[np.lexsort((-slave_roots.imag, -slave_roots.real))]
     return PointStability(
         model=model,
@@ -268,7 +269,7 @@ def AnalyzeModel(
 
 
 def AnalyzeStability(
-    scenario: Scenario,
+    scenario: AnyScenario,
     *,
     points: Iterable[OperatingPoint] | None = None,
     max_delay: float = MAX_DELAY,
@@ -408,9 +409,7 @@ def ChartStability(
                 scenario = LoadScenario(name_or_path, {**overrides, key: value})
             else:
                 scenario = LoadScenario(name_or_path, [*pairs, f"{key}={value!r}"])
-        analyses.append(
-            AnalyzeStability(scenario, points=chosen, max_delay=max_delay)
-        )
+        analyses.append(AnalyzeStability(scenario, points=chosen, max_delay=max_delay))
         if progress is not None:
             progress(i + 1, len(points))
     return StabilityChart(

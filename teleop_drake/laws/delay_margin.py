@@ -77,7 +77,8 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
         loop: L, with as many inputs as outputs (m).
         frequencies: w in rad/s (K).
     """
-    values = np.linalg.eigvals(loop.FrequencyResponse(frequencies))
+    response = loop.FrequencyResponse(frequencies)
+    values = np.linalg.eigvals(response).astype(complex)
     order = np.argsort(-np.abs(values), axis=1, kind="stable")
     return np.take_along_axis(values, order, axis=1)
 
@@ -108,11 +109,11 @@ def sweep_frequencies(loop: StateSpace) -> Array:
     """
     poles = np.linalg.eigvals(loop.A)
     modes = np.abs(np.concatenate([poles, np.linalg.eigvals(closed_loop_matrix(loop))]))
-    gain = np.linalg.norm(loop.B) * np.linalg.norm(loop.C)
-    norm = float(np.linalg.norm(loop.D, 2)) if loop.D.size else 0.0
+    gain = float(np.linalg.norm(loop.B) * np.linalg.norm(loop.C))
+    feedthrough = float(np.linalg.norm(loop.D, 2)) if loop.D.size else 0.0
     # |C (j w - A)^-1 B| <= gain/(w - |A|): from here on |L| < 1, if |D| < 1.
     high = 1.01 * (
-        np.linalg.norm(loop.A) + gain / (1 - norm if norm < 0.99 else 0.01) + 1e-3
+        float(np.linalg.norm(loop.A)) + gain / max(1 - feedthrough, 0.01) + 1e-3
     )
     slow = modes[modes > 1e-9 * high]
     low = 1e-4 * min(float(slow.min(initial=high)), high)
@@ -143,14 +144,14 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
         for k in np.flatnonzero((g[:-1] > 0) != (g[1:] > 0)):
             frequency = _bisect(loop, w[k], w[k + 1], i)
             value = complex(eigenloci(loop, np.array([frequency]))[0, i])
-            phase = (np.angle(value) + np.pi) % (2 * np.pi)
+            phase = float(np.angle(value) + np.pi) % (2 * np.pi)
             # Rounding must not make a whole turn of none.
             if phase > 2 * np.pi * (1 - _AXIS_TOLERANCE):
                 phase = 0.0
             crossings.append(
                 Crossing(
                     frequency=frequency,
-                    delay=float(phase / frequency),
+                    delay=phase / frequency,
                     direction=1 if g[k] > 0 else -1,
                 )
             )

@@ -1,6 +1,6 @@
 """Linear time-invariant systems as matrices, and their minimal realisation.
 
-    dx/dt = A x + B u,    y = C x + D u,    G(s) = C (s I - A)^-1 B + D
+dx/dt = A x + B u,    y = C x + D u,    G(s) = C (s I - A)^-1 B + D
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,8 @@ class StateSpace:
         w = np.asarray(frequencies, dtype=float).reshape(-1)
         resolvent = 1j * w[:, None, None] * np.eye(self.num_states) - self.A
         B = np.broadcast_to(self.B.astype(complex), (len(w), *self.B.shape))
-        return self.C @ np.linalg.solve(resolvent, B) + self.D
+        response = self.C @ np.linalg.solve(resolvent, B) + self.D
+        return response.astype(complex)
 
 
 def minimal_realization(
@@ -117,20 +118,27 @@ def _reachable(A: Array, B: Array, tolerance: float) -> tuple[Array, ComplexArra
 
 
 def _balance(system: StateSpace) -> Array:
-    """Returns scales of the states that make the rows and columns of A alike.
+    """Returns scales of the states that make their rows and columns alike.
+
+    Those are of [A, B; C, 0] without the diagonal. Entries that may be rounding errors
+    do not count.
 
     Source: B. N. Parlett and C. Reinsch, "Balancing a matrix for calculation of
     eigenvalues and eigenvectors", Numer. Math. 13 (1969).
     """
-    A = np.abs(system.A - np.diag(np.diag(system.A)))
-    scale = np.ones(len(A))
+    n = system.num_states
+    blocks = [[system.A, system.B], [system.C, np.zeros_like(system.D)]]
+    matrix = np.abs(np.block(blocks))
+    np.fill_diagonal(matrix[:n, :n], 0.0)
+    matrix[matrix < 1e-13 * matrix.max(initial=0.0)] = 0.0
+    scale = np.ones(n)
     for _ in range(20):
-        for i in range(len(A)):
-            column, row = A[:, i].sum(), A[i].sum()
+        for i in range(n):
+            column, row = matrix[:, i].sum(), matrix[i].sum()
             if column > 0 and row > 0:
                 # A power of two, so that no digit is lost.
                 factor = 2.0 ** np.round(0.5 * np.log2(row / column))
-                A[:, i] *= factor
-                A[i] /= factor
+                matrix[:, i] *= factor
+                matrix[i] /= factor
                 scale[i] *= factor
     return scale

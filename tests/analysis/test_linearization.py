@@ -79,9 +79,7 @@ def test_slider_is_the_equation_of_motion(point, k, d):
 def test_master_is_the_haptic_device():
     model = Model("one_dof")
     G = model.master.FrequencyResponse(W)
-    np.testing.assert_allclose(
-        G[:, 0, 1], -(25 * S + 50) / (S**2 + 25 * S), rtol=1e-10
-    )
+    np.testing.assert_allclose(G[:, 0, 1], -(25 * S + 50) / (S**2 + 25 * S), rtol=1e-10)
     # The commanded velocity depends on nothing, and nothing on the position.
     assert np.all(G[:, 1] == 0) and np.all(G[:, 0, 0] == 0)
 
@@ -119,9 +117,7 @@ def ArmAcceleration(p, v, F):
     q = InverseKinematics("two_link_arm", p, "down")
     J = appendix_a.J(q)
     qdot = np.linalg.solve(J, v)
-    qddot = np.linalg.solve(
-        appendix_a.M(q), J.T @ F - appendix_a.C(q, qdot) @ qdot
-    )
+    qddot = np.linalg.solve(appendix_a.M(q), J.T @ F - appendix_a.C(q, qdot) @ qdot)
     eps = 1e-6
     Jdot = (appendix_a.J(q + eps * qdot) - appendix_a.J(q - eps * qdot)) / (2 * eps)
     return J @ qddot + Jdot @ qdot
@@ -145,12 +141,12 @@ def test_arm_is_appendix_a(velocity):
 
     def f(x):
         p, v, F = x[:2], x[2:4], x[4:]
-        return np.concatenate([v, ArmAcceleration(p, v, F + F0 + F_e(p0, v0) - F_e(p, v))])
+        return np.concatenate(
+            [v, ArmAcceleration(p, v, F + F0 + F_e(p0, v0) - F_e(p, v))]
+        )
 
     x0, h = np.concatenate([p0, v0, np.zeros(2)]), 1e-4
-    by_hand = np.array(
-        [(f(x0 + h * e) - f(x0 - h * e)) / (2 * h) for e in np.eye(6)]
-    ).T
+    by_hand = np.array([(f(x0 + h * e) - f(x0 - h * e)) / (2 * h) for e in np.eye(6)]).T
     np.testing.assert_allclose(model.slave.A, by_hand[:, :4], atol=3e-6)
     np.testing.assert_allclose(model.slave.B[:, :2], by_hand[:, 4:], atol=3e-6)
     assert np.all(model.slave.B[:, 2:] == 0)

@@ -24,7 +24,13 @@ KINDS = ("direct_force", "adaptive_backstepping")
 # One layer that is everywhere, so that a run stays at its operating point.
 EVERYWHERE = {
     "tissue": [
-        {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.5}
+        {
+            "name": "tissue",
+            "start": -math.inf,
+            "stiffness": 0.01,
+            "damping": 0.5,
+            "reference": 0.0,
+        }
     ],
     "free": [],
     "bone": [{"name": "bone", "start": -math.inf, "stiffness": 150.0}],
@@ -96,9 +102,7 @@ def test_collocation_agrees_at_every_border(name, kind):
                     continue
                 root = point.RightmostRoot(T)
                 assert abs(root.real) < 1e-7
-                assert min(
-                    abs(root.imag - x.frequency) for x in point.crossings
-                ) < 1e-6
+                assert min(abs(root.imag - x.frequency) for x in point.crossings) < 1e-6
             assert point.RightmostRoot((begin + end) / 2).real < 0
         margin = point.margin.delay if point.margin else point.max_delay
         assert point.stable_delays[0] == (0.0, min(margin, point.max_delay))
@@ -158,14 +162,14 @@ def Growth(recording, begin):
 
 
 RUNS = [
-    ("one_dof", "direct_force", "tissue", 60.0, 1e-3),
-    ("one_dof", "direct_force", "free", 60.0, 1e-3),
+    ("one_dof", "direct_force", "tissue", 40.0, 1e-3),
+    ("one_dof", "direct_force", "free", 40.0, 1e-3),
     ("one_dof", "direct_force", "bone", 9.0, 1e-3),
     # The estimates go on adapting in these.
-    ("one_dof", "adaptive_backstepping", "tissue", 60.0, 1e-2),
-    ("one_dof", "adaptive_backstepping", "free", 60.0, 1e-2),
-    ("two_dof_collision", "direct_force", "tissue", 25.0, 1e-2),
-    ("two_dof_collision", "direct_force", "free", 25.0, 1e-2),
+    ("one_dof", "adaptive_backstepping", "tissue", 40.0, 2e-2),
+    ("one_dof", "adaptive_backstepping", "free", 40.0, 2e-2),
+    ("two_dof_collision", "direct_force", "tissue", 20.0, 1e-2),
+    ("two_dof_collision", "direct_force", "free", 20.0, 1e-2),
 ]
 
 
@@ -180,11 +184,13 @@ def test_runs_on_either_side_of_the_margin(
         "controller.kind": kind,
         "environment.layers": EVERYWHERE[layer],
         "divergence_speed_ratio": 1000.0,
-        "simulator.accuracy": 1e-11,
+        "simulator.accuracy": 1e-10,
     }
     if name != "one_dof":
-        # So slow that the pose of the arm stays what it is.
+        # So slow that the pose of the arm stays what it is, and no spring at first.
         overrides |= {"surgeon.velocity": [1e-4, 0.0], "surgeon.contact_force": None}
+        if layer == "tissue":
+            overrides |= {"environment.layers.tissue.reference": 0.85}
     scenario = LoadScenario(name, overrides)
     x = scenario.robot.start[0]
     point = OperatingPointAt(scenario, x + (0.01 if name == "one_dof" else 1e-4))
@@ -198,6 +204,7 @@ def test_runs_on_either_side_of_the_margin(
                 "duration": duration,
                 "forward_channel.delay": 0.3 * delay,
                 "return_channel.delay": 0.7 * delay,
+                "simulator.max_step_size": min(0.02, 0.15 * delay),
             },
         )
     )
@@ -293,7 +300,7 @@ def test_chart_of_a_scenario_key():
     )
     assert chart.PointNames() == ["tissue", "free", "bone"]
     one = Analyze("one_dof")["bone"].stable_delays
-    assert chart.StableDelays("bone")[1] == pytest.approx(one)
+    np.testing.assert_allclose(chart.StableDelays("bone")[1], one)
     firsts = [intervals[0][1] for intervals in chart.StableDelays("bone")]
     assert firsts[0] > firsts[1] > firsts[2]
     frees = {intervals[0][1] for intervals in chart.StableDelays("free")}
@@ -313,9 +320,9 @@ def test_chart_along_the_path():
 
 
 def test_chart_refuses():
-    with pytest.raises(ScenarioError, match="robot.mass"):
+    with pytest.raises(ScenarioError, match=r"robot\.mass"):
         ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
-    with pytest.raises(ValueError, match="robot.mass: no value"):
+    with pytest.raises(ValueError, match=r"robot\.mass: no value"):
         ChartStability("one_dof", "robot.mass", [])
     with pytest.raises(ValueError, match="on the tool's path"):
         ChartStability("one_dof", POSITION, [-1.0])
@@ -348,4 +355,3 @@ def test_refuses_max_delay(max_delay):
 def test_unknown_point():
     with pytest.raises(KeyError):
         Analyze("one_dof")["brain"]
-
