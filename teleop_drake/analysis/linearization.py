@@ -22,13 +22,13 @@ longest step is a fiftieth of the way to the nearest border of a layer: no diffe
 crosses one.
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
-the operating point and are no states of the model. F_c is one. What the law computes
-from the estimates' rates stays in.
+the operating point, the initial ones or those of a run, and are no states of the
+model. F_c is one. What the law computes from the estimates' rates stays in.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -37,6 +37,7 @@ from pydrake.systems.framework import Context, Diagram, InputPort, System
 
 from teleop_drake.laws.layered_force import layer_index
 from teleop_drake.laws.state_space import StateSpace
+from teleop_drake.recording import Recording
 from teleop_drake.robots import CheckRobot, InverseKinematics, TaskInertiaInverse
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
@@ -65,12 +66,18 @@ class OperatingPoint:
         layer: Name of the layer that it is in, or EMPTY.
         position: p_WT in m (n).
         velocity: v_WT in m/s (n).
+        forward_packet: What the forward channel delivers; None: what keeps the velocity
+            constant.
+        estimates: State of an adaptive law, [F_c, W1, Psi, W3] as in
+            AdaptiveBackstepping; None: its initial estimates.
     """
 
     name: str
     layer: str
     position: Array
     velocity: Array
+    forward_packet: Array | None = None
+    estimates: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +97,8 @@ class LoopModel:
         frozen_weights: Whether the estimates of an adaptive law are held constant.
         error: Estimated relative error of the matrices.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
-            controller's states that no choice of the forward packet could remove.
+            controller's states: what no choice of the forward packet could remove, or,
+            where the point has one, what it is.
     """
 
     point: OperatingPoint
@@ -190,6 +198,39 @@ def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
     return _MakePoint(scenario, position, 0 * velocity if is_inside else velocity)
 
 
+def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
+    """Returns the operating point at an instant of a run, in whatever motion it is.
+
+    With what the forward channel delivers then, and what an adaptive law has learned.
+
+    Args:
+        recording: A run of a teleoperation.
+        time: In s; not the instant of a jump.
+
+    Raises:
+        ValueError: If the time is not within the run.
+    """
+    if not recording.time[0] <= time <= recording.time[-1]:
+        raise ValueError(
+            f"time = {time:g}: must be {recording.time[0]:g} to "
+            f"{recording.time[-1]:g} s, the run's"
+        )
+
+    def At(*names: str) -> Array:
+        return np.concatenate(
+            [recording.Interpolate(name, np.array([time]))[0] for name in names]
+        )
+
+    estimates = ("control_force", "weights_1", "psi", "weights_3")
+    is_adaptive = all(name in recording.signals for name in estimates)
+    point = _MakePoint(recording.scenario, At("tool_position"), At("tool_velocity"))
+    return replace(
+        point,
+        forward_packet=At("forward_packet_received"),
+        estimates=At(*estimates) if is_adaptive else None,
+    )
+
+
 def LinearizeLoop(
     scenario: Scenario,
     point: OperatingPoint,
@@ -198,9 +239,9 @@ def LinearizeLoop(
 ) -> LoopModel:
     """Linearises both ends of the loop at an operating point.
 
-    The surgeon is in velocity mode. The forces in the forward packet, and the states of
-    the controller that are not frozen, are chosen such that the tool keeps its
-    velocity: what the surgeon's device would have settled to.
+    The surgeon is in velocity mode. Unless the point has a forward packet, the forces
+    in it, and the states of the controller that are not frozen, are chosen such that
+    the tool keeps its velocity: what the surgeon's device would have settled to.
 
     Args:
         scenario: A valid one.
@@ -306,9 +347,13 @@ class _Linearizer:
         self._packet = self._Eval("master", "forward_packet")
         self._SetForwardPacket(self._packet)
         master, master_error = self._LinearizeMaster()
-        # What the master sends whatever it feels, a velocity command perhaps, stays.
-        is_free = np.any(master.C != 0, axis=1) | np.any(master.D != 0, axis=1)
-        residual = self._Trim(np.flatnonzero(is_free))
+        if self._point.forward_packet is None:
+            # What the master sends whatever it feels, a velocity command say, stays.
+            is_free = np.any(master.C != 0, axis=1) | np.any(master.D != 0, axis=1)
+            residual = self._Trim(np.flatnonzero(is_free))
+        else:
+            self._SetForwardPacket(self._point.forward_packet)
+            residual = float(np.abs(self._Rates()[self._n :]).max())
         slave, slave_error = self._LinearizeSlave()
         return LoopModel(
             point=self._point,
@@ -346,6 +391,8 @@ class _Linearizer:
                 # [F_c, W1, Psi, W3]: F_c stays.
                 size = system.GetOutputPort("control_force").size()
                 self.frozen_weights = True
+                if self._point.estimates is not None:
+                    context.SetContinuousState(self._point.estimates)
             if size:
                 result.append(
                     _States(system=system, context=context, indices=np.arange(size))

@@ -1,6 +1,7 @@
-"""Tests of analysis.linearization against models written by hand, and AutoDiff."""
+"""Tests of analysis.linearization against models written by hand."""
 
 import math
+from dataclasses import replace
 
 import appendix_a
 import numpy as np
@@ -11,11 +12,14 @@ from teleop_drake.analysis.linearization import (
     LinearizeLoop,
     OperatingPoint,
     OperatingPointAt,
+    OperatingPointOfRun,
     OperatingPoints,
 )
+from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
 from teleop_drake.laws.state_space import StateSpace
 from teleop_drake.robots import InverseKinematics
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
 
 W = np.geomspace(0.01, 300, 50)
@@ -112,47 +116,102 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form():
         np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
 
 
-def ArmAcceleration(p, v, F):
-    """Task-space acceleration by Appendix A, with F = F_c - F_e on the tool."""
-    q = InverseKinematics("two_link_arm", p, "down")
-    J = appendix_a.J(q)
-    qdot = np.linalg.solve(J, v)
-    qddot = np.linalg.solve(appendix_a.M(q), J.T @ F - appendix_a.C(q, qdot) @ qdot)
-    eps = 1e-6
-    Jdot = (appendix_a.J(q + eps * qdot) - appendix_a.J(q - eps * qdot)) / (2 * eps)
-    return J @ qddot + Jdot @ qdot
+def ArmMotion(x, F):
+    """[p, v, dv/dt] of the tool by Appendix A, also for complex x = [q, qdot].
+
+    F is what acts on the tool: F_c - F_e.
+    """
+    q, qdot = x[:2], x[2:]
+    J, M, C = (
+        f(*args)
+        for f, *args in ((appendix_a.J, q), (appendix_a.M, q), (appendix_a.C, q, qdot))
+    )
+    qddot = np.linalg.solve(M, J.T @ F - C @ qdot)
+    L1, L3, w = appendix_a.L1, appendix_a.L3, qdot[0] + qdot[1]
+    c1, s1 = np.cos(q[0]) * qdot[0], np.sin(q[0]) * qdot[0]
+    c12, s12 = np.cos(q[0] + q[1]) * w, np.sin(q[0] + q[1]) * w
+    Jdot = -np.array([[L1 * c1 + L3 * c12, L3 * c12], [L1 * s1 + L3 * s12, L3 * s12]])
+    return np.concatenate([appendix_a.p_WT(q), J @ qdot, J @ qddot + Jdot @ qdot])
 
 
 @pytest.mark.parametrize("velocity", [[0.0, 0.0], [0.1, -0.05]])
 def test_arm_is_appendix_a(velocity):
-    """By differences of a hand-written model in task space, in tissue and moving."""
+    """In tissue and moving; derivatives by complex steps, exact to rounding."""
     scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
     p0, v0 = np.array([0.93, 0.05]), np.array(velocity)
     point = OperatingPoint(name="here", layer="tissue", position=p0, velocity=v0)
     model = LinearizeLoop(scenario, point)
 
-    def F_e(p, v):
-        return np.array([0.01 * p[0] + 0.5 * v[0], 0.0])
-
+    q0 = InverseKinematics("two_link_arm", p0, "down")
+    x0 = np.concatenate([q0, np.linalg.solve(appendix_a.J(q0), v0)])
+    np.testing.assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
     # The force that keeps the velocity: dv/dt is affine in it.
-    a0 = ArmAcceleration(p0, v0, np.zeros(2))
-    slope = np.array([ArmAcceleration(p0, v0, f) - a0 for f in np.eye(2)]).T
+    a0 = ArmMotion(x0, np.zeros(2))[4:]
+    slope = np.array([ArmMotion(x0, F)[4:] - a0 for F in np.eye(2)]).T
     F0 = np.linalg.solve(slope, -a0)
 
-    def f(x):
-        p, v, F = x[:2], x[2:4], x[4:]
-        return np.concatenate(
-            [v, ArmAcceleration(p, v, F + F0 + F_e(p0, v0) - F_e(p, v))]
-        )
+    def Motion(x):
+        p, v = ArmMotion(x, F0)[:4].reshape(2, 2)
+        change = 0.01 * (p[0] - p0[0]) + 0.5 * (v[0] - v0[0])  # of F_e
+        return ArmMotion(x, F0 - np.array([change, 0 * change]))
 
-    x0, h = np.concatenate([p0, v0, np.zeros(2)]), 1e-4
-    by_hand = np.array([(f(x0 + h * e) - f(x0 - h * e)) / (2 * h) for e in np.eye(6)]).T
-    np.testing.assert_allclose(model.slave.A, by_hand[:, :4], atol=3e-6)
-    np.testing.assert_allclose(model.slave.B[:, :2], by_hand[:, 4:], atol=3e-6)
-    assert np.all(model.slave.B[:, 2:] == 0)
-    np.testing.assert_allclose(model.slave.C, np.eye(4), atol=1e-11)
+    h = 1e-30
+    by_x = np.array([Motion(x0 + 1j * h * e).imag / h for e in np.eye(4)]).T
+    A = by_x[2:] @ np.linalg.inv(by_x[:4])
+    np.testing.assert_allclose(model.slave.A, A, atol=1e-11)
+    np.testing.assert_allclose(model.slave.B[2:, :2], slope, rtol=1e-11)
+    assert np.all(model.slave.B[:, 2:] == 0) and np.all(model.slave.B[:2] == 0)
+    np.testing.assert_allclose(model.slave.C, np.eye(4), atol=1e-12)
     assert model.trim_residual < 1e-12
-    assert model.error < 1e-9
+    assert model.error < 1e-11
+
+
+def test_estimates_are_those_of_the_point():
+    """Psi of the point, not of the scenario; the weights W1 shift the law."""
+    scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
+    point = OperatingPoints(scenario)[1]
+    count = scenario.controller.network.count[0]
+    weights = np.zeros(count)
+    other = LinearizeLoop(
+        scenario,
+        replace(point, estimates=np.concatenate([[0.0], weights, [6.0], weights])),
+    )
+    same = LoadScenario(
+        "one_dof", {"controller.adaptation_rate": 0.0, "controller.initial_psi": 6.0}
+    )
+    expected = LinearizeLoop(same, point)
+    np.testing.assert_allclose(
+        other.slave.FrequencyResponse(W), expected.slave.FrequencyResponse(W), rtol=1e-9
+    )
+    # F_c = alpha has -Psi^-1 W1 Phi(r): a spring of its own at the robot.
+    weights = np.linspace(-1, 1, count)
+    curved = LinearizeLoop(
+        scenario,
+        replace(point, estimates=np.concatenate([[0.0], weights, [6.0], 0 * weights])),
+    )
+    assert abs(curved.slave.A[2, 0]) > 100 * abs(expected.slave.A[2, 0])
+    assert curved.error < 1e-7
+
+
+def test_operating_point_of_a_run():
+    """What the law has learned by then hardly moves the margin."""
+    scenario = LoadScenario("one_dof", {"duration": 12.0})
+    recording = simulate(scenario)
+    point = OperatingPointOfRun(recording, 11.2)
+    assert point.layer == "free"
+    np.testing.assert_allclose(
+        point.position, recording.Interpolate("tool_position", [11.2])[0]
+    )
+    model = LinearizeLoop(scenario, point)
+    acceleration = recording.Interpolate("tool_acceleration", [11.2])[0, 0]
+    assert model.trim_residual >= abs(acceleration) * (1 - 1e-6)
+    learned = AnalyzeModel(model, delay=0.2).margin.delay
+    initial = AnalyzeStability(scenario)["free"].margin.delay
+    assert learned != initial
+    assert learned == pytest.approx(initial, rel=1e-2)
+    for time in (-1.0, 12.5):
+        with pytest.raises(ValueError, match="time = "):
+            OperatingPointOfRun(recording, time)
 
 
 def test_error_estimate_covers_a_curved_law():
