@@ -11,11 +11,13 @@ model: with the slave's clock set back by T_f, the forward channel has no delay 
 return channel all of it.) Only entries of the packets that the other side listens to
 are kept, on that side of the cut where they are fewer: for one axis L is scalar.
 
-Modes that do not show in L are removed and reported. In velocity mode those are an
-integrator per axis, because the tool's position and the device's integral of the felt
-velocity both integrate v: their sum stays what it was, at every delay. It says where
-the tool is, and does not count as an instability; any other mode on or right of the
-imaginary axis does.
+Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
+how far the surgeon's device has been wound up against a spring, and do not count as an
+instability. In velocity mode there is one per axis, because the tool's position and the
+device's integral of the felt velocity both integrate v, and their sum stays what it
+was. With the thesis's packets it does not show in L and is removed with whatever else
+does not; with others, that carry a force back, it does, and laws.delay_margin knows it.
+Any other hidden mode on or right of the imaginary axis spoils every delay.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -39,6 +41,7 @@ from teleop_drake.laws.delay_margin import (
     delay_margin,
     find_crossings,
     is_delay_robust,
+    neutral_root_count,
     stable_delays,
 )
 from teleop_drake.laws.state_space import StateSpace, minimal_realization
@@ -55,8 +58,8 @@ POSITION = "position"
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
 
-# A hidden mode this close to 0, relative to the fastest mode, is an integrator.
-_INTEGRATOR = 1e-6
+# A root this close to 0, relative to the fastest mode, may be a neutral one.
+_NEUTRAL = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,9 +76,9 @@ class PointStability:
             grows from 0; None if there is none, or the loop is unstable without delay.
         stable_delays: Every interval of round-trip delays at which the loop is stable,
             in s; one that ends at max_delay goes on.
-        hidden_modes: Modes that do not show in L, in 1/s, integrators apart.
-        num_integrators: Number of integrators that do not show in L.
-        slave_root: The slave's rightmost root on its own, integrators apart, in 1/s:
+        hidden_modes: Modes that do not show in L, in 1/s, neutral ones apart.
+        num_neutral: Number of roots at 0, at every delay, hidden ones included.
+        slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
             the loop after the surgeon has switched to a force. None: it has no other.
     """
 
@@ -87,8 +90,13 @@ class PointStability:
     margin: Crossing | None
     stable_delays: list[tuple[float, float]]
     hidden_modes: NDArray[np.complex128]
-    num_integrators: int
+    num_neutral: int
     slave_root: complex | None
+
+    @property
+    def _slow(self) -> float:
+        """Below which size in 1/s a root may be a neutral one."""
+        return _NEUTRAL * max(float(np.linalg.norm(self.loop.A)), 1e-300)
 
     @property
     def is_stable(self) -> bool:
@@ -100,16 +108,20 @@ class PointStability:
         """Returns the rightmost characteristic roots, by descending real part.
 
         They come from collocation (laws.characteristic_roots), not from the frequency
-        response, and include the hidden modes but not the hidden integrators.
+        response, and include the hidden modes but not the neutral roots.
 
         Args:
             delay: Round-trip delay in s.
             count: How many.
         """
         loop = self.loop
+        num_neutral = neutral_root_count(loop)
         roots = characteristic_roots(
-            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=count
+            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=count + num_neutral
         )
+        is_neutral = np.zeros(len(roots), dtype=bool)
+        is_neutral[np.argsort(np.abs(roots))[:num_neutral]] = True
+        roots = roots[~(is_neutral & (np.abs(roots) < self._slow))]
         roots = np.concatenate([roots, self.hidden_modes])
         return roots[np.lexsort((-roots.imag, -roots.real.round(12)))][:count]
 
@@ -151,7 +163,7 @@ class PointStability:
                 else [self.slave_root.real, self.slave_root.imag]
             ),
             "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
-            "hidden_integrators": self.num_integrators,
+            "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
             "linearization_error": self.model.error,
         }
@@ -241,11 +253,11 @@ def AnalyzeModel(
     """
     cut = CutLoop(model)
     loop, hidden = minimal_realization(cut)
-    slow = _INTEGRATOR * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0)
-    is_integrator = np.abs(hidden) < slow
+    slow = _NEUTRAL * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0)
+    is_neutral = np.abs(hidden) < slow
     # Which modes are hidden does not depend on the delay, and what is not a decaying
     # one among them spoils every delay.
-    modes = hidden[~is_integrator]
+    modes = hidden[~is_neutral]
     crossings = find_crossings(loop)
     intervals = stable_delays(loop, max_delay, crossings)
     margin = delay_margin(loop, crossings)
@@ -263,7 +275,7 @@ def AnalyzeModel(
         margin=margin,
         stable_delays=intervals,
         hidden_modes=modes,
-        num_integrators=int(is_integrator.sum()),
+        num_neutral=int(is_neutral.sum()) + neutral_root_count(loop),
         slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
     )
 

@@ -25,8 +25,13 @@ for TDS stability analysis", IEE Proc. D 134 (1987); J. Chen, G. Gu and C. N. Ne
 Syst. Control Lett. 26 (1995); K. Gu, V. L. Kharitonov and J. Chen, "Stability of
 Time-Delay Systems", Birkhauser (2003).
 
-What does not show in L (see minimal_realization) is none of this file's business, and
-a root at s = 0 is one for every delay.
+What does not show in L (see minimal_realization) is none of this file's business.
+
+Neutral roots. At s = 0 the delay has no effect, so a root at 0 is one for every delay:
+a set of equilibria, such as all the places at which a tool can rest. The loop neither
+leaves nor returns to one of them. They are counted by neutral_root_count and by nothing
+else here. Another, real root can pass through 0 then, though: with k neutral roots, (1)
+as a polynomial times s^k g(s, T), it does where g(0, T), a polynomial in T, is zero.
 """
 
 import math
@@ -42,6 +47,12 @@ Array = NDArray[np.float64]
 # Relative accuracy of what counts as on the imaginary axis.
 _AXIS_TOLERANCE = 1e-8
 
+# A magnitude this close to 1 may be so by rounding.
+_MAGNITUDE_TOLERANCE = 1e-10
+
+# Points of the circle on which derivatives at s = 0 are taken.
+_NUM_CIRCLE_POINTS = 64
+
 # Points of the first sweep, and around each pole.
 _NUM_SWEEP_POINTS = 2000
 _NUM_POLE_POINTS = 80
@@ -54,9 +65,10 @@ class Crossing:
     """A frequency at which roots cross the imaginary axis.
 
     Attributes:
-        frequency: w > 0 in rad/s, a gain crossover of an eigenlocus.
+        frequency: w >= 0 in rad/s, a gain crossover of an eigenlocus. 0: a real root
+            passes the neutral ones.
         delay: The smallest delay >= 0 at which they do, in s; the others follow in
-            steps of 2 pi/w.
+            steps of 2 pi/w, if w > 0.
         direction: +1: to the right, towards instability; -1: to the left.
     """
 
@@ -136,11 +148,14 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
     """
     if loop.num_states == 0 or len(loop.D) == 0:
         return []
+    crossings = _passages_of_the_origin(loop)
     grid = sweep_frequencies(loop)
     gains = np.log(np.maximum(np.abs(eigenloci(loop, grid)), 1e-300))
-    crossings = []
     for i in range(gains.shape[1]):
         w, g = _refine(loop, grid, gains[:, i], i)
+        # A neutral root is where |l| tends to 1 for w to 0: no crossing.
+        is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
+        w, g = w[is_sure], g[is_sure]
         for k in np.flatnonzero((g[:-1] > 0) != (g[1:] > 0)):
             frequency = _bisect(loop, w[k], w[k + 1], i)
             value = complex(eigenloci(loop, np.array([frequency]))[0, i])
@@ -158,6 +173,18 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
     return sorted(crossings, key=lambda crossing: crossing.frequency)
 
 
+def neutral_root_count(loop: StateSpace) -> int:
+    """Returns the number of roots at s = 0, the same for every delay.
+
+    Args:
+        loop: L, minimal.
+    """
+    if loop.num_states == 0:
+        return 0
+    sizes = np.linalg.svd(closed_loop_matrix(loop), compute_uv=False)
+    return int(np.sum(sizes <= _AXIS_TOLERANCE * np.linalg.norm(loop.A)))
+
+
 def unstable_root_count(loop: StateSpace) -> int:
     """Returns the number of roots right of the imaginary axis without delay.
 
@@ -167,6 +194,7 @@ def unstable_root_count(loop: StateSpace) -> int:
         loop: L, minimal.
     """
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
+    roots = roots[np.argsort(np.abs(roots))][neutral_root_count(loop) :]
     scale = np.maximum(np.abs(roots), np.linalg.norm(loop.A) * 1e-3)
     return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
 
@@ -208,6 +236,12 @@ def unstable_roots(
     count = unstable_root_count(loop)
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
+        if crossing.frequency == 0:
+            if crossing.delay <= 0:
+                count += crossing.direction > 0
+            elif crossing.delay < max_delay:
+                changes.append((crossing.delay, crossing.direction))
+            continue
         period = 2 * math.pi / crossing.frequency
         delay = crossing.delay
         if delay < _AXIS_TOLERANCE * period:
@@ -229,6 +263,8 @@ def stable_delays(
 ) -> list[tuple[float, float]]:
     """Returns every interval of delays in which the loop is stable.
 
+    Neutral roots apart, all roots lie left of the imaginary axis there.
+
     Args:
         loop: L, minimal.
         max_delay: Up to which delay in s; an interval that ends there goes on.
@@ -236,9 +272,6 @@ def stable_delays(
     """
     if not is_delay_robust(loop):
         return []
-    roots = np.linalg.eigvals(closed_loop_matrix(loop))
-    if np.any(np.abs(roots) < _AXIS_TOLERANCE * np.linalg.norm(loop.A)):
-        return []  # A root at 0 stays there.
     delays, counts = unstable_roots(loop, max_delay, crossings)
     ends = [*delays[1:], max_delay]
     intervals: list[tuple[float, float]] = []
@@ -271,6 +304,48 @@ def delay_margin(
     first = min(outward, key=lambda crossing: crossing.delay)
     is_stable = stable_delays(loop, first.delay, crossings) == [(0.0, first.delay)]
     return first if is_stable else None
+
+
+def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
+    """Returns the delays >= 0 at which a real root passes through neutral ones."""
+    order = neutral_root_count(loop)
+    if order == 0:
+        return []
+    n, m = loop.num_states, len(loop.D)
+    modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
+    radius = 0.1 * float(modes[np.argsort(modes)][order:].min(initial=1.0))
+    s = radius * np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
+
+    def Coefficients(delay: float) -> tuple[float, float]:
+        """Returns g(0, T) and its derivative by s, of g = det/s^order."""
+        matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
+        z = np.exp(-s * delay)[:, None, None]
+        matrix[:, :n, :n] = s[:, None, None] * np.eye(n) - loop.A
+        matrix[:, :n, n:] = -loop.B * z
+        matrix[:, n:, :n] = loop.C
+        matrix[:, n:, n:] = np.eye(m) + loop.D * z
+        g = np.linalg.det(matrix) / s**order
+        return float(np.mean(g).real), float(np.mean(g / s).real)
+
+    # g(0, T) is a polynomial in T of degree `order` at most.
+    unit = 1 / max(radius, 1e-6)
+    nodes = unit * np.arange(order + 1)
+    values = np.array([Coefficients(delay)[0] for delay in nodes])
+    polynomial = np.polyfit(nodes / unit, values, order)
+    polynomial[np.abs(polynomial) < 1e-9 * np.abs(polynomial).max()] = 0.0
+    passages = []
+    for root in np.roots(polynomial):
+        if abs(root.imag) > 1e-6 * abs(root) or root.real < 0:
+            continue
+        delay = unit * float(root.real)
+        slope = float(np.polyval(np.polyder(polynomial), root.real))
+        curvature = Coefficients(delay)[1]
+        # The root is at -g(0, T)/g_s.
+        if delay < _AXIS_TOLERANCE * unit:
+            delay = 0.0
+        direction = -1 if slope * curvature > 0 else 1
+        passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
+    return passages
 
 
 def _gain(loop: StateSpace, frequency: float, i: int) -> float:

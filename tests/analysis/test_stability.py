@@ -65,7 +65,7 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     np.testing.assert_allclose(
         [x.delay for x in point.crossings], (phase + math.pi) / w, rtol=1e-9
     )
-    assert point.num_integrators == 1 and len(point.hidden_modes) == 0
+    assert point.num_neutral == 1 and len(point.hidden_modes) == 0
 
 
 def test_delay_margin_of_notebook_02():
@@ -127,7 +127,7 @@ def test_only_integrators_are_hidden(name):
         )
         n = len(point.model.point.position)
         is_integrator = np.abs(roots) < 1e-4
-        assert is_integrator.sum() == n == point.num_integrators
+        assert is_integrator.sum() == n == point.num_neutral
         rest = roots[~is_integrator][:6]
         reduced = point.Roots(T, count=12)
         for root in rest:

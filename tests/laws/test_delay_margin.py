@@ -16,6 +16,7 @@ from teleop_drake.laws.delay_margin import (
     eigenloci,
     find_crossings,
     is_delay_robust,
+    neutral_root_count,
     stable_delays,
     unstable_roots,
 )
@@ -287,9 +288,38 @@ def test_feedthrough():
         assert stable_delays(loop, 1.0) == []
 
 
-def test_root_at_the_origin_is_never_stable():
-    """1 + L(0) = 0: s + 1 - e^(-s T) has the root 0 at every T."""
-    assert stable_delays(Scalar([-1.0], [1, 1]), 5.0) == []
+def test_neutral_root():
+    """s + 1 - e^(-s T) has the root 0 at every T, and otherwise stable ones: with
+    x = Re s > 0, |s + 1| > 1 > |e^(-s T)|."""
+    loop = Scalar([-1.0], [1, 1])
+    assert neutral_root_count(loop) == 1
+    assert find_crossings(loop) == []
+    assert stable_delays(loop, 5.0) == [(0.0, 5.0)]
+
+
+def test_root_that_passes_a_neutral_one():
+    """s - 1 + e^(-s T) = s (1 - T + s T^2/2 - ...): at T = 1 a real root passes 0."""
+    loop = Scalar([1.0], [1, -1])
+    (crossing,) = find_crossings(loop)
+    assert (crossing.frequency, crossing.direction) == (0.0, 1)
+    assert crossing.delay == pytest.approx(1.0, rel=1e-10)
+    assert delay_margin(loop) == crossing
+    assert stable_delays(loop, 5.0) == [(0.0, crossing.delay)]
+    for T in (0.5, 2.0):
+        roots = characteristic_roots([[1.0]], [[1.0]], [[-1.0]], [[0.0]], delay=T)
+        others = roots[np.abs(roots) > 1e-9]
+        assert (others.real.max() > 0) == (T > 1)
+
+
+def test_roots_that_pass_two_neutral_ones():
+    """Two loops as above with different gains: T = 1 and T = 1/2."""
+    loop = StateSpace(
+        A=np.diag([1.0, 2.0]), B=np.eye(2), C=np.diag([1.0, 2.0]), D=np.zeros((2, 2))
+    )
+    assert neutral_root_count(loop) == 2
+    passages = find_crossings(loop)
+    assert sorted(x.delay for x in passages) == pytest.approx([0.5, 1.0], rel=1e-9)
+    assert unstable_roots(loop, 2.0)[1].tolist() == [0, 1, 2]
 
 
 def test_unstable_without_delay_and_with():
