@@ -327,7 +327,7 @@ def _LocusStyle(i: int) -> dict[str, Any]:
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> NDArray[np.float64]:
     """Returns frequencies around the crossovers, close together at resonances."""
     sweep = sweep_frequencies(point.loop)
-    crossovers = [crossing.frequency for crossing in point.crossings]
+    crossovers = [x.frequency for x in point.crossings if x.frequency > 0]
     if not crossovers:
         loci = np.abs(eigenloci(point.loop, sweep)[:, 0])
         crossovers = [float(sweep[np.argmax(loci)])]

@@ -43,6 +43,7 @@ from teleop_drake.laws.delay_margin import (
     is_delay_robust,
     neutral_root_count,
     stable_delays,
+    unstable_roots,
 )
 from teleop_drake.laws.state_space import StateSpace, minimal_realization
 from teleop_drake.scenario import AnyScenario, LoadScenario, Scenario, ScenarioError
@@ -101,8 +102,19 @@ class PointStability:
     @property
     def is_stable(self) -> bool:
         """Whether the loop is stable at the scenario's delay."""
-        root = self.RightmostRoot(self.delay)
-        return root is None or root.real < 0
+        return self.IsStableWith(self.delay)
+
+    def IsStableWith(self, delay: float) -> bool:
+        """Returns whether the loop is stable with a delay, by counting crossings.
+
+        Args:
+            delay: Round-trip delay in s.
+        """
+        if np.any(self.hidden_modes.real >= 0):
+            return False
+        if delay > 0 and not is_delay_robust(self.loop):
+            return False
+        return int(unstable_roots(self.loop, delay, self.crossings)[1][-1]) == 0
 
     def Roots(self, delay: float, count: int = 8) -> NDArray[np.complex128]:
         """Returns the rightmost characteristic roots, by descending real part.
@@ -128,7 +140,8 @@ class PointStability:
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
 
-        None if there is none, or if D lets roots tend to infinity.
+        None if there is none, if D lets roots tend to infinity, or if it is too fast
+        for collocation: it then has the wrong sign.
 
         Args:
             delay: Round-trip delay in s.
@@ -136,7 +149,13 @@ class PointStability:
         if delay > 0 and not is_delay_robust(self.loop):
             return None
         roots = self.Roots(delay, count=2)
-        return complex(roots[0]) if len(roots) else None
+        if not len(roots):
+            return None
+        root = complex(roots[0])
+        is_clear = abs(root.real) > _NEUTRAL * max(abs(root), 1e-300)
+        if is_clear and (root.real < 0) != self.IsStableWith(delay):
+            return None
+        return root
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""

@@ -17,8 +17,14 @@ characteristic roots of delay differential equations", SIAM J. Sci. Comput. 27 (
 and, with the delay as a transport equation, "Stability of Linear Delay Differential
 Equations", Springer (2015).
 
+The number of points is chosen such that no root near or right of the imaginary axis is
+too fast for them, up to 200 points: 300 radians within the delay. Faster ones may be
+missed.
+
 Nothing here is shared with laws.delay_margin, so that each can check the other.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +32,14 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# More points than this would take a second.
-_MAX_POINTS = 80
+# More points than this would take seconds.
+_MAX_POINTS = 200
+
+# What so many points do not find lies far to the left.
+_ENOUGH_POINTS = 80
+
+# Where the gain from w back to u is less than this, there is no root worth finding.
+_LEAST_GAIN = 0.5
 
 
 def characteristic_roots(
@@ -72,16 +84,34 @@ def characteristic_roots(
     if delay == 0 or m == 0:
         closed = A + B @ np.linalg.solve(np.eye(m) - D, C)
         return _rightmost(np.linalg.eigvals(closed).astype(complex), count)
-    num_points = 20
+    num_points = _num_points(A, B, C, D, delay)
     while True:
         raw = _rightmost(_collocation_roots(A, B, C, D, delay, num_points), count)
         roots = np.array([_polish(s, A, B, C, D, delay) for s in raw])
         # A root of the problem is one that Newton's method hardly has to move. Others
         # are of the discretisation's own making.
         is_found = np.abs(roots - raw) * delay < 1e-3 * (1 + np.abs(raw) * delay)
-        if is_found.all() or 2 * num_points > _MAX_POINTS:
+        if is_found.all() or num_points >= _ENOUGH_POINTS:
             return _rightmost(roots[is_found], count)
         num_points *= 2
+
+
+def _num_points(A: Array, B: Array, C: Array, D: Array, delay: float) -> int:
+    """Returns how many points it takes to resolve all roots near the axis.
+
+    There |C (s I - A)^-1 B + D| >= 1, so their frequency is limited, and a polynomial
+    needs more than half a point for each radian that such a root turns in the delay.
+    """
+    n = len(A)
+    high = np.linalg.norm(A, 2) + 2 * np.linalg.norm(B, 2) * np.linalg.norm(C, 2)
+    if n == 0 or high == 0:
+        return 20
+    w = np.geomspace(1e-3 * high, high, 200)
+    resolvent = 1j * w[:, None, None] * np.eye(n) - A
+    gains = C @ np.linalg.solve(resolvent, np.broadcast_to(B + 0j, (len(w), *B.shape)))
+    is_large = np.linalg.norm(gains, ord=2, axis=(1, 2)) >= _LEAST_GAIN
+    fastest = float(w[is_large].max(initial=0.0))
+    return min(20 + math.ceil(0.6 * fastest * delay), _MAX_POINTS)
 
 
 def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:

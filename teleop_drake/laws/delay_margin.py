@@ -314,10 +314,11 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     n, m = loop.num_states, len(loop.D)
     modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
     radius = 0.1 * float(modes[np.argsort(modes)][order:].min(initial=1.0))
-    s = radius * np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
+    circle = np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
 
     def Coefficients(delay: float) -> tuple[float, float]:
         """Returns g(0, T) and its derivative by s, of g = det/s^order."""
+        s = min(radius, 10 / max(delay, 1e-9)) * circle
         matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
         z = np.exp(-s * delay)[:, None, None]
         matrix[:, :n, :n] = s[:, None, None] * np.eye(n) - loop.A
