@@ -934,11 +934,36 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         f"round-trip delays up to {record['max_delay']:g} s",
         _Align(lines),
     ]
+    text += _Verdict(points, delay)
     if any(point["frozen_weights"] for point in points):
         text.append(
             "The weights of the adaptive law are frozen at their initial values."
         )
     return "\n".join(text)
+
+
+def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
+    """Returns sentences: where the loop fails first and why, and what it does now."""
+    text = []
+    limits = [point for point in points if point["delay_margin"] is not None]
+    if limits:
+        least = min(limits, key=lambda point: point["delay_margin"])
+        margin = least["delay_margin"]
+        frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
+        text.append(
+            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns the "
+            f"phase at {frequency:.4g} rad/s by all of its margin, "
+            f"{math.degrees(least['phase_margin']):.1f} deg."
+        )
+    for point in points:
+        root = point["rightmost_root"]
+        if not point["stable"] and root is not None and root[0] > 0:
+            motion = f"a motion of {root[1]:.4g} rad/s" if root[1] else "a drift"
+            text.append(
+                f"At {delay:g} s, in {point['name']}, {motion} doubles every "
+                f"{math.log(2) / root[0]:.3g} s."
+            )
+    return text
 
 
 def _Root(real: float, imaginary: float) -> str:

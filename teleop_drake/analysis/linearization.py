@@ -24,6 +24,9 @@ crosses one.
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
 the operating point, the initial ones or those of a run, and are no states of the
 model. F_c is one. What the law computes from the estimates' rates stays in.
+
+A law that switches has a model on either side of the switch and none at it. Whoever
+linearises one has to know on which side the operating point lies.
 """
 
 import math
@@ -41,6 +44,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.robots import CheckRobot, InverseKinematics, TaskInertiaInverse
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.systems.surgeon import Surgeon
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -251,7 +255,9 @@ def LinearizeLoop(
 
     Raises:
         ValueError: If the robot's state is not as large as position and velocity of
-            its tool, the point is at a border of a layer, or the robot cannot be there.
+            its tool, a system at either end has a state that is not continuous (a
+            filter of samples, a delay of its own), the point is at a border of a layer,
+            or the robot cannot be there.
     """
     diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
     return _Linearizer(scenario, point, diagram).Linearize()
@@ -387,6 +393,14 @@ class _Linearizer:
         for system in _Leaves(self._systems[name]):
             context = system.GetMyMutableContextFromRoot(self._root)
             size = context.num_continuous_states()
+            # The environment's is the layer it is in.
+            is_sampled = context.num_discrete_state_groups() > 0
+            is_sampled |= context.num_abstract_states() > 0
+            if is_sampled and name != "environment" and type(system) is not Surgeon:
+                raise ValueError(
+                    f"{name}: {system.get_name()!r} has a state that is not "
+                    "continuous; allowed: continuous states only, for a linear model"
+                )
             if isinstance(system, AdaptiveBackstepping):
                 # [F_c, W1, Psi, W3]: F_c stays.
                 size = system.GetOutputPort("control_force").size()

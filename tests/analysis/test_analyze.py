@@ -20,7 +20,7 @@ def test_table(capsys):
     assert main(["analyze", "one_dof", "--controller", "direct_force"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    headline, head, *rows = out.splitlines()
+    headline, head, *rows, first, now = out.splitlines()
     assert headline == (
         "one_dof, direct_force: delay 0.1 s forward, 0.1 s back; "
         "round-trip delays up to 2 s"
@@ -30,6 +30,11 @@ def test_table(capsys):
     assert free[:5] == ["free", "0.01125", "2.529", "50.4", "0.34788"]
     assert tissue[-1] == free[-1] == "stable"
     assert bone[-1] == "UNSTABLE" and "..." in bone
+    assert first == (
+        "It fails first in bone, at 0.05269 s: the delay turns the phase at 18.15 rad/s "
+        "by all of its margin, 54.8 deg."
+    )
+    assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
     assert os.listdir() == []
 
 

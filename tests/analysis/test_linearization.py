@@ -6,7 +6,7 @@ from dataclasses import replace
 import appendix_a
 import numpy as np
 import pytest
-from pydrake.systems.framework import BasicVector, LeafSystem
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from teleop_drake.analysis.linearization import (
     LinearizeLoop,
@@ -20,6 +20,8 @@ from teleop_drake.laws.state_space import StateSpace
 from teleop_drake.robots import InverseKinematics
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.systems.transport_delay import TransportDelay
 from teleop_drake.teleoperator import MakeTeleoperator
 
 W = np.geomspace(0.01, 300, 50)
@@ -247,6 +249,27 @@ def test_error_estimate_covers_a_curved_law():
     exact = (math.cos(0.00375 / 0.002) / 0.002 - 0.01) / 0.5
     error = abs(model.slave.A[1, 0] - exact) / np.abs(model.slave.A).max()
     assert error < max(model.error, 1e-13) < 1e-8
+
+
+def test_delay_of_its_own_has_no_linear_model():
+    """What a system keeps in samples would be taken for constant."""
+    builder = DiagramBuilder()
+    law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
+    late = builder.AddNamedSystem("late", TransportDelay(delay=0.1, size=1))
+    builder.ExportInput(late.get_input_port(), "haptic_force")
+    builder.Connect(late.get_output_port(), law.GetInputPort("haptic_force"))
+    for name in (
+        "velocity_command",
+        "tool_position",
+        "tool_velocity",
+        "environment_force",
+    ):
+        builder.ExportInput(law.GetInputPort(name), name)
+    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    diagram = MakeTeleoperator(scenario, control_law=builder.Build())
+    with pytest.raises(ValueError, match="controller: 'late' has a state that is not"):
+        LinearizeLoop(scenario, OperatingPoints(scenario)[0], teleoperator=diagram)
 
 
 def test_surgeon_is_in_velocity_mode_also_on_bone():

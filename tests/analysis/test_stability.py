@@ -237,6 +237,54 @@ def test_runs_in_the_second_window(delay, grows):
     assert frequency == pytest.approx(root.imag, rel=1e-2)
 
 
+def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
+    """With the slave's clock set back by the difference of the forward delays the runs
+    are the same, puncture, contact and the surgeon's switch included."""
+    early, late = (
+        simulate(
+            LoadScenario(
+                "one_dof",
+                {
+                    "controller.kind": "direct_force",
+                    "duration": 17.0,
+                    "forward_channel.delay": delay,
+                    "return_channel.delay": 0.2 - delay,
+                    "simulator.accuracy": 1e-10,
+                },
+            )
+        )
+        for delay in (0.07, 0.15)
+    )
+    times = np.linspace(0.0, 16.9, 500)
+    for name in ("tool_velocity", "environment_force", "control_force"):
+        first = early.Interpolate(name, times)
+        second = late.Interpolate(name, times + 0.08)
+        # At a jump an instant decides.
+        is_close = np.abs(second - first) < 1e-4 * np.abs(first).max()
+        assert is_close.mean() > 0.99
+    # The surgeon is not at the slave.
+    for name, shift in (("puncture", 0.08), ("contact", 0.08), ("surgeon_force", 0.0)):
+        (before, *_), (after, *_) = early.EventTimes(name), late.EventTimes(name)
+        assert after - before == pytest.approx(shift, abs=1e-5)
+
+
+def test_device_whose_loop_is_too_fast_for_collocation():
+    """The side of the margin then comes from counting, and no root is invented."""
+    free = Analyze(
+        "one_dof",
+        **{
+            "haptic_device.numerator": [3000.0],
+            "haptic_device.denominator": [1.0],
+            "robot.mass": 0.01,
+        },
+    )["free"]
+    assert free.delay * free.margin.frequency > 10_000
+    assert not free.is_stable
+    root = free.RightmostRoot(free.delay)
+    assert root is None or root.real > 0
+    assert free.RightmostRoot(0.9 * free.margin.delay).real < 0
+
+
 def test_record_is_plain_json():
     record = Analyze("two_dof_combined", "adaptive_backstepping").ToRecord()
     assert json.loads(json.dumps(record, allow_nan=False)) == record

@@ -54,6 +54,24 @@ def test_neutral_equation():
     np.testing.assert_allclose(np.exp(roots * delay), d, rtol=1e-9)
 
 
+def test_fast_root_behind_slow_ones():
+    """Of two loops side by side the fast one has the rightmost root.
+
+    It turns by more than a hundred radians within the delay: a resonance at 120 rad/s
+    whose damping is weaker than its delayed feedback.
+    """
+    delay, fast = 1.0, 120.0
+    A = np.array([[-1.0, 0, 0], [0, 0, 1], [0, -(fast**2), -0.1]])
+    B = np.array([[1.0, 0], [0, 0], [0, 1.0]])
+    C = np.array([[-1.0, 0, 0], [0, 0, 5.0]])
+    roots = characteristic_roots(A, B, C, np.zeros((2, 2)), delay=delay, count=2)
+    s = roots[0]
+    assert abs(s.imag) > 100
+    residual = s**2 + 0.1 * s + fast**2 - 5 * s * np.exp(-s * delay)
+    assert abs(residual) < 1e-8 * fast**2
+    assert 0 < s.real < 2.5
+
+
 def test_without_delay_they_are_eigenvalues():
     A, B, C = [[0, 1], [-2, -3]], [[0], [1]], [[1, 0]]
     roots = characteristic_roots(A, B, C, [[0.5]], delay=0.0)
