@@ -951,8 +951,8 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
         margin = least["delay_margin"]
         frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
         text.append(
-            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns the "
-            f"phase at {frequency:.4g} rad/s by all of its margin, "
+            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns "
+            f"the phase at {frequency:.4g} rad/s by all of its margin, "
             f"{math.degrees(least['phase_margin']):.1f} deg."
         )
     for point in points:

@@ -31,8 +31,8 @@ def test_table(capsys):
     assert tissue[-1] == free[-1] == "stable"
     assert bone[-1] == "UNSTABLE" and "..." in bone
     assert first == (
-        "It fails first in bone, at 0.05269 s: the delay turns the phase at 18.15 rad/s "
-        "by all of its margin, 54.8 deg."
+        "It fails first in bone, at 0.05269 s: the delay turns the phase at 18.15 "
+        "rad/s by all of its margin, 54.8 deg."
     )
     assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
     assert os.listdir() == []

@@ -46,7 +46,7 @@ def Scalar(numerator, denominator):
 
 
 def test_hayes():
-    """ds/dt = -x(t - T): pi/2.
+    """dx/dt = -x(t - T): pi/2.
 
     N. D. Hayes, "Roots of the transcendental equation associated with a certain
     difference-differential equation", J. London Math. Soc. s1-25 (1950).
@@ -75,12 +75,11 @@ def test_first_order_at_every_delay():
     assert stable_delays(loop, 100.0) == [(0.0, 100.0)]
 
 
-def test_two_states_of_kolmanovskii_and_richard():
+def test_benchmark_of_two_states():
     """Delay margin 6.1725.
 
-    The standard example of V. Kolmanovskii and J.-P. Richard, "Stability of some
-    linear systems with delays", IEEE Trans. Autom. Control 44 (1999), also in Gu,
-    Kharitonov and Chen (2003). The matrices are triangular: s + 2 + e^(-s T) never
+    The standard benchmark of delay-dependent criteria, in K. Gu, V. L. Kharitonov and
+    J. Chen, "Stability of Time-Delay Systems", Birkhauser (2003). The matrices are triangular: s + 2 + e^(-s T) never
     crosses, s + 0.9 + e^(-s T) does at w = sqrt(1 - 0.81).
     """
     loop = Retarded([[-2, 0], [0, -0.9]], [[-1, 0], [-1, -1]])
@@ -94,8 +93,7 @@ def test_two_states_of_kolmanovskii_and_richard():
 def test_delay_that_stabilises():
     """Stable from 0.10016826 to 1.7178 only.
 
-    K. Gu, "Discretized LMI set in the stability problem of linear uncertain
-    time-delay systems", Int. J. Control 68 (1997); Gu, Kharitonov and Chen (2003).
+    The other benchmark of Gu, Kharitonov and Chen (2003).
     s^2 - 0.1 s + 2 = e^(-s T): (2 - w^2)^2 + 0.01 w^2 = 1, and the delays from real
     and imaginary part: cos w T = 2 - w^2, sin w T = 0.1 w.
     """
