@@ -110,9 +110,10 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
             Line2D(
                 [], [], color="black", marker="o", ms=3, ls="", label="gain crossover"
             ),
+            *_LocusHandles(points),
         ],
         loc="outside upper center",
-        ncols=3,
+        ncols=5,
         fontsize=_FONT_SIZE,
         frameon=False,
     )
@@ -167,9 +168,10 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             ),
             Line2D([], [], color="black", marker="+", ms=7, ls="", label="-1"),
             Line2D([], [], color=_GREY, linewidth=0.6, label="unit circle"),
+            *_LocusHandles(points),
         ],
         loc="outside upper center",
-        ncols=4,
+        ncols=6,
         fontsize=_FONT_SIZE,
         frameon=False,
     )
@@ -322,6 +324,15 @@ def _LocusStyle(i: int) -> dict[str, Any]:
         "linestyle": _LINES[i % len(_LINES)],
         "linewidth": 1.2,
     }
+
+
+def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
+    """Returns what tells the eigenloci apart, where there are several."""
+    count = max(len(point.loop.D) for point in points)
+    return [
+        Line2D([], [], label=f"locus {i + 1}", **_LocusStyle(i))
+        for i in range(count if count > 1 else 0)
+    ]
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> NDArray[np.float64]:

@@ -79,8 +79,9 @@ def test_benchmark_of_two_states():
     """Delay margin 6.1725.
 
     The standard benchmark of delay-dependent criteria, in K. Gu, V. L. Kharitonov and
-    J. Chen, "Stability of Time-Delay Systems", Birkhauser (2003). The matrices are triangular: s + 2 + e^(-s T) never
-    crosses, s + 0.9 + e^(-s T) does at w = sqrt(1 - 0.81).
+    J. Chen, "Stability of Time-Delay Systems", Birkhauser (2003). The matrices
+    are triangular: s + 2 + e^(-s T) never crosses, s + 0.9 + e^(-s T) does, at
+    w = sqrt(1 - 0.81).
     """
     loop = Retarded([[-2, 0], [0, -0.9]], [[-1, 0], [-1, -1]])
     margin = delay_margin(loop)
