@@ -10,6 +10,7 @@ options cost no second.
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from teleop_drake.sweep import SweepResult
 
 _INTERRUPTED = 130
+
+# More stable intervals than this do not fit a table; JSON has all.
+_MAX_INTERVALS = 3
 
 # Options that stand for fields of the scenario. `--set` comes after them.
 _OVERRIDES = {
@@ -217,6 +221,34 @@ def _MakeParser() -> argparse.ArgumentParser:
         "and nothing else there",
         out_help="write runs.jsonl, runs.csv and figures (.png) there (default: out)",
         out_default="out",
+    )
+
+    analyze = add(
+        "analyze",
+        _Analyze,
+        "Find the delays at which the loop is stable, and why it fails at others.",
+        epilog="All delays found are round trips: forward and return delay together, "
+        "of which only the sum matters.",
+    )
+    _AddScenarioOptions(analyze)
+    analyze.add_argument(
+        "--max-delay",
+        metavar="S",
+        help="longest round-trip delay to report on, s (default: 2)",
+    )
+    analyze.add_argument(
+        "--vary",
+        metavar="PATH=START:STOP:COUNT",
+        help="chart the stable delays over a number of the scenario, for example "
+        "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
+        "along x, position=0.86:1.2:35",
+    )
+    _AddRunOptions(
+        analyze,
+        json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
+        out_help="write Bode, Nyquist and stability plots (.png) and margins (.json) "
+        "there",
+        out_default=None,
     )
 
     diagram = add("diagram", _Diagram, "Draw the block diagram of a scenario.")
@@ -514,6 +546,97 @@ def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
     return ({"controller": controllers} if controllers else {}) | grid, overrides
 
 
+def _Analyze(args: argparse.Namespace) -> int:
+    from teleop_drake.analysis.stability import (
+        MAX_DELAY,
+        AnalyzeStability,
+        ChartStability,
+    )
+
+    scenario = _Load(args)
+    max_delay = MAX_DELAY
+    if args.max_delay is not None:
+        try:
+            max_delay = float(args.max_delay)
+        except ValueError:
+            max_delay = math.nan
+        if not 0 < max_delay < math.inf:
+            raise _BadInput(
+                f"--max-delay = {args.max_delay!r}: must be a finite number > 0 (s)"
+            )
+    key, values = _VariedNumber(args.vary)
+    _CheckJson(args.json)
+    stem = f"{scenario.name}_{scenario.controller.kind}"
+    figures = ["bode", "nyquist", "stable_delays"] + ["chart"] * bool(key)
+    *figure_paths, summary_path = _PrepareFolder(
+        args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
+    )
+    chart = None
+    try:
+        analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        if key:
+            with _SweepProgress(args.quiet, "values") as show:
+                chart = ChartStability(
+                    args.scenario,
+                    key,
+                    values,
+                    overrides=_OverridesOf(args),
+                    max_delay=max_delay,
+                    progress=show,
+                )
+    except ValueError as e:
+        raise _BadInput(e) from None
+    record = analysis.ToRecord()
+    if chart is not None:
+        record["chart"] = chart.ToRecord()
+    if args.out is not None:
+        from teleop_drake.analysis.figures import (
+            PlotBode,
+            PlotNyquist,
+            PlotStabilityChart,
+            PlotStableDelays,
+        )
+        from teleop_drake.plotting import SaveFigure
+
+        made = [PlotBode(analysis), PlotNyquist(analysis), PlotStableDelays(analysis)]
+        if chart is not None:
+            made.append(PlotStabilityChart(chart))
+        for figure, path in zip(made, figure_paths, strict=True):
+            SaveFigure(figure, path)
+        _WriteText(summary_path, _ToJson(record))
+    if args.json is not None:
+        _WriteJson(args.json, record)
+    if args.json != "-":
+        print(_AnalysisTable(record))
+        if chart is not None:
+            print()
+            print(_ChartTable(record["chart"]))
+        if args.out is not None:
+            written = [*figure_paths, summary_path]
+            print("Written:", ", ".join(map(str, written)))
+    return 0
+
+
+def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
+    """Returns the key and the values of `analyze --vary`; without it, no key."""
+    from teleop_drake.sweep import ParseValues, SweepError
+
+    if item is None:
+        return "", []
+    path, equals, text = item.partition("=")
+    if not equals or not path.strip():
+        raise _BadInput(f"--vary = {item!r}: must be PATH=START:STOP:COUNT")
+    try:
+        values = ParseValues(text)
+    except SweepError as e:
+        raise _BadInput(f"--vary {path.strip()} = {e}") from None
+    if not all(isinstance(x, int | float) and math.isfinite(x) for x in values):
+        raise _BadInput(f"--vary {path.strip()} = {text!r}: must be finite numbers")
+    if len(set(values)) < 2:
+        raise _BadInput(f"--vary {path.strip()} = {text!r}: must be two values or more")
+    return path.strip(), [float(x) for x in values]
+
+
 def _Diagram(args: argparse.Namespace) -> int:
     if args.depth < 0:
         raise _BadInput(f"--depth = {args.depth}: must be 0 or positive")
@@ -572,15 +695,20 @@ def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line and `more`."""
     from teleop_drake.scenario import LoadScenario, ScenarioError
 
+    try:
+        return LoadScenario(args.scenario, [*_OverridesOf(args), *more])
+    except ScenarioError as e:
+        raise _BadInput(e) from None
+
+
+def _OverridesOf(args: argparse.Namespace) -> list[str]:
+    """Returns the overrides of the command line as PATH=VALUE."""
     overrides = []
     for option, paths in _OVERRIDES.items():
         value = getattr(args, option, None)
         if value is not None:
             overrides += [f"{path}={value}" for path in paths]
-    try:
-        return LoadScenario(args.scenario, [*overrides, *args.set, *more])
-    except ScenarioError as e:
-        raise _BadInput(e) from None
+    return [*overrides, *args.set]
 
 
 # Simulating.
@@ -632,7 +760,9 @@ def _Progress(scenario: "AnyScenario") -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def _SweepProgress(is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
+def _SweepProgress(
+    is_quiet: bool, what: str = "runs"
+) -> Iterator[Callable[[int, int], None]]:
     """Yields a function that shows the finished runs and the time left on stderr.
 
     A terminal gets one line that changes, a file gets a line every 10 s.
@@ -650,7 +780,7 @@ def _SweepProgress(is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
         if is_quiet or now < next_report:
             return
         next_report = now + (0.2 if is_terminal else 10.0)
-        text = f"{num_finished} of {num_runs} runs"
+        text = f"{num_finished} of {num_runs} {what}"
         if num_finished > num_before:
             seconds_each = (now - start) / (num_finished - num_before)
             left = timedelta(seconds=round(seconds_each * (num_runs - num_finished)))
@@ -768,6 +898,106 @@ def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
         cells = [_Cell(column.get(row)) for column in columns.values()]
         unit = next((_UNITS[part] for part in row.split(".") if part in _UNITS), "")
         lines.append([row.replace("_", " ").replace(".", " "), *cells, unit])
+    return _Align(lines)
+
+
+def _AnalysisTable(record: Mapping[str, Any]) -> str:
+    """Returns the margins of `analyze`: a row for each operating point."""
+    points = record["operating_points"]
+    delay = record["forward_delay"] + record["return_delay"]
+    lines = [
+        [
+            "",
+            "x [m]",
+            "crossovers [rad/s]",
+            "phase margin [deg]",
+            "delay margin [s]",
+            "stable delays [s]",
+            f"root at {delay:g} s [1/s]",
+            "",
+        ]
+    ]
+    for point in points:
+        intervals = [
+            f"{begin:.4g}-{end:.4g}" + ("+" if end == record["max_delay"] else "")
+            for begin, end in point["stable_delays"]
+        ]
+        if len(intervals) > _MAX_INTERVALS:
+            intervals = [*intervals[:_MAX_INTERVALS], "..."]
+        phase, root = point["phase_margin"], point["rightmost_root"]
+        lines.append(
+            [
+                point["name"],
+                f"{point['position'][0]:.5g}",
+                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"]) or "-",
+                "-" if phase is None else f"{math.degrees(phase):.1f}",
+                _Cell(point["delay_margin"]),
+                ", ".join(intervals) or "none",
+                "-" if root is None else _Root(*root),
+                "stable" if point["stable"] else "UNSTABLE",
+            ]
+        )
+    text = [
+        f"{record['scenario']}, {record['controller']}: delay "
+        f"{record['forward_delay']:g} s forward, {record['return_delay']:g} s back; "
+        f"round-trip delays up to {record['max_delay']:g} s",
+        _Align(lines),
+    ]
+    text += _Verdict(points, delay)
+    if any(point["frozen_weights"] for point in points):
+        text.append(
+            "The weights of the adaptive law are frozen at their initial values."
+        )
+    return "\n".join(text)
+
+
+def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
+    """Returns sentences: where the loop fails first and why, and what it does now."""
+    text = []
+    limits = [point for point in points if point["delay_margin"] is not None]
+    if limits:
+        least = min(limits, key=lambda point: point["delay_margin"])
+        margin = least["delay_margin"]
+        frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
+        text.append(
+            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns "
+            f"the phase at {frequency:.4g} rad/s by all of its margin, "
+            f"{math.degrees(least['phase_margin']):.1f} deg."
+        )
+    for point in points:
+        root = point["rightmost_root"]
+        if not point["stable"] and root is not None and root[0] > 0:
+            motion = f"a motion of {root[1]:.4g} rad/s" if root[1] else "a drift"
+            text.append(
+                f"At {delay:g} s, in {point['name']}, {motion} doubles every "
+                f"{math.log(2) / root[0]:.3g} s."
+            )
+    return text
+
+
+def _Root(real: float, imaginary: float) -> str:
+    """Returns a characteristic root, or both of a pair."""
+    return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
+
+
+def _ChartTable(chart: Mapping[str, Any]) -> str:
+    """Returns the delay margins of `analyze --vary`: a row for each value."""
+    names: dict[str, None] = {}
+    for analysis in chart["analyses"]:
+        names |= dict.fromkeys(p["name"] for p in analysis["operating_points"])
+    lines = [[chart["key"], *(f"{name} [s]" for name in names), ""]]
+    for value, analysis in zip(chart["values"], chart["analyses"], strict=True):
+        points = {p["name"]: p for p in analysis["operating_points"]}
+        cells = [
+            _Cell(points[name]["delay_margin"] if name in points else None)
+            for name in names
+        ]
+        lines.append([f"{value:g}", *cells, ""])
+    return "Delay margins\n" + _Align(lines)
+
+
+def _Align(lines: Sequence[Sequence[str]]) -> str:
+    """Returns columns: the first and the last to the left, the others to the right."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(

@@ -26,6 +26,7 @@ ORDER = [
     "sweep",
     "plotting",
     "rendering",
+    "analysis",
     "thesis",
     "cli",
     "__main__",

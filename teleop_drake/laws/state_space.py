@@ -1,0 +1,144 @@
+"""Linear time-invariant systems as matrices, and their minimal realisation.
+
+dx/dt = A x + B u,    y = C x + D u,    G(s) = C (s I - A)^-1 B + D
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+REALIZATION_TOLERANCE = 1e-7
+"""Directions that are reached, or seen, more weakly than this are taken to be neither,
+relative to the norm of A in balanced coordinates. Well above the error of a
+linearisation by differences, about 1e-10."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StateSpace:
+    """The matrices of a linear system. They are copied and made read-only.
+
+    Attributes:
+        A: (n, n).
+        B: (n, m), m inputs.
+        C: (p, n), p outputs.
+        D: (p, m).
+
+    Raises:
+        ValueError: If the sizes do not match or an entry is not finite.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+    def __post_init__(self) -> None:
+        for name in ("A", "B", "C", "D"):
+            matrix = np.array(getattr(self, name), dtype=float)
+            if matrix.ndim != 2 or not np.isfinite(matrix).all():
+                raise ValueError(f"{name}: must be a finite matrix")
+            matrix.setflags(write=False)
+            object.__setattr__(self, name, matrix)
+        n, (p, m) = len(self.A), self.D.shape
+        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(
+                    f"{name}: shape {getattr(self, name).shape}; allowed: {shape}"
+                )
+
+    @property
+    def num_states(self) -> int:
+        """Number n of states."""
+        return len(self.A)
+
+    def FrequencyResponse(self, frequencies: ArrayLike) -> ComplexArray:
+        """Returns G(j w) (K, p, m).
+
+        Args:
+            frequencies: w in rad/s (K).
+        """
+        w = np.asarray(frequencies, dtype=float).reshape(-1)
+        resolvent = 1j * w[:, None, None] * np.eye(self.num_states) - self.A
+        B = np.broadcast_to(self.B.astype(complex), (len(w), *self.B.shape))
+        response = self.C @ np.linalg.solve(resolvent, B) + self.D
+        return response.astype(complex)
+
+
+def minimal_realization(
+    system: StateSpace, tolerance: float = REALIZATION_TOLERANCE
+) -> tuple[StateSpace, ComplexArray]:
+    """Removes the modes that do not show in G(s).
+
+    First what the input does not reach, then what the output does not see, by the
+    Krylov spaces of (A, B) and (A^T, C^T) with orthonormal bases. A feedback around
+    the system leaves the removed modes where they are.
+
+    Source: R. E. Kalman, "Mathematical description of linear dynamical systems",
+    SIAM J. Control 1 (1963); the staircase form is that of P. Van Dooren, "The
+    generalized eigenstructure problem in linear system theory", IEEE Trans. Autom.
+    Control 26 (1981).
+
+    Args:
+        system: The system.
+        tolerance: See REALIZATION_TOLERANCE.
+
+    Returns:
+        The minimal system, in coordinates without a meaning of their own, and the
+        eigenvalues of the removed modes.
+    """
+    scale = _balance(system)
+    A = system.A * scale / scale[:, None]
+    B, C = system.B / scale[:, None], system.C * scale
+    V, hidden = _reachable(A, B, tolerance)
+    A, B, C = V.T @ A @ V, V.T @ B, C @ V
+    W, unseen = _reachable(A.T, C.T, tolerance)
+    A, B, C = W.T @ A @ W, W.T @ B, C @ W
+    minimal = StateSpace(A=A, B=B, C=C, D=system.D)
+    return minimal, np.concatenate([hidden, unseen])
+
+
+def _reachable(A: Array, B: Array, tolerance: float) -> tuple[Array, ComplexArray]:
+    """Returns a basis of the reachable space and the eigenvalues outside of it."""
+    n = len(A)
+    V = np.zeros((n, 0))
+    block, size = B, np.linalg.norm(B)
+    while block.shape[1] and V.shape[1] < n:
+        for _ in range(2):  # Twice, for orthogonality to rounding.
+            block = block - V @ (V.T @ block)
+        U, sigma, _ = np.linalg.svd(block, full_matrices=False)
+        new = U[:, sigma > tolerance * size]
+        V = np.hstack([V, new])
+        block, size = A @ new, np.linalg.norm(A)
+    rest = np.linalg.svd(V, full_matrices=True)[0][:, V.shape[1] :]
+    return V, np.linalg.eigvals(rest.T @ A @ rest).astype(complex)
+
+
+def _balance(system: StateSpace) -> Array:
+    """Returns scales of the states that make their rows and columns alike.
+
+    Those are of [A, B; C, 0] without the diagonal. Entries that may be rounding errors
+    do not count.
+
+    Source: B. N. Parlett and C. Reinsch, "Balancing a matrix for calculation of
+    eigenvalues and eigenvectors", Numer. Math. 13 (1969).
+    """
+    n = system.num_states
+    blocks = [[system.A, system.B], [system.C, np.zeros_like(system.D)]]
+    matrix = np.abs(np.block(blocks))
+    np.fill_diagonal(matrix[:n, :n], 0.0)
+    matrix[matrix < 1e-13 * matrix.max(initial=0.0)] = 0.0
+    scale = np.ones(n)
+    for _ in range(20):
+        for i in range(n):
+            column, row = matrix[:, i].sum(), matrix[i].sum()
+            if column > 0 and row > 0:
+                # A power of two, so that no digit is lost.
+                factor = 2.0 ** np.round(0.5 * np.log2(row / column))
+                matrix[:, i] *= factor
+                matrix[i] /= factor
+                scale[i] *= factor
+    return scale

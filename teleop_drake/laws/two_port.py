@@ -1,0 +1,128 @@
+"""Channels between two people as a two-port, and how transparent they are.
+
+A two-port is its hybrid matrix h(j w), of one axis,
+
+    [F_m; -v_s] = [h11, h12; h21, h22] [v_m; F_s]                                (1)
+
+with force F_m and velocity v_m at the surgeon's side (port m), F_s and v_s at the
+environment's (port s). F_m v_m is the power that goes in at m, and -F_s v_s that which
+goes in at s. Ideal transparency is h = [0, 1; -1, 0].
+
+Here the thesis's channels carry the force forward and the velocity back, so that (1)
+would be a prediction; their causal form is the inverse hybrid matrix g,
+
+    [v_m; F_s] = g [F_m; -v_s] = [0, -e^(-s T_r); e^(-s T_f), 0] [F_m; -v_s]     (2)
+
+Everything below holds for either matrix: both have ports with power F v.
+
+Sources: B. Hannaford, "A design framework for teleoperators with kinesthetic
+feedback", IEEE Trans. Robot. Autom. 5 (1989); R. J. Anderson and M. W. Spong,
+"Bilateral control of teleoperators with time delay", IEEE Trans. Autom. Control 34
+(1989); D. A. Lawrence, "Stability and transparency in bilateral teleoperation", IEEE
+Trans. Robot. Autom. 9 (1993).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def delay_two_port(
+    frequencies: ArrayLike, *, forward_delay: float, return_delay: float
+) -> ComplexArray:
+    """Returns the matrix (2) of channels that are a raw delay (K, 2, 2).
+
+    With the names of the ports exchanged it is also the hybrid matrix of channels that
+    carry the velocity forward and the force back.
+
+    Args:
+        frequencies: w in rad/s (K).
+        forward_delay: T_f in s, >= 0.
+        return_delay: T_r in s, >= 0.
+    """
+    w = np.asarray(frequencies, dtype=float).reshape(-1)
+    matrix = np.zeros((len(w), 2, 2), dtype=complex)
+    matrix[:, 0, 1] = -np.exp(-1j * w * return_delay)
+    matrix[:, 1, 0] = np.exp(-1j * w * forward_delay)
+    return matrix
+
+
+def llewellyn(matrix: ArrayLike) -> Array:
+    """Returns Llewellyn's stability parameter at each frequency (K).
+
+        eta = (2 Re p11 Re p22 - Re(p12 p21))/|p12 p21|
+
+    A two-port without unstable poles is absolutely stable, that is stable with every
+    passive operator and every passive environment, if and only if at all w
+
+        Re p11 >= 0,  Re p22 >= 0  and  eta >= 1.
+
+    The parameter is -inf where Re p11 or Re p22 is negative, and +inf where p12 p21 = 0
+    and both are not: the ports do not know of each other.
+
+    Source: F. B. Llewellyn, "Some fundamental properties of transmission systems",
+    Proc. IRE 40 (1952).
+
+    Args:
+        matrix: p(j w), an impedance, admittance, hybrid or inverse hybrid matrix
+            (K, 2, 2).
+    """
+    p = np.asarray(matrix, dtype=complex)
+    product = p[:, 0, 1] * p[:, 1, 0]
+    resistance = 2 * p[:, 0, 0].real * p[:, 1, 1].real
+    with np.errstate(divide="ignore", invalid="ignore"):
+        eta = (resistance - product.real) / np.abs(product)
+    eta = np.where(product == 0, np.inf, eta)
+    is_active = (p[:, 0, 0].real < 0) | (p[:, 1, 1].real < 0)
+    return np.where(is_active, -np.inf, eta)
+
+
+def scattering_norm(matrix: ArrayLike, *, impedance: float = 1.0) -> Array:
+    """Returns the largest singular value of the scattering matrix at each w (K).
+
+        S = (p - b)(p + b)^-1   with each port in units of sqrt(b)
+
+    A two-port is passive if and only if this is at most 1 at all w. For a raw delay T
+    in both directions and b = 1 it is |tan w T| + |sec w T|, which has no bound.
+
+    Source: Anderson and Spong (1989), there for the hybrid matrix.
+
+    Args:
+        matrix: p(j w), a hybrid or inverse hybrid matrix (K, 2, 2).
+        impedance: b in N s/m of the hybrid matrix, in m/(N s) of the inverse one, > 0.
+
+    Raises:
+        ValueError: If the impedance is not a finite number > 0.
+    """
+    if not 0 < impedance < np.inf:
+        raise ValueError(f"impedance: {impedance}; allowed: a finite number > 0")
+    # The off-diagonal entries of a hybrid matrix have no unit.
+    scale = np.sqrt(np.array([1 / impedance, impedance]))
+    p = np.asarray(matrix, dtype=complex) * scale[:, None] * scale
+    identity = np.eye(2)
+    norms = np.full(len(p), np.inf)
+    is_regular = np.abs(np.linalg.det(p + identity)) > 1e-14
+    S = (p[is_regular] - identity) @ np.linalg.inv(p[is_regular] + identity)
+    norms[is_regular] = np.linalg.norm(S, ord=2, axis=(1, 2))
+    return norms
+
+
+def terminated_port(matrix: ArrayLike, load: ArrayLike) -> ComplexArray:
+    """Returns what is seen at port 1 with a load at port 2 (K).
+
+        p11 - p12 p21/(p22 + load)
+
+    For a hybrid matrix the load is the environment's admittance v_s/F_s and the result
+    the impedance F_m/v_m; for the inverse hybrid one it is the environment's impedance
+    F_s/v_s, and the result the admittance v_m/F_m that the surgeon feels.
+
+    Args:
+        matrix: p(j w) (K, 2, 2).
+        load: At the same frequencies (K).
+    """
+    p = np.asarray(matrix, dtype=complex)
+    load = np.asarray(load, dtype=complex)
+    result: ComplexArray = p[:, 0, 0] - p[:, 0, 1] * p[:, 1, 0] / (p[:, 1, 1] + load)
+    return result

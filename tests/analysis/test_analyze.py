@@ -1,0 +1,123 @@
+"""Tests of `teleop-drake analyze`."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.cli import main
+from teleop_drake.scenario import LoadScenario
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_table(capsys):
+    assert main(["analyze", "one_dof", "--controller", "direct_force"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    headline, head, *rows, first, now = out.splitlines()
+    assert headline == (
+        "one_dof, direct_force: delay 0.1 s forward, 0.1 s back; "
+        "round-trip delays up to 2 s"
+    )
+    assert head.split("  ")[-1] == "root at 0.2 s [1/s]"
+    tissue, free, bone = (row.split() for row in rows)
+    assert free[:5] == ["free", "0.01125", "2.529", "50.4", "0.34788"]
+    assert tissue[-1] == free[-1] == "stable"
+    assert bone[-1] == "UNSTABLE" and "..." in bone
+    assert first == (
+        "It fails first in bone, at 0.05269 s: the delay turns the phase at 18.15 "
+        "rad/s by all of its margin, 54.8 deg."
+    )
+    assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
+    assert os.listdir() == []
+
+
+def test_frozen_weights_are_mentioned(capsys):
+    assert main(["analyze", "one_dof"]) == 0
+    assert "weights of the adaptive law are frozen" in capsys.readouterr().out
+
+
+def test_json_on_stdout(capsys):
+    command = ["analyze", "two_dof_combined", "--delay", "0.05", "--json", "-"]
+    assert main([*command, "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    record = json.loads(out)
+    scenario = LoadScenario(
+        "two_dof_combined",
+        {"forward_channel.delay": 0.05, "return_channel.delay": 0.05},
+    )
+    assert record == AnalyzeStability(scenario).ToRecord()
+    assert record["forward_delay"] == 0.05
+
+
+def test_files(capsys):
+    command = ["analyze", "one_dof", "--out", "here", "--max-delay", "0.5"]
+    vary = ["--vary", "robot.mass=0.4:0.8:3", "--quiet"]
+    assert main([*command, *vary, "--set", "controller.kind=direct_force"]) == 0
+    stem = "one_dof_direct_force"
+    names = [
+        f"{stem}_{name}"
+        for name in (
+            "analysis.json",
+            "bode.png",
+            "chart.png",
+            "nyquist.png",
+            "stable_delays.png",
+        )
+    ]
+    assert sorted(os.listdir("here")) == names
+    record = json.loads(Path(f"here/{stem}_analysis.json").read_text())
+    assert record["max_delay"] == 0.5
+    assert record["chart"]["key"] == "robot.mass"
+    assert record["chart"]["values"] == [0.4, 0.6, 0.8]
+    margins = [
+        analysis["operating_points"][1]["delay_margin"]
+        for analysis in record["chart"]["analyses"]
+    ]
+    assert len(set(margins)) == 3 and margins == sorted(margins)
+    out = capsys.readouterr().out
+    assert "Delay margins\nrobot.mass  tissue [s]  free [s]  bone [s]" in out
+    assert f"here/{stem}_chart.png" in out
+    # The delay of each value is that of the overrides.
+    assert record["chart"]["analyses"][0]["controller"] == "direct_force"
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("one_dot", "scenario = 'one_dot': must be one of "),
+        ("one_dof --max-delay 0", "--max-delay = '0': must be a finite number > 0 (s)"),
+        ("one_dof --max-delay soon", "--max-delay = 'soon': must be a finite number"),
+        ("one_dof --vary robot.mass", "--vary = 'robot.mass': must be PATH=START:"),
+        ("one_dof --vary robot.mass=a", "--vary robot.mass = 'a': must be finite nu"),
+        ("one_dof --vary robot.mass=1:2", "--vary robot.mass = '1:2': must be START:"),
+        ("one_dof --vary robot.mass=1", "--vary robot.mass = '1': must be two values"),
+        ("one_dof --vary robot.mass=-1:1:2", "robot.mass: -1.0 must be finite and > 0"),
+        ("one_dof --vary robot.maas=1:2:2", "robot.maas = 1.0: unknown key 'maas', mu"),
+        ("two_dof_puncture --vary position=1,2", "position = 2: [2.0, 0.0] is 2 m fr"),
+        ("one_dof --vary position=-1,2", "position = -1: must be on the tool's path"),
+        ("network_tracking_linear", "scenario = 'network_tracking_linear': must be a"),
+        (
+            "one_dof --set forward_channel.kind=variable",
+            "forward_channel.kind = 'variable': must be transport",
+        ),
+        ("one_dof --out file", "--out = 'file': must be a folder that can be"),
+        ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
+    ],
+)
+def test_bad_input(command, message, capsys):
+    Path("file").touch()
+    command = ["analyze", *command.split(), "--quiet"]
+    assert main(command) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1 and err.endswith("\n")
+    assert os.listdir() == ["file"]

@@ -1,0 +1,303 @@
+"""Tests of analysis.linearization against models written by hand."""
+
+import math
+from dataclasses import replace
+
+import appendix_a
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+
+from teleop_drake.analysis.linearization import (
+    LinearizeLoop,
+    OperatingPoint,
+    OperatingPointAt,
+    OperatingPointOfRun,
+    OperatingPoints,
+)
+from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
+from teleop_drake.laws.state_space import StateSpace
+from teleop_drake.robots import InverseKinematics
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.teleoperator import MakeTeleoperator
+
+W = np.geomspace(0.01, 300, 50)
+S = 1j * W
+
+
+def Model(name, kind="direct_force", point=0, **overrides):
+    scenario = LoadScenario(name, {"controller.kind": kind} | overrides)
+    return LinearizeLoop(scenario, OperatingPoints(scenario)[point])
+
+
+def test_operating_points_of_the_tasks():
+    scenario = LoadScenario("one_dof")
+    tissue, free, bone = OperatingPoints(scenario)
+    assert [p.name for p in (tissue, free, bone)] == ["tissue", "free", "bone"]
+    np.testing.assert_allclose(tissue.position, [0.00375])
+    np.testing.assert_allclose(free.position, [0.01125])
+    # The first impact of 0.5 kg at 1 mm/s on 150 N/m.
+    np.testing.assert_allclose(bone.position, 0.015 + 0.001 * math.sqrt(0.5 / 150))
+    np.testing.assert_allclose(tissue.velocity, [0.001])
+    np.testing.assert_allclose(bone.velocity, [0.0])
+    names = {
+        name: [p.name for p in OperatingPoints(LoadScenario(name))]
+        for name in ("two_dof_puncture", "two_dof_collision", "two_dof_combined")
+    }
+    assert names == {
+        "two_dof_puncture": ["tissue", "free"],
+        "two_dof_collision": ["free", "bone"],
+        "two_dof_combined": ["tissue", "free", "bone"],
+    }
+
+
+def test_empty_space_and_the_robots_reach():
+    scenario = LoadScenario(
+        "two_dof_puncture", {"environment.layers": [], "duration": 100.0}
+    )
+    (point,) = OperatingPoints(scenario)
+    assert point.layer == "empty"
+    # From 0.85 m to where |sin q2| = 0.05: two links of 0.75 m.
+    reach = math.sqrt(2 * 0.75**2 * (1 + math.sqrt(1 - 0.05**2)))
+    np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("point", "k", "d"), [(0, 0.01, 0.5), (1, 0.0, 0.0), (2, 150.0, 0.0)]
+)
+def test_slider_is_the_equation_of_motion(point, k, d):
+    """m dv/dt + c v + d v + k r = F."""
+    model = Model("one_dof", point=point)
+    m, c = 0.5, 0.1
+    np.testing.assert_allclose(
+        model.slave.A, [[0, 1], [-k / m, -(c + d) / m]], rtol=1e-11, atol=1e-11
+    )
+    np.testing.assert_allclose(model.slave.B, [[0, 0], [1 / m, 0]], rtol=1e-11)
+    np.testing.assert_allclose(model.slave.C, np.eye(2), rtol=1e-11)
+    np.testing.assert_allclose(model.slave.D, 0)
+    assert not model.frozen_weights
+    assert model.error < 1e-10
+
+
+def test_master_is_the_haptic_device():
+    model = Model("one_dof")
+    G = model.master.FrequencyResponse(W)
+    np.testing.assert_allclose(G[:, 0, 1], -(25 * S + 50) / (S**2 + 25 * S), rtol=1e-10)
+    # The commanded velocity depends on nothing, and nothing on the position.
+    assert np.all(G[:, 1] == 0) and np.all(G[:, 0, 0] == 0)
+
+
+def test_adaptive_law_without_adaptation_is_its_textbook_form():
+    """With W1 = W3 = 0 and constant Psi, (4.23), (4.31), (4.32) leave
+
+    dF_c/dt = -(G1 + G2) (F_c - F_e) + dF_e/dt-free terms: F_c = A F_e - K s with
+    A = (G1 + G2)/(p + G1 + G2), K = (Psi + G1 G2/Psi)/(p + G1 + G2).
+    """
+    scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
+    m, c, Psi, G1, G2, Lambda = 0.5, 0.1, 4.3, 2.0, 20.0, 1.0
+    for point, Z in (
+        (0, 0.5 + 0.01 / S),
+        (1, 0 * S),
+        (2, 150 / S),
+    ):
+        model = LinearizeLoop(scenario, OperatingPoints(scenario)[point])
+        assert model.frozen_weights
+        A = (G1 + G2) / (S + G1 + G2)
+        K = (Psi + G1 * G2 / Psi) / (S + G1 + G2)
+        # F_c = A F_e - K [(v - v_dd) + Lambda (F_e - F_hd)], m v' + c v = F_c - F_e
+        v = (
+            K
+            * np.array([Lambda + 0 * S, 1 + 0 * S])
+            / (m * S + c + (1 - A) * Z + K * (1 + Lambda * Z))
+        )
+        G = model.slave.FrequencyResponse(W)
+        np.testing.assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
+        np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
+
+
+def ArmMotion(x, F):
+    """[p, v, dv/dt] of the tool by Appendix A, also for complex x = [q, qdot].
+
+    F is what acts on the tool: F_c - F_e.
+    """
+    q, qdot = x[:2], x[2:]
+    J, M, C = (
+        f(*args)
+        for f, *args in ((appendix_a.J, q), (appendix_a.M, q), (appendix_a.C, q, qdot))
+    )
+    qddot = np.linalg.solve(M, J.T @ F - C @ qdot)
+    L1, L3, w = appendix_a.L1, appendix_a.L3, qdot[0] + qdot[1]
+    c1, s1 = np.cos(q[0]) * qdot[0], np.sin(q[0]) * qdot[0]
+    c12, s12 = np.cos(q[0] + q[1]) * w, np.sin(q[0] + q[1]) * w
+    Jdot = -np.array([[L1 * c1 + L3 * c12, L3 * c12], [L1 * s1 + L3 * s12, L3 * s12]])
+    return np.concatenate([appendix_a.p_WT(q), J @ qdot, J @ qddot + Jdot @ qdot])
+
+
+@pytest.mark.parametrize("velocity", [[0.0, 0.0], [0.1, -0.05]])
+def test_arm_is_appendix_a(velocity):
+    """In tissue and moving; derivatives by complex steps, exact to rounding."""
+    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
+    p0, v0 = np.array([0.93, 0.05]), np.array(velocity)
+    point = OperatingPoint(name="here", layer="tissue", position=p0, velocity=v0)
+    model = LinearizeLoop(scenario, point)
+
+    q0 = InverseKinematics("two_link_arm", p0, "down")
+    x0 = np.concatenate([q0, np.linalg.solve(appendix_a.J(q0), v0)])
+    np.testing.assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
+    # The force that keeps the velocity: dv/dt is affine in it.
+    a0 = ArmMotion(x0, np.zeros(2))[4:]
+    slope = np.array([ArmMotion(x0, F)[4:] - a0 for F in np.eye(2)]).T
+    F0 = np.linalg.solve(slope, -a0)
+
+    def Motion(x):
+        p, v = ArmMotion(x, F0)[:4].reshape(2, 2)
+        change = 0.01 * (p[0] - p0[0]) + 0.5 * (v[0] - v0[0])  # of F_e
+        return ArmMotion(x, F0 - np.array([change, 0 * change]))
+
+    h = 1e-30
+    by_x = np.array([Motion(x0 + 1j * h * e).imag / h for e in np.eye(4)]).T
+    A = by_x[2:] @ np.linalg.inv(by_x[:4])
+    np.testing.assert_allclose(model.slave.A, A, atol=1e-11)
+    np.testing.assert_allclose(model.slave.B[2:, :2], slope, rtol=1e-11)
+    assert np.all(model.slave.B[:, 2:] == 0) and np.all(model.slave.B[:2] == 0)
+    np.testing.assert_allclose(model.slave.C, np.eye(4), atol=1e-12)
+    assert model.trim_residual < 1e-12
+    assert model.error < 1e-11
+
+
+def test_estimates_are_those_of_the_point():
+    """Psi of the point, not of the scenario; the weights W1 shift the law."""
+    scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
+    point = OperatingPoints(scenario)[1]
+    count = scenario.controller.network.count[0]
+    weights = np.zeros(count)
+    other = LinearizeLoop(
+        scenario,
+        replace(point, estimates=np.concatenate([[0.0], weights, [6.0], weights])),
+    )
+    same = LoadScenario(
+        "one_dof", {"controller.adaptation_rate": 0.0, "controller.initial_psi": 6.0}
+    )
+    expected = LinearizeLoop(same, point)
+    np.testing.assert_allclose(
+        other.slave.FrequencyResponse(W), expected.slave.FrequencyResponse(W), rtol=1e-9
+    )
+    # F_c = alpha has -Psi^-1 W1 Phi(r): a spring of its own at the robot.
+    weights = np.linspace(-1, 1, count)
+    curved = LinearizeLoop(
+        scenario,
+        replace(point, estimates=np.concatenate([[0.0], weights, [6.0], 0 * weights])),
+    )
+    assert abs(curved.slave.A[2, 0]) > 100 * abs(expected.slave.A[2, 0])
+    assert curved.error < 1e-7
+
+
+def test_operating_point_of_a_run():
+    """What the law has learned by then hardly moves the margin."""
+    scenario = LoadScenario("one_dof", {"duration": 12.0})
+    recording = simulate(scenario)
+    point = OperatingPointOfRun(recording, 11.2)
+    assert point.layer == "free"
+    np.testing.assert_allclose(
+        point.position, recording.Interpolate("tool_position", [11.2])[0]
+    )
+    model = LinearizeLoop(scenario, point)
+    acceleration = recording.Interpolate("tool_acceleration", [11.2])[0, 0]
+    assert model.trim_residual >= abs(acceleration) * (1 - 1e-6)
+    learned = AnalyzeModel(model, delay=0.2).margin.delay
+    initial = AnalyzeStability(scenario)["free"].margin.delay
+    assert learned != initial
+    assert learned == pytest.approx(initial, rel=1e-2)
+    for time in (-1.0, 12.5):
+        with pytest.raises(ValueError, match="time = "):
+            OperatingPointOfRun(recording, time)
+
+
+def test_error_estimate_covers_a_curved_law():
+    """Weights that are not zero make the law curved over the width of a network."""
+
+    class Curved(LeafSystem):
+        """F_c = F_hd + sin(r/width)."""
+
+        def __init__(self):
+            LeafSystem.__init__(self)
+            inputs = [
+                self.DeclareVectorInputPort(name, 1)
+                for name in (
+                    "haptic_force",
+                    "velocity_command",
+                    "tool_position",
+                    "tool_velocity",
+                    "environment_force",
+                )
+            ]
+
+            def Calc(context, output: BasicVector):
+                r = inputs[2].Eval(context)
+                output.SetFromVector(inputs[0].Eval(context) + np.sin(r / 0.002))
+
+            self.DeclareVectorOutputPort("control_force", 1, Calc)
+
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    point = OperatingPoints(scenario)[0]
+    model = LinearizeLoop(
+        scenario, point, teleoperator=MakeTeleoperator(scenario, control_law=Curved())
+    )
+    exact = (math.cos(0.00375 / 0.002) / 0.002 - 0.01) / 0.5
+    error = abs(model.slave.A[1, 0] - exact) / np.abs(model.slave.A).max()
+    assert error < max(model.error, 1e-13) < 1e-8
+
+
+def test_delay_of_its_own_has_no_linear_model():
+    """What a system keeps in samples would be taken for constant."""
+    builder = DiagramBuilder()
+    law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
+    late = builder.AddNamedSystem("late", TransportDelay(delay=0.1, size=1))
+    builder.ExportInput(late.get_input_port(), "haptic_force")
+    builder.Connect(late.get_output_port(), law.GetInputPort("haptic_force"))
+    for name in (
+        "velocity_command",
+        "tool_position",
+        "tool_velocity",
+        "environment_force",
+    ):
+        builder.ExportInput(law.GetInputPort(name), name)
+    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    diagram = MakeTeleoperator(scenario, control_law=builder.Build())
+    with pytest.raises(ValueError, match="controller: 'late' has a state that is not"):
+        LinearizeLoop(scenario, OperatingPoints(scenario)[0], teleoperator=diagram)
+
+
+def test_surgeon_is_in_velocity_mode_also_on_bone():
+    model = Model("two_dof_combined", point=2)
+    assert np.abs(model.master.FrequencyResponse([1.0])[0, :2, 2:]).max() > 1
+
+
+def test_no_difference_crosses_a_border():
+    """A micrometre before the bone, the environment still is free space."""
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015 - 1e-6))
+    np.testing.assert_allclose(model.slave.A, [[0, 1], [0, -0.2]], atol=1e-7)
+    with pytest.raises(ValueError, match=r"position = 0.015: must not be the border"):
+        LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015))
+
+
+def test_path():
+    scenario = LoadScenario("two_dof_combined")
+    inside = OperatingPointAt(scenario, 1.11)
+    assert inside.layer == "bone" and np.all(inside.velocity == 0)
+    before = OperatingPointAt(scenario, 1.05)
+    assert before.layer == "free" and before.velocity[0] == 0.1
+    for x, message in ((0.5, "on the tool's path"), (1.6, "from the shoulder")):
+        with pytest.raises(ValueError, match=message) as info:
+            OperatingPointAt(scenario, x)
+        assert "\n" not in str(info.value)
+
+
+def test_models_are_state_spaces():
+    model = Model("one_dof")
+    assert isinstance(model.slave, StateSpace) and isinstance(model.master, StateSpace)

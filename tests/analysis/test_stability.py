@@ -1,0 +1,405 @@
+"""Tests of analysis.stability: closed forms, collocation, and runs of the diagram."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.analysis.linearization import OperatingPointAt
+from teleop_drake.analysis.stability import (
+    POSITION,
+    AnalyzeStability,
+    ChartStability,
+    CutLoop,
+)
+from teleop_drake.laws.characteristic_roots import characteristic_roots
+from teleop_drake.laws.delay_margin import is_delay_robust
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+
+TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+KINDS = ("direct_force", "adaptive_backstepping")
+
+# One layer that is everywhere, so that a run stays at its operating point.
+EVERYWHERE = {
+    "tissue": [
+        {
+            "name": "tissue",
+            "start": -math.inf,
+            "stiffness": 0.01,
+            "damping": 0.5,
+            "reference": 0.0,
+        }
+    ],
+    "free": [],
+    "bone": [{"name": "bone", "start": -math.inf, "stiffness": 150.0}],
+}
+
+
+def Analyze(name, kind="direct_force", **overrides):
+    return AnalyzeStability(LoadScenario(name, {"controller.kind": kind} | overrides))
+
+
+@pytest.mark.parametrize(
+    ("layer", "k", "d"), [("tissue", 0.01, 0.5), ("free", 0, 0), ("bone", 150, 0)]
+)
+def test_direct_force_on_one_axis_by_hand(layer, k, d):
+    """L = (25 s + 50)/((s + 25) (m s^2 + (c + d) s + k)), the integrator cancelled."""
+    analysis = Analyze("one_dof")
+    point = analysis[layer]
+    m, c = 0.5, 0.1
+    w = np.geomspace(0.05, 100, 40)
+    s = 1j * w
+    expected = (25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k))
+    np.testing.assert_allclose(
+        point.loop.FrequencyResponse(w)[:, 0, 0], expected, rtol=1e-9
+    )
+    # |25 j w + 50|^2 = |j w + 25|^2 |k - m w^2 + j (c + d) w|^2, in w^2.
+    spring = np.polyadd(np.polymul([-m, k], [-m, k]), [(c + d) ** 2, 0])
+    squares = np.roots(np.polysub(np.polymul([1, 625], spring), [625, 2500]))
+    w = np.sort(np.sqrt(squares[(squares.real > 0) & (abs(squares.imag) < 1e-9)].real))
+    np.testing.assert_allclose([x.frequency for x in point.crossings], w, rtol=1e-9)
+    s = 1j * w
+    phase = np.angle((25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k)))
+    np.testing.assert_allclose(
+        [x.delay for x in point.crossings], (phase + math.pi) / w, rtol=1e-9
+    )
+    assert point.num_neutral == 1 and len(point.hidden_modes) == 0
+
+
+def test_delay_margin_of_notebook_02():
+    """Direct force in free space fails at 0.17 s each way, adaptive at 0.43 s."""
+    assert Analyze("one_dof")["free"].margin.delay / 2 == pytest.approx(0.174, abs=5e-4)
+    adaptive = Analyze("one_dof", "adaptive_backstepping")["free"]
+    assert adaptive.margin.delay / 2 == pytest.approx(0.427, abs=5e-4)
+    assert adaptive.model.frozen_weights
+
+
+def test_stability_returns_on_the_bone():
+    bone = Analyze("one_dof")["bone"]
+    assert bone.margin.delay == pytest.approx(0.0527, abs=1e-4)
+    assert [x.direction for x in bone.crossings] == [-1, 1]
+    assert len(bone.stable_delays) > 3
+    for begin, end in bone.stable_delays:
+        assert bone.RightmostRoot((begin + end) / 2).real < 0
+    for (_, end), (begin, _) in zip(
+        bone.stable_delays[:-1], bone.stable_delays[1:], strict=True
+    ):
+        assert bone.RightmostRoot((begin + end) / 2).real > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", TASKS)
+def test_collocation_agrees_at_every_border(name, kind):
+    """At the ends of each interval the rightmost root is on the axis, at the frequency
+    of a crossing; inside it is left, and outside right of it."""
+    for point in Analyze(name, kind).points:
+        assert is_delay_robust(point.loop)
+        for begin, end in point.stable_delays:
+            for T in (begin, end):
+                if not 0 < T < point.max_delay:
+                    continue
+                root = point.RightmostRoot(T)
+                assert abs(root.real) < 1e-7
+                assert min(abs(root.imag - x.frequency) for x in point.crossings) < 1e-6
+            assert point.RightmostRoot((begin + end) / 2).real < 0
+        margin = point.margin.delay if point.margin else point.max_delay
+        assert point.stable_delays[0] == (0.0, min(margin, point.max_delay))
+        if point.margin:
+            assert point.RightmostRoot(1.02 * margin).real > 0
+
+
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+def test_only_integrators_are_hidden(name):
+    """All roots of the uncut, unreduced loop are those of L and the integrators."""
+    for point in Analyze(name, "adaptive_backstepping").points:
+        slave, master = point.model.slave, point.model.master
+        T = 0.3
+        zeros = np.zeros((master.num_states, slave.num_states))
+        roots = characteristic_roots(
+            np.block([[slave.A, slave.B @ master.C], [zeros, master.A]]),
+            np.vstack([slave.B @ master.D, master.B]),
+            np.hstack([slave.C, slave.D @ master.C]),
+            slave.D @ master.D,
+            delay=T,
+            count=12,
+        )
+        n = len(point.model.point.position)
+        is_integrator = np.abs(roots) < 1e-4
+        assert is_integrator.sum() == n == point.num_neutral
+        rest = roots[~is_integrator][:6]
+        reduced = point.Roots(T, count=12)
+        for root in rest:
+            assert np.min(np.abs(reduced - root)) < 1e-5 * max(1, abs(root))
+
+
+def test_both_cuts_have_the_same_margins():
+    """Cut at the forward channel instead, the loop crosses at the same delays."""
+    point = Analyze("two_dof_combined")["free"]
+    slave, master = point.model.slave, point.model.master
+    assert CutLoop(point.model).D.shape == (2, 2)
+    w = np.geomspace(0.1, 30, 9)
+    M, S = master.FrequencyResponse(w), slave.FrequencyResponse(w)
+    I = np.eye(4)
+    for z in (1.0, np.exp(0.7j)):
+        full = np.linalg.det(I - S @ M * z)
+        other = np.linalg.det(I - M @ S * z)
+        cut = np.linalg.det(np.eye(2) + point.loop.FrequencyResponse(w) * z)
+        np.testing.assert_allclose(cut, full, rtol=1e-7)
+        np.testing.assert_allclose(other, full, rtol=1e-7)
+
+
+def Growth(recording, begin):
+    """Growth rate and frequency of an oscillation, from its extremes."""
+    t = np.linspace(begin, recording.time[-1], 8000)
+    v = recording.Interpolate("tool_velocity", t)[:, 0]
+    slope = np.diff(v)
+    i = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
+    swings = np.abs(np.diff(v[i]))
+    times = (t[i][1:] + t[i][:-1]) / 2
+    return np.polyfit(times, np.log(swings), 1)[0], np.pi / np.mean(np.diff(t[i]))
+
+
+RUNS = [
+    ("one_dof", "direct_force", "tissue", 40.0, 1e-3),
+    ("one_dof", "direct_force", "free", 40.0, 1e-3),
+    ("one_dof", "direct_force", "bone", 9.0, 1e-3),
+    # The estimates go on adapting in these.
+    ("one_dof", "adaptive_backstepping", "tissue", 40.0, 2e-2),
+    ("one_dof", "adaptive_backstepping", "free", 40.0, 2e-2),
+    ("two_dof_collision", "direct_force", "tissue", 20.0, 1e-2),
+    ("two_dof_collision", "direct_force", "free", 20.0, 1e-2),
+]
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+@pytest.mark.parametrize(("name", "kind", "layer", "duration", "tolerance"), RUNS)
+def test_runs_on_either_side_of_the_margin(
+    name, kind, layer, duration, tolerance, share
+):
+    """The diagram itself, with unequal delays, decays below and grows above it, at the
+    rate of the rightmost root."""
+    overrides = {
+        "controller.kind": kind,
+        "environment.layers": EVERYWHERE[layer],
+        "divergence_speed_ratio": 1000.0,
+        "simulator.accuracy": 1e-10,
+    }
+    if name != "one_dof":
+        # So slow that the pose of the arm stays what it is, and no spring at first.
+        overrides |= {"surgeon.velocity": [1e-4, 0.0], "surgeon.contact_force": None}
+        if layer == "tissue":
+            overrides |= {"environment.layers.tissue.reference": 0.85}
+    scenario = LoadScenario(name, overrides)
+    x = scenario.robot.start[0]
+    point = OperatingPointAt(scenario, x + (0.01 if name == "one_dof" else 1e-4))
+    stability = AnalyzeStability(scenario, points=[point]).points[0]
+    delay = share * stability.margin.delay
+    recording = simulate(
+        LoadScenario(
+            name,
+            overrides
+            | {
+                "duration": duration,
+                "forward_channel.delay": 0.3 * delay,
+                "return_channel.delay": 0.7 * delay,
+                "simulator.max_step_size": min(0.02, 0.15 * delay),
+            },
+        )
+    )
+    assert recording.termination == "completed"
+    assert np.ptp(recording["environment_layer"]) == 0
+    rate, frequency = Growth(recording, 0.4 * duration)
+    root = stability.RightmostRoot(delay)
+    assert math.copysign(1, rate) == math.copysign(1, share - 1)
+    assert rate == pytest.approx(root.real, rel=tolerance)
+    assert frequency == pytest.approx(root.imag, rel=1e-3)
+
+
+@pytest.mark.parametrize(("delay", "grows"), [(0.15, True), (0.3, False)])
+def test_runs_in_the_second_window(delay, grows):
+    """On the bone the oscillation grows with 0.15 s and decays again with 0.3 s."""
+    overrides = {
+        "controller.kind": "direct_force",
+        "environment.layers": EVERYWHERE["bone"],
+        "divergence_speed_ratio": 1000.0,
+        "forward_channel.delay": delay / 2,
+        "return_channel.delay": delay / 2,
+        "duration": 8.0,
+    }
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    root = AnalyzeStability(scenario, points=[point]).points[0].RightmostRoot(delay)
+    rate, frequency = Growth(simulate(scenario), 4.0)
+    assert (rate > 0) == grows
+    assert rate == pytest.approx(root.real, rel=1e-2)
+    assert frequency == pytest.approx(root.imag, rel=1e-2)
+
+
+def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
+    """With the slave's clock set back by the difference of the forward delays the runs
+    are the same, puncture, contact and the surgeon's switch included."""
+    early, late = (
+        simulate(
+            LoadScenario(
+                "one_dof",
+                {
+                    "controller.kind": "direct_force",
+                    "duration": 17.0,
+                    "forward_channel.delay": delay,
+                    "return_channel.delay": 0.2 - delay,
+                    "simulator.accuracy": 1e-10,
+                },
+            )
+        )
+        for delay in (0.07, 0.15)
+    )
+    times = np.linspace(0.0, 16.9, 500)
+    for name in ("tool_velocity", "environment_force", "control_force"):
+        first = early.Interpolate(name, times)
+        second = late.Interpolate(name, times + 0.08)
+        # At a jump an instant decides.
+        is_close = np.abs(second - first) < 1e-4 * np.abs(first).max()
+        assert is_close.mean() > 0.99
+    # The surgeon is not at the slave.
+    for name, shift in (("puncture", 0.08), ("contact", 0.08), ("surgeon_force", 0.0)):
+        (before, *_), (after, *_) = early.EventTimes(name), late.EventTimes(name)
+        assert after - before == pytest.approx(shift, abs=1e-5)
+
+
+def test_device_whose_loop_is_too_fast_for_collocation():
+    """The side of the margin then comes from counting, and no root is invented."""
+    free = Analyze(
+        "one_dof",
+        **{
+            "haptic_device.numerator": [3000.0],
+            "haptic_device.denominator": [1.0],
+            "robot.mass": 0.01,
+        },
+    )["free"]
+    assert free.delay * free.margin.frequency > 10_000
+    assert not free.is_stable
+    root = free.RightmostRoot(free.delay)
+    assert root is None or root.real > 0
+    assert free.RightmostRoot(0.9 * free.margin.delay).real < 0
+
+
+def test_record_is_plain_json():
+    record = Analyze("two_dof_combined", "adaptive_backstepping").ToRecord()
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+    assert record["scenario"] == "two_dof_combined"
+    for point in record["operating_points"]:
+        assert set(point) >= {
+            "name",
+            "position",
+            "layer",
+            "frozen_weights",
+            "gain_crossovers",
+            "phase_margin",
+            "delay_margin",
+            "stable_delays",
+            "rightmost_root",
+        }
+        assert point["frozen_weights"] is True
+    bone = Analyze("one_dof", "adaptive_backstepping").ToRecord()["operating_points"][2]
+    assert bone["delay_margin"] is None and bone["phase_margin"] is None
+    assert bone["gain_crossovers"] == []
+    assert bone["stable_delays"] == [[0.0, 2.0]]
+
+
+def test_without_delay():
+    analysis = Analyze(
+        "one_dof", **{"forward_channel.delay": 0.0, "return_channel.delay": 0.0}
+    )
+    for point in analysis.points:
+        assert point.is_stable
+        assert point.margin.delay > 0
+
+
+def test_unstable_without_delay():
+    """A device that turns the error round is positive feedback."""
+    analysis = Analyze("one_dof", **{"haptic_device.numerator": [-25.0, -50.0]})
+    point = analysis["free"]
+    assert point.margin is None and not point.is_stable
+    assert point.stable_delays == []
+    assert point.ToRecord()["delay_margin"] is None
+
+
+def test_device_with_feedthrough_keeps_a_margin():
+    """H = 25: L = 25/(m s + c), |L| = 1 at w = sqrt(625 - c^2)/m."""
+    analysis = Analyze(
+        "one_dof",
+        **{"haptic_device.numerator": [25.0], "haptic_device.denominator": [1.0]},
+    )
+    free = analysis["free"]
+    w = math.sqrt(625 - 0.01) / 0.5
+    assert free.margin.delay == pytest.approx(
+        (math.pi - math.atan2(0.5 * w, 0.1)) / w, rel=1e-9
+    )
+
+
+def test_chart_of_a_scenario_key():
+    chart = ChartStability(
+        "one_dof",
+        "environment.layers.bone.stiffness",
+        [50.0, 150.0, 300.0],
+        overrides=["controller.kind=direct_force"],
+    )
+    assert chart.PointNames() == ["tissue", "free", "bone"]
+    one = Analyze("one_dof")["bone"].stable_delays
+    np.testing.assert_allclose(chart.StableDelays("bone")[1], one)
+    firsts = [intervals[0][1] for intervals in chart.StableDelays("bone")]
+    assert firsts[0] > firsts[1] > firsts[2]
+    frees = {intervals[0][1] for intervals in chart.StableDelays("free")}
+    assert max(frees) == pytest.approx(min(frees))
+    assert json.dumps(chart.ToRecord(), allow_nan=False)
+
+
+def test_chart_along_the_path():
+    chart = ChartStability(
+        "two_dof_combined",
+        POSITION,
+        [0.9, 1.05, 1.101],
+        overrides={"controller.kind": "direct_force"},
+    )
+    assert chart.PointNames() == ["tissue", "free", "bone"]
+    assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
+
+
+def test_chart_refuses():
+    with pytest.raises(ScenarioError, match=r"robot\.mass"):
+        ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
+    with pytest.raises(ValueError, match=r"robot\.mass: no value"):
+        ChartStability("one_dof", "robot.mass", [])
+    with pytest.raises(ValueError, match="on the tool's path"):
+        ChartStability("one_dof", POSITION, [-1.0])
+
+
+@pytest.mark.parametrize(
+    ("scenario", "message"),
+    [
+        (
+            LoadScenario(
+                "one_dof",
+                {"forward_channel": {"kind": "sampled", "sample_period": 0.01}},
+            ),
+            "forward_channel.kind = 'sampled': must be transport",
+        ),
+        (LoadScenario("network_tracking_linear"), "must be a teleoperation"),
+    ],
+)
+def test_refuses(scenario, message):
+    with pytest.raises(ScenarioError, match=message):
+        AnalyzeStability(scenario)
+
+
+@pytest.mark.parametrize("max_delay", [0.0, -1.0, math.nan, math.inf])
+def test_refuses_max_delay(max_delay):
+    with pytest.raises(ValueError, match="max_delay = "):
+        AnalyzeStability(LoadScenario("one_dof"), max_delay=max_delay)
+
+
+def test_unknown_point():
+    with pytest.raises(KeyError):
+        Analyze("one_dof")["brain"]
