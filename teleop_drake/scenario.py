@@ -47,7 +47,10 @@ from teleop_drake.laws.transfer_function import realize_transfer_function
 from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
-"""Every kind of slave-side controller, the baseline first."""
+"""The thesis's two controllers, the baseline first."""
+
+ARCHITECTURES = CONTROLLERS
+"""Every kind of control architecture, the thesis's two first."""
 
 TRACKING_CONTROLLERS = ("network_tracking",)
 """Every kind of controller of a TrackingScenario."""

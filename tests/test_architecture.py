@@ -17,6 +17,7 @@ ORDER = [
     "robots",
     "scenario",
     "stations",
+    "architectures",
     "teleoperator",
     "network_tracking",
     "recording",
