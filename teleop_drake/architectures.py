@@ -4,14 +4,28 @@ An architecture is a master side, a slave side and what the channels deliver bef
 first packet. Nothing else in the package knows which one it is.
 """
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.scenario import Scenario
+from teleop_drake.architecture_config import WaveVariablesConfig
+from teleop_drake.laws.transfer_function import low_frequency_resistance
+from teleop_drake.laws.wave_variables import passive_scaling
+from teleop_drake.scenario import (
+    CONTROLLERS,
+    ChannelConfig,
+    ChannelProfile,
+    GainMatrix,
+    Scenario,
+    ScenarioError,
+)
 from teleop_drake.stations import MakeControlLaw, MakeSlaveStation
+from teleop_drake.systems.wave_master import WaveMaster
+from teleop_drake.systems.wave_slave import WaveSlave
 
 
 @dataclass(kw_only=True)
@@ -53,11 +67,131 @@ def MakeArchitecture(
         ScenarioError: If a parameter is not allowed.
         RuntimeError: If the control law lacks a port.
     """
+    kind = scenario.controller.kind
+    if control_law is None and kind not in CONTROLLERS:
+        make: Callable[[Scenario], Architecture] = _MAKERS[kind]
+        return make(scenario)
     # Neither a force nor a command at first, and the tool felt at rest at its start.
-    n = scenario.num_axes
-    start = np.asarray(scenario.robot.start, dtype=float).tolist()
+    n, start = scenario.num_axes, _Start(scenario)
     return Architecture(
         slave_side=MakeSlaveStation(control_law or MakeControlLaw(scenario)),
         initial_forward_packet=[0.0] * (2 * n),
         initial_return_packet=[*start, *[0.0] * n],
     )
+
+
+def ResolveController(scenario: Scenario) -> Any:
+    """Returns the parameters of the scenario's architecture with every default derived.
+
+    Args:
+        scenario: Its controller.kind is not one of the thesis's two.
+
+    Returns:
+        The field of scenario.controller of that name, in which no null is left that
+        stands for a derived value; gains are n x n matrices.
+
+    Raises:
+        ScenarioError: If a default cannot be derived.
+    """
+    resolve: Callable[[Scenario], Any] = _RESOLVERS[scenario.controller.kind]
+    return resolve(scenario)
+
+
+def _Start(scenario: Scenario) -> list[float]:
+    start: list[float] = np.asarray(scenario.robot.start, dtype=float).tolist()
+    return start
+
+
+def _OperatorResistance(scenario: Scenario, path: str) -> float:
+    """Returns b of H = K/s + b + O(s) in N s/m, from which a default derives."""
+    device = scenario.haptic_device
+    b = low_frequency_resistance(device.numerator, device.denominator)
+    if not b > 0:
+        raise ScenarioError(
+            f"controller.{path} = null: must be a number, because none derives from "
+            f"haptic_device, whose resistance at low frequency is {b:g} N s/m"
+        )
+    return b
+
+
+def _HasNoDelay(scenario: Scenario) -> bool:
+    """Returns whether both channels pass their signals straight through."""
+    return all(
+        channel.delay == 0 and channel.kind in ("transport", "sampled")
+        for channel in (scenario.forward_channel, scenario.return_channel)
+    )
+
+
+def _CheckStrictlyProper(scenario: Scenario) -> None:
+    """Refuses a haptic device whose force answers at once to the velocity it feels."""
+    device = scenario.haptic_device
+    num = np.trim_zeros(np.asarray(device.numerator, dtype=float), "f")
+    if len(num) >= len(device.denominator):
+        raise ScenarioError(
+            f"haptic_device.numerator = {num.tolist()}: must be of lower degree than "
+            f"the denominator for {scenario.controller.kind}, in which the velocity "
+            "that is felt depends on the force"
+        )
+
+
+# Wave variables.
+
+
+def _ResolveWaveVariables(scenario: Scenario) -> WaveVariablesConfig:
+    config, n = scenario.controller.wave_variables, scenario.num_axes
+    impedance = config.impedance
+    if impedance is None:
+        impedance = _OperatorResistance(scenario, "wave_variables.impedance")
+    damping = impedance if config.master_damping is None else config.master_damping
+
+    def Scaling(given: float | None, channel: ChannelConfig) -> float:
+        if given is not None:
+            return given
+        if channel.kind not in ("variable", "network"):
+            return 1.0
+        return passive_scaling(ChannelProfile(channel, scenario.duration).max_slope)
+
+    return dataclasses.replace(
+        config,
+        impedance=GainMatrix(impedance, n),
+        master_damping=GainMatrix(damping, n),
+        forward_scaling=Scaling(config.forward_scaling, scenario.forward_channel),
+        return_scaling=Scaling(config.return_scaling, scenario.return_channel),
+    )
+
+
+def _MakeWaveVariables(scenario: Scenario) -> Architecture:
+    config: Any = _ResolveWaveVariables(scenario)
+    _CheckStrictlyProper(scenario)
+    is_open = np.allclose(config.master_damping, config.impedance, rtol=1e-12, atol=0)
+    is_open |= bool(config.forward_bandwidth or config.return_bandwidth)
+    if _HasNoDelay(scenario) and not is_open:
+        raise ScenarioError(
+            "controller.wave_variables.master_damping = "
+            f"{config.master_damping.tolist()}: must be null without delay, or there "
+            "must be a bandwidth: the wave would go round in no time"
+        )
+    n, start = scenario.num_axes, _Start(scenario)
+    return Architecture(
+        master_side=WaveMaster(
+            impedance=config.impedance,
+            damping=config.master_damping,
+            start=start,
+            scaling=config.return_scaling,
+            bandwidth=config.return_bandwidth,
+        ),
+        slave_side=WaveSlave(
+            impedance=config.impedance,
+            scaling=config.forward_scaling,
+            bandwidth=config.forward_bandwidth,
+            drift_correction=config.drift_correction,
+        ),
+        # No waves under way, and both at the start.
+        initial_forward_packet=[*[0.0] * n, *start],
+        initial_return_packet=[*[0.0] * n, *start],
+    )
+
+
+_RESOLVERS = {"wave_variables": _ResolveWaveVariables}
+
+_MAKERS = {"wave_variables": _MakeWaveVariables}

@@ -15,6 +15,7 @@ ORDER = [
     "laws",
     "systems",
     "robots",
+    "architecture_config",
     "scenario",
     "stations",
     "architectures",

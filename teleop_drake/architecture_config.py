@@ -1,0 +1,110 @@
+"""Parameters of the established architectures, as plain data, and their checks.
+
+Each class is one field of scenario.ControllerConfig. `null` stands for a default that
+derives from the rest of the scenario by the rule in the field's comment;
+`architectures.ResolveController` computes it. A gain is a number (times the identity)
+or a symmetric n x n matrix.
+
+A ValueError names the parameter by its place in the controller, its value and what is
+allowed.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+
+@dataclass(kw_only=True, eq=False)
+class WaveVariablesConfig:
+    """The wave line; see systems.wave_master.WaveMaster."""
+
+    # b, wave impedance, N s/m, > 0. Null: matched to the operator, whose force is
+    # H = K/s + b + O(s) at low frequency: b is the resistance of the haptic device.
+    impedance: np.ndarray | float | None = None
+    # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
+    # returning wave whatever the operator does; 0 is the bare line.
+    master_damping: np.ndarray | float | None = None
+    # Corner of the low-pass through which the arriving forward wave goes, rad/s, > 0;
+    # null: none.
+    forward_bandwidth: float | None = None
+    # The same for the returning wave.
+    return_bandwidth: float | None = None
+    # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
+    # variable channel that grows, which keeps it passive; 1 for all others.
+    forward_scaling: float | None = None
+    # The same for the returning wave.
+    return_scaling: float | None = None
+    # Rate at which the tool is pulled to the master's position, 1/s, >= 0, as far as
+    # that takes energy out of the line. 0: not at all.
+    drift_correction: float = 0.0
+
+
+def check_controller(controller: Any, num_axes: int) -> None:
+    """Raises ValueError on parameters that no architecture can have.
+
+    Args:
+        controller: A scenario.ControllerConfig. All are checked, not only those of
+            its kind.
+        num_axes: Number n of task axes.
+    """
+    _check_wave_variables(controller.wave_variables, num_axes)
+
+
+def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:
+    path = "wave_variables"
+    _check_gain(f"{path}.impedance", config.impedance, n)
+    _check_gain(f"{path}.master_damping", config.master_damping, n, may_be_zero=True)
+    for key in ("forward_bandwidth", "return_bandwidth"):
+        value = getattr(config, key)
+        if value is not None:
+            _check_number(f"{path}.{key}", value, "rad/s", above=0)
+    for key in ("forward_scaling", "return_scaling"):
+        value = getattr(config, key)
+        if value is not None:
+            _check_number(f"{path}.{key}", value, "", above=0, maximum=1)
+    _check_number(f"{path}.drift_correction", config.drift_correction, "1/s", minimum=0)
+
+
+def _refuse(path: str, value: Any, allowed: str) -> NoReturn:
+    shown = value.tolist() if isinstance(value, np.ndarray) else value
+    shown = "null" if shown is None else shown
+    raise ValueError(f"{path} = {shown}: must be {allowed}")
+
+
+def _check_number(
+    path: str,
+    value: float,
+    unit: str,
+    *,
+    above: float = -math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+) -> None:
+    is_allowed = value is not None and math.isfinite(value)
+    if not (is_allowed and above < value and minimum <= value <= maximum):
+        bounds = f" > {above:g}" if above > -math.inf else ""
+        bounds += f" >= {minimum:g}" if minimum > -math.inf else ""
+        if maximum < math.inf:
+            bounds += f"{' and' if bounds else ''} <= {maximum:g}"
+        _refuse(path, value, f"a finite number{bounds}{f' ({unit})' if unit else ''}")
+
+
+def _check_gain(path: str, value: Any, n: int, *, may_be_zero: bool = False) -> None:
+    """Refuses what is not null, a number or a symmetric matrix of the right sign."""
+    if value is None:
+        return
+    matrix = np.asarray(value, dtype=float)
+    if matrix.ndim == 0:
+        matrix = matrix * np.eye(n)
+    if matrix.shape == (n, n) and np.all(np.isfinite(matrix)):
+        is_symmetric = np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
+        smallest = np.linalg.eigvalsh(matrix)[0]
+        if is_symmetric and (smallest > 0 or (may_be_zero and smallest >= 0)):
+            return
+    sign = "not negative" if may_be_zero else "positive"
+    kind = "semidefinite" if may_be_zero else "definite"
+    _refuse(
+        path, value, f"null, {sign}, or a symmetric positive {kind} {n} x {n} matrix"
+    )
