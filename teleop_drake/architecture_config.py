@@ -41,6 +41,27 @@ class WaveVariablesConfig:
     drift_correction: float = 0.0
 
 
+@dataclass(kw_only=True, eq=False)
+class TimeDomainPassivityConfig:
+    """Direct force under passivity control; see systems.passivity_slave."""
+
+    # Time for which the energy must last at the present power, s, > 0. It plays the
+    # part of the sample period of the customary controllers, 1 ms; the shorter, the
+    # more exactly passive and the slower to simulate. Assumed.
+    horizon: float = 0.01
+    # Largest damping at the tool, N s/m, > 0. Null: m / horizon, with the smallest
+    # apparent mass m at the start pose: the tool stops within a horizon at the fastest.
+    maximum_damping: float | None = None
+    # Largest mobility at the hand, m/(N s), > 0. Null: 1 / (h horizon), with h = s H(s)
+    # for s to infinity: the haptic force falls within a horizon at the fastest.
+    maximum_mobility: float | None = None
+    # E_0, energy that the tool may take on each axis before the operator has given any,
+    # J, > 0. Null: what brings it to the commanded speed v_d and keeps it there for a
+    # round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the largest apparent mass m at
+    # the start pose and the damping d of rail and first layer.
+    initial_energy: float | None = None
+
+
 def check_controller(controller: Any, num_axes: int) -> None:
     """Raises ValueError on parameters that no architecture can have.
 
@@ -50,6 +71,17 @@ def check_controller(controller: Any, num_axes: int) -> None:
         num_axes: Number n of task axes.
     """
     _check_wave_variables(controller.wave_variables, num_axes)
+    passivity = controller.time_domain_passivity
+    path = "time_domain_passivity"
+    _check_number(f"{path}.horizon", passivity.horizon, "s", above=0)
+    for key, unit in (
+        ("maximum_damping", "N s/m"),
+        ("maximum_mobility", "m/(N s)"),
+        ("initial_energy", "J"),
+    ):
+        value = getattr(passivity, key)
+        if value is not None:
+            _check_number(f"{path}.{key}", value, unit, above=0)
 
 
 def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:

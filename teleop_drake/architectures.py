@@ -12,9 +12,17 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.architecture_config import WaveVariablesConfig
-from teleop_drake.laws.transfer_function import low_frequency_resistance
+from teleop_drake.architecture_config import (
+    TimeDomainPassivityConfig,
+    WaveVariablesConfig,
+)
+from teleop_drake.laws.layered_force import layer_index
+from teleop_drake.laws.transfer_function import (
+    low_frequency_resistance,
+    realize_transfer_function,
+)
 from teleop_drake.laws.wave_variables import passive_scaling
+from teleop_drake.robots import TaskDamping, TaskInertiaInverse
 from teleop_drake.scenario import (
     CONTROLLERS,
     ChannelConfig,
@@ -24,6 +32,8 @@ from teleop_drake.scenario import (
     ScenarioError,
 )
 from teleop_drake.stations import MakeControlLaw, MakeSlaveStation
+from teleop_drake.systems.passivity_master import PassivityMaster
+from teleop_drake.systems.passivity_slave import PassivitySlave
 from teleop_drake.systems.wave_master import WaveMaster
 from teleop_drake.systems.wave_slave import WaveSlave
 
@@ -114,6 +124,38 @@ def _OperatorResistance(scenario: Scenario, path: str) -> float:
     return b
 
 
+def _RoundTrip(scenario: Scenario) -> float:
+    """Returns the nominal round trip T_f + T_r in s."""
+    return scenario.forward_channel.delay + scenario.return_channel.delay
+
+
+def _ApparentMass(scenario: Scenario) -> np.ndarray:
+    """Returns M_r of the robot at its start pose in kg (n, n)."""
+    robot = scenario.robot
+    inverse = TaskInertiaInverse(
+        model=robot.model, start=robot.start, elbow=robot.elbow, mass=robot.mass
+    )
+    return np.asarray(np.linalg.inv(inverse))
+
+
+def _RobotDamping(scenario: Scenario) -> np.ndarray:
+    """Returns the damping of the robot itself in N s/m (n, n)."""
+    robot = scenario.robot
+    return TaskDamping(
+        model=robot.model, start=robot.start, elbow=robot.elbow, damping=robot.damping
+    )
+
+
+def _StartDamping(scenario: Scenario) -> np.ndarray:
+    """Returns the damping of robot and layer at the start in N s/m (n, n)."""
+    damping = _RobotDamping(scenario)
+    layers = scenario.environment.layers
+    index = layer_index([layer.start for layer in layers], scenario.robot.start[0])
+    if index >= 0:
+        damping[0, 0] += layers[index].damping
+    return damping
+
+
 def _HasNoDelay(scenario: Scenario) -> bool:
     """Returns whether both channels pass their signals straight through."""
     return all(
@@ -192,6 +234,64 @@ def _MakeWaveVariables(scenario: Scenario) -> Architecture:
     )
 
 
-_RESOLVERS = {"wave_variables": _ResolveWaveVariables}
+# Time-domain passivity.
 
-_MAKERS = {"wave_variables": _MakeWaveVariables}
+
+def _ResolveTimeDomainPassivity(scenario: Scenario) -> TimeDomainPassivityConfig:
+    config = scenario.controller.time_domain_passivity
+    masses = np.linalg.eigvalsh(_ApparentMass(scenario))
+    mobility = config.maximum_mobility
+    if mobility is None:
+        device = scenario.haptic_device
+        _, B, C, _ = realize_transfer_function(device.numerator, device.denominator)
+        h = float((C @ B).sum())
+        if not h > 0:
+            raise ScenarioError(
+                "controller.time_domain_passivity.maximum_mobility = null: must be a "
+                f"number, because none derives from haptic_device with s H(s) -> {h:g}"
+            )
+        mobility = 1 / (h * config.horizon)
+    energy = config.initial_energy
+    if energy is None:
+        damping = float(np.linalg.eigvalsh(_StartDamping(scenario))[-1])
+        v_d = np.asarray(scenario.surgeon.velocity, dtype=float)
+        energy = (masses[-1] / 2 + damping * _RoundTrip(scenario)) * float(v_d @ v_d)
+    return dataclasses.replace(
+        config,
+        maximum_damping=config.maximum_damping or float(masses[0]) / config.horizon,
+        maximum_mobility=mobility,
+        initial_energy=float(energy),
+    )
+
+
+def _MakeTimeDomainPassivity(scenario: Scenario) -> Architecture:
+    config: Any = _ResolveTimeDomainPassivity(scenario)
+    _CheckStrictlyProper(scenario)
+    n, start = scenario.num_axes, _Start(scenario)
+    return Architecture(
+        master_side=PassivityMaster(
+            num_axes=n,
+            horizon=config.horizon,
+            maximum_mobility=config.maximum_mobility,
+            energy_scale=config.initial_energy,
+        ),
+        slave_side=PassivitySlave(
+            num_axes=n,
+            horizon=config.horizon,
+            maximum_damping=config.maximum_damping,
+            initial_energy=config.initial_energy,
+        ),
+        initial_forward_packet=[0.0] * (2 * n),
+        initial_return_packet=[*start, *[0.0] * (2 * n)],
+    )
+
+
+_RESOLVERS = {
+    "wave_variables": _ResolveWaveVariables,
+    "time_domain_passivity": _ResolveTimeDomainPassivity,
+}
+
+_MAKERS = {
+    "wave_variables": _MakeWaveVariables,
+    "time_domain_passivity": _MakeTimeDomainPassivity,
+}

@@ -29,7 +29,11 @@ from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from teleop_drake.architecture_config import WaveVariablesConfig, check_controller
+from teleop_drake.architecture_config import (
+    TimeDomainPassivityConfig,
+    WaveVariablesConfig,
+    check_controller,
+)
 from teleop_drake.laws.layered_force import (
     contact_position,
     layer_index,
@@ -50,7 +54,7 @@ from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
 """The thesis's two controllers, the baseline first."""
 
-ARCHITECTURES = (*CONTROLLERS, "wave_variables")
+ARCHITECTURES = (*CONTROLLERS, "wave_variables", "time_domain_passivity")
 """Every kind of control architecture, the thesis's two first."""
 
 TRACKING_CONTROLLERS = ("network_tracking",)
@@ -252,6 +256,9 @@ class ControllerConfig:
     # Lattice of both networks.
     network: NetworkConfig = field(default_factory=NetworkConfig)
     wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
+    time_domain_passivity: TimeDomainPassivityConfig = field(
+        default_factory=TimeDomainPassivityConfig
+    )
 
 
 def _DefaultSimulator() -> SimulatorConfig:
