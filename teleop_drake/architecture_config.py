@@ -62,6 +62,26 @@ class TimeDomainPassivityConfig:
     initial_energy: float | None = None
 
 
+@dataclass(kw_only=True, eq=False)
+class ProportionalDampingConfig:
+    """P+d; see systems.proportional_master.ProportionalMaster."""
+
+    # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
+    master_mass: np.ndarray | float = 0.5
+    # B_m, damping of the handle, N s/m, >= 0. Null: the resistance of the haptic device
+    # at low frequency, so that the operator feels no more of it than of his own.
+    master_damping: np.ndarray | float | None = None
+    # B_s, damping of the tool, N s/m, >= 0. Null: as B_m.
+    slave_damping: np.ndarray | float | None = None
+    # By how much the dampings exceed what stability needs, > 1, for the null below:
+    # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
+    margin: float = 2.0
+    # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
+    # dampings, but at most what makes the handle as fast as the fastest pole p of the
+    # haptic device, K = M |p|^2.
+    stiffness: np.ndarray | float | None = None
+
+
 def check_controller(controller: Any, num_axes: int) -> None:
     """Raises ValueError on parameters that no architecture can have.
 
@@ -71,6 +91,7 @@ def check_controller(controller: Any, num_axes: int) -> None:
         num_axes: Number n of task axes.
     """
     _check_wave_variables(controller.wave_variables, num_axes)
+    _check_proportional_damping(controller.proportional_damping, num_axes)
     passivity = controller.time_domain_passivity
     path = "time_domain_passivity"
     _check_number(f"{path}.horizon", passivity.horizon, "s", above=0)
@@ -82,6 +103,16 @@ def check_controller(controller: Any, num_axes: int) -> None:
         value = getattr(passivity, key)
         if value is not None:
             _check_number(f"{path}.{key}", value, unit, above=0)
+
+
+def _check_proportional_damping(config: ProportionalDampingConfig, n: int) -> None:
+    path = "proportional_damping"
+    if config.master_mass is None:
+        _refuse(f"{path}.master_mass", None, "a number or a matrix (kg)")
+    _check_gain(f"{path}.master_mass", config.master_mass, n)
+    for key in ("master_damping", "slave_damping", "stiffness"):
+        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
+    _check_number(f"{path}.margin", config.margin, "", above=1)
 
 
 def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:

@@ -5,6 +5,7 @@ first packet. Nothing else in the package knows which one it is.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.architecture_config import (
+    ProportionalDampingConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
 )
@@ -34,6 +36,8 @@ from teleop_drake.scenario import (
 from teleop_drake.stations import MakeControlLaw, MakeSlaveStation
 from teleop_drake.systems.passivity_master import PassivityMaster
 from teleop_drake.systems.passivity_slave import PassivitySlave
+from teleop_drake.systems.proportional_master import ProportionalMaster
+from teleop_drake.systems.proportional_slave import ProportionalSlave
 from teleop_drake.systems.wave_master import WaveMaster
 from teleop_drake.systems.wave_slave import WaveSlave
 
@@ -286,12 +290,70 @@ def _MakeTimeDomainPassivity(scenario: Scenario) -> Architecture:
     )
 
 
+# P+d.
+
+
+def _DevicePole(scenario: Scenario) -> float:
+    """Returns the magnitude of the fastest pole of the haptic device in rad/s."""
+    poles = np.roots(np.asarray(scenario.haptic_device.denominator, dtype=float))
+    return float(np.abs(poles).max(initial=0.0))
+
+
+def _ResolveProportionalDamping(scenario: Scenario) -> ProportionalDampingConfig:
+    config, n = scenario.controller.proportional_damping, scenario.num_axes
+    B_m = config.master_damping
+    if B_m is None:
+        B_m = _OperatorResistance(scenario, "proportional_damping.master_damping")
+    B_m = GainMatrix(B_m, n)
+    B_s = B_m if config.slave_damping is None else GainMatrix(config.slave_damping, n)
+    mass = GainMatrix(config.master_mass, n)
+    stiffness = config.stiffness
+    if stiffness is None:
+        least = np.linalg.eigvalsh(B_m)[0] * np.linalg.eigvalsh(B_s)[0]
+        stiffness = float(np.linalg.eigvalsh(mass)[0]) * _DevicePole(scenario) ** 2
+        T = _RoundTrip(scenario)
+        if T > 0:
+            stiffness = min(stiffness, math.sqrt(4 * least / config.margin) / T)
+        if not stiffness > 0:
+            raise ScenarioError(
+                "controller.proportional_damping.stiffness = null: must be a number, "
+                "because the dampings or the poles of haptic_device are 0"
+            )
+    return dataclasses.replace(
+        config,
+        master_mass=mass,
+        master_damping=B_m,
+        slave_damping=B_s,
+        stiffness=GainMatrix(stiffness, n),
+    )
+
+
+def _MakeProportionalDamping(scenario: Scenario) -> Architecture:
+    config: Any = _ResolveProportionalDamping(scenario)
+    start = _Start(scenario)
+    return Architecture(
+        master_side=ProportionalMaster(
+            mass=config.master_mass,
+            stiffness=config.stiffness,
+            damping=config.master_damping,
+            start=start,
+        ),
+        slave_side=ProportionalSlave(
+            stiffness=config.stiffness, damping=config.slave_damping
+        ),
+        initial_forward_packet=start,
+        initial_return_packet=start,
+    )
+
+
 _RESOLVERS = {
     "wave_variables": _ResolveWaveVariables,
     "time_domain_passivity": _ResolveTimeDomainPassivity,
+    "proportional_damping": _ResolveProportionalDamping,
 }
 
 _MAKERS = {
     "wave_variables": _MakeWaveVariables,
     "time_domain_passivity": _MakeTimeDomainPassivity,
+    "proportional_damping": _MakeProportionalDamping,
 }

@@ -30,6 +30,7 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from teleop_drake.architecture_config import (
+    ProportionalDampingConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
     check_controller,
@@ -54,7 +55,12 @@ from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
 """The thesis's two controllers, the baseline first."""
 
-ARCHITECTURES = (*CONTROLLERS, "wave_variables", "time_domain_passivity")
+ARCHITECTURES = (
+    *CONTROLLERS,
+    "wave_variables",
+    "time_domain_passivity",
+    "proportional_damping",
+)
 """Every kind of control architecture, the thesis's two first."""
 
 TRACKING_CONTROLLERS = ("network_tracking",)
@@ -258,6 +264,9 @@ class ControllerConfig:
     wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
     time_domain_passivity: TimeDomainPassivityConfig = field(
         default_factory=TimeDomainPassivityConfig
+    )
+    proportional_damping: ProportionalDampingConfig = field(
+        default_factory=ProportionalDampingConfig
     )
 
 
