@@ -10,7 +10,7 @@ allowed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 import numpy as np
@@ -82,6 +82,63 @@ class ProportionalDampingConfig:
     stiffness: np.ndarray | float | None = None
 
 
+FOUR_CHANNEL_VARIANTS = {
+    # C1, C2, C3, C4; local stiffness at the master, at the slave.
+    "four_channel": (1.0, 1.0, 1.0, 1.0, True, True),
+    "position_position": (1.0, 0.0, 0.0, 1.0, True, True),
+    "position_force": (1.0, 1.0, 0.0, 0.0, False, True),
+    "force_force": (0.0, 1.0, 1.0, 0.0, False, False),
+}
+"""Variants of the four-channel architecture, by what goes forward and comes back."""
+
+
+@dataclass(kw_only=True, eq=False)
+class LocalController:
+    """C = damping + stiffness / s of a four-channel station."""
+
+    # N s/m, >= 0. Null: 2 M w with the bandwidth w, critically damped; at a master to
+    # which no motion returns 0.
+    damping: np.ndarray | float | None = None
+    # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
+    stiffness: np.ndarray | float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class FourChannelConfig:
+    """Lawrence's architecture; see systems.four_channel_master.FourChannelMaster."""
+
+    # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
+    variant: str = "four_channel"
+    # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
+    master_mass: np.ndarray | float = 0.5
+    # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
+    master_damping: np.ndarray | float = 0.1
+    # Mass in the model of the robot, kg, >= 0. Null: the apparent mass at the start.
+    slave_mass: np.ndarray | float | None = None
+    # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
+    # robot's own in four_channel, none in the other variants.
+    slave_damping: np.ndarray | float | None = None
+    # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
+    # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
+    bandwidth: float | None = None
+    # C_m and C_s.
+    C_m: LocalController = field(default_factory=LocalController)
+    C_s: LocalController = field(default_factory=LocalController)
+    # Motion forward and back, in units of the ideal Z_s + C_s and -(Z_m + C_m).
+    C1: float | None = None
+    C4: float | None = None
+    # Force back and forward.
+    C2: float | None = None
+    C3: float | None = None
+    # Local force at the slave and at the master. Null: C3 - 1 and C2 - 1 where that
+    # force is exchanged, which transparency needs, else 0.
+    C5: float | None = None
+    C6: float | None = None
+    # Corner of the filters that measure accelerations for C1 and C4, rad/s, > 0. Null:
+    # without accelerations, as Lawrence has it in practice.
+    acceleration_bandwidth: float | None = None
+
+
 def check_controller(controller: Any, num_axes: int) -> None:
     """Raises ValueError on parameters that no architecture can have.
 
@@ -92,6 +149,7 @@ def check_controller(controller: Any, num_axes: int) -> None:
     """
     _check_wave_variables(controller.wave_variables, num_axes)
     _check_proportional_damping(controller.proportional_damping, num_axes)
+    _check_four_channel(controller.four_channel, num_axes)
     passivity = controller.time_domain_passivity
     path = "time_domain_passivity"
     _check_number(f"{path}.horizon", passivity.horizon, "s", above=0)
@@ -113,6 +171,30 @@ def _check_proportional_damping(config: ProportionalDampingConfig, n: int) -> No
     for key in ("master_damping", "slave_damping", "stiffness"):
         _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
     _check_number(f"{path}.margin", config.margin, "", above=1)
+
+
+def _check_four_channel(config: FourChannelConfig, n: int) -> None:
+    path = "four_channel"
+    if config.variant not in FOUR_CHANNEL_VARIANTS:
+        variants = ", ".join(FOUR_CHANNEL_VARIANTS)
+        _refuse(f"{path}.variant", config.variant, f"one of {variants}")
+    for key in ("master_mass", "master_damping"):
+        if getattr(config, key) is None:
+            _refuse(f"{path}.{key}", None, "a number or a matrix")
+    _check_gain(f"{path}.master_mass", config.master_mass, n)
+    for key in ("master_damping", "slave_mass", "slave_damping"):
+        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
+    for key in ("C_m", "C_s"):
+        local = getattr(config, key)
+        for name in ("damping", "stiffness"):
+            gain = getattr(local, name)
+            _check_gain(f"{path}.{key}.{name}", gain, n, may_be_zero=True)
+    for key in ("bandwidth", "acceleration_bandwidth"):
+        if getattr(config, key) is not None:
+            _check_number(f"{path}.{key}", getattr(config, key), "rad/s", above=0)
+    for key in ("C1", "C2", "C3", "C4", "C5", "C6"):
+        if getattr(config, key) is not None:
+            _check_number(f"{path}.{key}", getattr(config, key), "")
 
 
 def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:

@@ -14,6 +14,9 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.architecture_config import (
+    FOUR_CHANNEL_VARIANTS,
+    FourChannelConfig,
+    LocalController,
     ProportionalDampingConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
@@ -34,6 +37,8 @@ from teleop_drake.scenario import (
     ScenarioError,
 )
 from teleop_drake.stations import MakeControlLaw, MakeSlaveStation
+from teleop_drake.systems.four_channel_master import FourChannelMaster
+from teleop_drake.systems.four_channel_slave import FourChannelSlave
 from teleop_drake.systems.passivity_master import PassivityMaster
 from teleop_drake.systems.passivity_slave import PassivitySlave
 from teleop_drake.systems.proportional_master import ProportionalMaster
@@ -346,14 +351,109 @@ def _MakeProportionalDamping(scenario: Scenario) -> Architecture:
     )
 
 
+# Four channels.
+
+
+def _ResolveFourChannel(scenario: Scenario) -> FourChannelConfig:
+    config, n = scenario.controller.four_channel, scenario.num_axes
+    C1, C2, C3, C4, is_master_tied, is_slave_tied = FOUR_CHANNEL_VARIANTS[
+        config.variant
+    ]
+    C1, C2, C3, C4 = (
+        default if given is None else given
+        for default, given in (
+            (C1, config.C1),
+            (C2, config.C2),
+            (C3, config.C3),
+            (C4, config.C4),
+        )
+    )
+    w = config.bandwidth
+    if w is None:
+        w, T = _DevicePole(scenario), _RoundTrip(scenario)
+        w = min(w, 1 / T) if T > 0 else w
+    M_m = GainMatrix(config.master_mass, n)
+    M_s = config.slave_mass
+    M_s = _ApparentMass(scenario) if M_s is None else GainMatrix(M_s, n)
+    B_s = config.slave_damping
+    if B_s is None:
+        is_compensated = config.variant == "four_channel"
+        B_s = _RobotDamping(scenario) if is_compensated else 0.0
+
+    def Local(given: LocalController, M: np.ndarray, is_tied: bool) -> LocalController:
+        K, B = given.stiffness, given.damping
+        if K is None:
+            K = M * w**2 if is_tied else 0.0
+        if B is None:
+            B = 2 * M * w if is_tied else 0.0
+        return LocalController(damping=GainMatrix(B, n), stiffness=GainMatrix(K, n))
+
+    def LocalForce(given: float | None, exchanged: float) -> float:
+        if given is not None:
+            return given
+        return exchanged - 1 if exchanged else 0.0
+
+    return FourChannelConfig(
+        variant=config.variant,
+        master_mass=M_m,
+        master_damping=GainMatrix(config.master_damping, n),
+        slave_mass=M_s,
+        slave_damping=GainMatrix(B_s, n),
+        bandwidth=w,
+        C_m=Local(config.C_m, M_m, is_master_tied),
+        C_s=Local(config.C_s, M_s, is_slave_tied),
+        C1=C1,
+        C2=C2,
+        C3=C3,
+        C4=C4,
+        C5=LocalForce(config.C5, C3),
+        C6=LocalForce(config.C6, C2),
+        acceleration_bandwidth=config.acceleration_bandwidth,
+    )
+
+
+def _MakeFourChannel(scenario: Scenario) -> Architecture:
+    config: Any = _ResolveFourChannel(scenario)
+    n, start = scenario.num_axes, _Start(scenario)
+    packet = [*start, *[0.0] * ((3 if config.acceleration_bandwidth else 2) * n)]
+    return Architecture(
+        master_side=FourChannelMaster(
+            mass=config.master_mass,
+            damping=config.master_damping,
+            local_damping=config.C_m.damping,
+            local_stiffness=config.C_m.stiffness,
+            C2=config.C2,
+            C4=config.C4,
+            C6=config.C6,
+            start=start,
+            acceleration_bandwidth=config.acceleration_bandwidth,
+        ),
+        slave_side=FourChannelSlave(
+            mass=config.slave_mass,
+            damping=config.slave_damping,
+            local_damping=config.C_s.damping,
+            local_stiffness=config.C_s.stiffness,
+            C1=config.C1,
+            C3=config.C3,
+            C5=config.C5,
+            start=start,
+            acceleration_bandwidth=config.acceleration_bandwidth,
+        ),
+        initial_forward_packet=packet,
+        initial_return_packet=packet,
+    )
+
+
 _RESOLVERS = {
     "wave_variables": _ResolveWaveVariables,
     "time_domain_passivity": _ResolveTimeDomainPassivity,
     "proportional_damping": _ResolveProportionalDamping,
+    "four_channel": _ResolveFourChannel,
 }
 
 _MAKERS = {
     "wave_variables": _MakeWaveVariables,
     "time_domain_passivity": _MakeTimeDomainPassivity,
     "proportional_damping": _MakeProportionalDamping,
+    "four_channel": _MakeFourChannel,
 }

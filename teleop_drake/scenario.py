@@ -30,6 +30,7 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from teleop_drake.architecture_config import (
+    FourChannelConfig,
     ProportionalDampingConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
@@ -60,6 +61,7 @@ ARCHITECTURES = (
     "wave_variables",
     "time_domain_passivity",
     "proportional_damping",
+    "four_channel",
 )
 """Every kind of control architecture, the thesis's two first."""
 
@@ -268,6 +270,7 @@ class ControllerConfig:
     proportional_damping: ProportionalDampingConfig = field(
         default_factory=ProportionalDampingConfig
     )
+    four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
 
 
 def _DefaultSimulator() -> SimulatorConfig:
