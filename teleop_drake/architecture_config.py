@@ -139,6 +139,20 @@ class FourChannelConfig:
     acceleration_bandwidth: float | None = None
 
 
+@dataclass(kw_only=True, eq=False)
+class SmithPredictorConfig:
+    """Direct force with a model at the master; see systems.smith_predictor_master."""
+
+    # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
+    mass: np.ndarray | float | None = None
+    # B, N s/m, >= 0. Null: that of the robot and, along x, of the layer at the start.
+    damping: np.ndarray | float | None = None
+    # K, N/m, >= 0. Null: that of the layer at the start, along x.
+    stiffness: np.ndarray | float | None = None
+    # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
+    delay: float | None = None
+
+
 def check_controller(controller: Any, num_axes: int) -> None:
     """Raises ValueError on parameters that no architecture can have.
 
@@ -150,6 +164,7 @@ def check_controller(controller: Any, num_axes: int) -> None:
     _check_wave_variables(controller.wave_variables, num_axes)
     _check_proportional_damping(controller.proportional_damping, num_axes)
     _check_four_channel(controller.four_channel, num_axes)
+    _check_smith_predictor(controller.smith_predictor, num_axes)
     passivity = controller.time_domain_passivity
     path = "time_domain_passivity"
     _check_number(f"{path}.horizon", passivity.horizon, "s", above=0)
@@ -195,6 +210,15 @@ def _check_four_channel(config: FourChannelConfig, n: int) -> None:
     for key in ("C1", "C2", "C3", "C4", "C5", "C6"):
         if getattr(config, key) is not None:
             _check_number(f"{path}.{key}", getattr(config, key), "")
+
+
+def _check_smith_predictor(config: SmithPredictorConfig, n: int) -> None:
+    path = "smith_predictor"
+    _check_gain(f"{path}.mass", config.mass, n)
+    for key in ("damping", "stiffness"):
+        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
+    if config.delay is not None:
+        _check_number(f"{path}.delay", config.delay, "s", minimum=0)
 
 
 def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:

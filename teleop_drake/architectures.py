@@ -18,6 +18,7 @@ from teleop_drake.architecture_config import (
     FourChannelConfig,
     LocalController,
     ProportionalDampingConfig,
+    SmithPredictorConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
 )
@@ -33,16 +34,19 @@ from teleop_drake.scenario import (
     ChannelConfig,
     ChannelProfile,
     GainMatrix,
+    LayerConfig,
     Scenario,
     ScenarioError,
 )
 from teleop_drake.stations import MakeControlLaw, MakeSlaveStation
+from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.systems.four_channel_master import FourChannelMaster
 from teleop_drake.systems.four_channel_slave import FourChannelSlave
 from teleop_drake.systems.passivity_master import PassivityMaster
 from teleop_drake.systems.passivity_slave import PassivitySlave
 from teleop_drake.systems.proportional_master import ProportionalMaster
 from teleop_drake.systems.proportional_slave import ProportionalSlave
+from teleop_drake.systems.smith_predictor_master import SmithPredictorMaster
 from teleop_drake.systems.wave_master import WaveMaster
 from teleop_drake.systems.wave_slave import WaveSlave
 
@@ -158,11 +162,15 @@ def _RobotDamping(scenario: Scenario) -> np.ndarray:
 def _StartDamping(scenario: Scenario) -> np.ndarray:
     """Returns the damping of robot and layer at the start in N s/m (n, n)."""
     damping = _RobotDamping(scenario)
+    damping[0, 0] += _StartLayer(scenario).damping
+    return damping
+
+
+def _StartLayer(scenario: Scenario) -> LayerConfig:
+    """Returns the layer in which the tool starts, an empty one if there is none."""
     layers = scenario.environment.layers
     index = layer_index([layer.start for layer in layers], scenario.robot.start[0])
-    if index >= 0:
-        damping[0, 0] += layers[index].damping
-    return damping
+    return layers[index] if index >= 0 else LayerConfig()
 
 
 def _HasNoDelay(scenario: Scenario) -> bool:
@@ -444,11 +452,52 @@ def _MakeFourChannel(scenario: Scenario) -> Architecture:
     )
 
 
+# Smith predictor.
+
+
+def _ResolveSmithPredictor(scenario: Scenario) -> SmithPredictorConfig:
+    config, n = scenario.controller.smith_predictor, scenario.num_axes
+
+    def Given(gain: Any, default: np.ndarray) -> np.ndarray:
+        return default if gain is None else GainMatrix(gain, n)
+
+    stiffness = np.zeros((n, n))
+    stiffness[0, 0] = _StartLayer(scenario).stiffness
+    return SmithPredictorConfig(
+        mass=Given(config.mass, _ApparentMass(scenario)),
+        damping=Given(config.damping, _StartDamping(scenario)),
+        stiffness=Given(config.stiffness, stiffness),
+        delay=_RoundTrip(scenario) if config.delay is None else config.delay,
+    )
+
+
+def _MakeSmithPredictor(scenario: Scenario) -> Architecture:
+    config: Any = _ResolveSmithPredictor(scenario)
+    if 0 < config.delay < scenario.simulator.max_step_size:
+        raise ScenarioError(
+            f"simulator.max_step_size = {scenario.simulator.max_step_size:g}: must be "
+            f"<= {config.delay:g} s, the delay of smith_predictor"
+        )
+    n, start = scenario.num_axes, _Start(scenario)
+    return Architecture(
+        master_side=SmithPredictorMaster(
+            mass=config.mass,
+            damping=config.damping,
+            stiffness=config.stiffness,
+            delay=config.delay,
+        ),
+        slave_side=MakeSlaveStation(DirectForce(num_axes=n)),
+        initial_forward_packet=[0.0] * (2 * n),
+        initial_return_packet=[*start, *[0.0] * n],
+    )
+
+
 _RESOLVERS = {
     "wave_variables": _ResolveWaveVariables,
     "time_domain_passivity": _ResolveTimeDomainPassivity,
     "proportional_damping": _ResolveProportionalDamping,
     "four_channel": _ResolveFourChannel,
+    "smith_predictor": _ResolveSmithPredictor,
 }
 
 _MAKERS = {
@@ -456,4 +505,5 @@ _MAKERS = {
     "time_domain_passivity": _MakeTimeDomainPassivity,
     "proportional_damping": _MakeProportionalDamping,
     "four_channel": _MakeFourChannel,
+    "smith_predictor": _MakeSmithPredictor,
 }

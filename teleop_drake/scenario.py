@@ -32,6 +32,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 from teleop_drake.architecture_config import (
     FourChannelConfig,
     ProportionalDampingConfig,
+    SmithPredictorConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
     check_controller,
@@ -62,6 +63,7 @@ ARCHITECTURES = (
     "time_domain_passivity",
     "proportional_damping",
     "four_channel",
+    "smith_predictor",
 )
 """Every kind of control architecture, the thesis's two first."""
 
@@ -271,6 +273,7 @@ class ControllerConfig:
         default_factory=ProportionalDampingConfig
     )
     four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
+    smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
 
 
 def _DefaultSimulator() -> SimulatorConfig:
