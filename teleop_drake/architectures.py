@@ -103,6 +103,22 @@ def MakeArchitecture(
     )
 
 
+def CheckArchitecture(scenario: Scenario) -> None:
+    """Checks what the scenario's architecture needs of the rest of it.
+
+    Scenario.Validate() checks each parameter, but not what derives from others.
+
+    Args:
+        scenario: A valid one.
+
+    Raises:
+        ValueError: If a default cannot be derived, or the architecture cannot be built
+            with this haptic device, these channels or this robot.
+    """
+    if scenario.controller.kind not in CONTROLLERS:
+        MakeArchitecture(scenario)
+
+
 def ResolveController(scenario: Scenario) -> Any:
     """Returns the parameters of the scenario's architecture with every default derived.
 

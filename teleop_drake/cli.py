@@ -578,7 +578,8 @@ def _Reproduce(args: argparse.Namespace) -> int:
 
 def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line and `more`."""
-    from teleop_drake.scenario import LoadScenario, ScenarioError
+    from teleop_drake.architectures import CheckArchitecture
+    from teleop_drake.scenario import LoadScenario, Scenario
 
     overrides = []
     for option, paths in _OVERRIDES.items():
@@ -586,9 +587,12 @@ def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
         if value is not None:
             overrides += [f"{path}={value}" for path in paths]
     try:
-        return LoadScenario(args.scenario, [*overrides, *args.set, *more])
-    except ScenarioError as e:
+        scenario = LoadScenario(args.scenario, [*overrides, *args.set, *more])
+        if isinstance(scenario, Scenario):
+            CheckArchitecture(scenario)
+    except ValueError as e:  # ScenarioError is one.
         raise _BadInput(e) from None
+    return scenario
 
 
 # Simulating.
