@@ -130,9 +130,14 @@ def ResolveController(scenario: Scenario) -> Any:
         stands for a derived value; gains are n x n matrices.
 
     Raises:
-        ScenarioError: If a default cannot be derived.
+        ScenarioError: If it is one of the two, or a default cannot be derived.
     """
-    resolve: Callable[[Scenario], Any] = _RESOLVERS[scenario.controller.kind]
+    kind = scenario.controller.kind
+    if kind not in _RESOLVERS:
+        raise ScenarioError(
+            f"controller.kind = {kind!r}: must be one of {', '.join(_RESOLVERS)}"
+        )
+    resolve: Callable[[Scenario], Any] = _RESOLVERS[kind]
     return resolve(scenario)
 
 

@@ -1,16 +1,23 @@
 """The seam: an architecture is a master side and a slave side, and nothing else."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from runs import Run
 
-from teleop_drake.architectures import Architecture, MakeArchitecture
+from teleop_drake.architectures import Architecture, MakeArchitecture, ResolveController
 from teleop_drake.metrics import RunMetrics, RunSummary
 from teleop_drake.plotting import PlotRun
 from teleop_drake.recording import LoadRecording
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario import (
+    ARCHITECTURES,
+    CONTROLLERS,
+    LoadScenario,
+    ScenarioError,
+)
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
 from teleop_drake.systems.direct_force import DirectForce
@@ -132,6 +139,24 @@ def test_an_architecture_that_does_not_fit_is_refused():
     architecture.master_side = LeafSystem()
     with pytest.raises(RuntimeError, match="return_packet"):
         MakeTeleoperator(scenario, architecture=architecture)
+
+
+def test_every_other_architecture_resolves_its_defaults():
+    """Nothing that stands for a derived value is left, and the tree stays valid."""
+    for kind in ARCHITECTURES[len(CONTROLLERS) :]:
+        scenario = LoadScenario("two_dof_combined", {"controller.kind": kind})
+        config = ResolveController(scenario)
+        setattr(scenario.controller, kind, config)
+        scenario.Validate()
+        again = ResolveController(scenario)
+        for field in dataclasses.fields(config):
+            is_gain = isinstance(getattr(config, field.name), np.ndarray)
+            if is_gain:
+                np.testing.assert_array_equal(
+                    getattr(config, field.name), getattr(again, field.name)
+                )
+    with pytest.raises(ScenarioError, match=r"controller\.kind = 'direct_force'"):
+        ResolveController(LoadScenario("one_dof", {"controller.kind": "direct_force"}))
 
 
 def test_the_thesis_has_no_master_side():
