@@ -96,10 +96,11 @@ FOUR_CHANNEL_VARIANTS = {
 class LocalController:
     """C = damping + stiffness / s of a four-channel station."""
 
-    # N s/m, >= 0. Null: 2 M w with the bandwidth w, critically damped; at a master to
-    # which no motion returns 0.
+    # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
+    # is critical; 0 at a station to which no motion comes. Equal at both stations, so
+    # that a lasting force arrives as it was sent.
     damping: np.ndarray | float | None = None
-    # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
+    # N/m, >= 0. Null: M w^2, or 0 likewise.
     stiffness: np.ndarray | float | None = None
 
 

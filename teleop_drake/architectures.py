@@ -409,12 +409,12 @@ def _ResolveFourChannel(scenario: Scenario) -> FourChannelConfig:
         is_compensated = config.variant == "four_channel"
         B_s = _RobotDamping(scenario) if is_compensated else 0.0
 
-    def Local(given: LocalController, M: np.ndarray, is_tied: bool) -> LocalController:
+    def Local(given: LocalController, is_tied: bool) -> LocalController:
         K, B = given.stiffness, given.damping
         if K is None:
-            K = M * w**2 if is_tied else 0.0
+            K = M_m * w**2 if is_tied else 0.0
         if B is None:
-            B = 2 * M * w if is_tied else 0.0
+            B = 2 * M_m * w if is_tied else 0.0
         return LocalController(damping=GainMatrix(B, n), stiffness=GainMatrix(K, n))
 
     def LocalForce(given: float | None, exchanged: float) -> float:
@@ -429,8 +429,8 @@ def _ResolveFourChannel(scenario: Scenario) -> FourChannelConfig:
         slave_mass=M_s,
         slave_damping=GainMatrix(B_s, n),
         bandwidth=w,
-        C_m=Local(config.C_m, M_m, is_master_tied),
-        C_s=Local(config.C_s, M_s, is_slave_tied),
+        C_m=Local(config.C_m, is_master_tied),
+        C_s=Local(config.C_s, is_slave_tied),
         C1=C1,
         C2=C2,
         C3=C3,

@@ -109,6 +109,7 @@ def test_defaults_derive_from_the_delays_and_the_robot():
     config = ResolveController(Scenario(name="two_dof_combined"))
     assert config.slave_mass.shape == (2, 2)
     assert config.slave_damping == pytest.approx(np.zeros((2, 2)))
+    assert config.C_s.stiffness == pytest.approx(config.C_m.stiffness)
 
 
 @pytest.mark.parametrize(
@@ -135,6 +136,15 @@ def test_more_transparency_costs_stability():
         collision[variant] = RunMetrics(simulate(scenario))
     assert collision["position_position"]["collision"]["settling_time"] < 2
     assert collision["position_force"]["diverged"]
+
+
+def test_a_lasting_force_arrives_as_it_was_sent():
+    """Position-position on the bone: 0.2 N along x and nothing along y."""
+    scenario = Scenario("variant=position_position", name="two_dof_collision")
+    scenario.duration, scenario.simulator.accuracy = 9.0, 1e-6
+    recording = simulate(scenario)
+    assert recording["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.02)
+    assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)
 
 
 GAINS = {"damping": [[1.0]], "local_damping": [[1.0]], "local_stiffness": [[1.0]]}
