@@ -159,7 +159,8 @@ def _MakeParser() -> argparse.ArgumentParser:
     compare.add_argument(
         "--controllers",
         metavar="A,B,...",
-        help="the controllers, the baseline first (default: all)",
+        help="the controllers, the baseline first; `all`: every architecture "
+        "(default: the thesis's two)",
     )
     _AddRunOptions(
         compare,
@@ -178,7 +179,9 @@ def _MakeParser() -> argparse.ArgumentParser:
     )
     _AddScenarioOptions(sweep, has_controller=False, is_sweep=True)
     sweep.add_argument(
-        "--controllers", metavar="A,B,...", help="controller.kind (default: all)"
+        "--controllers",
+        metavar="A,B,...",
+        help="controller.kind; `all`: every architecture (default: the thesis's two)",
     )
     sweep.add_argument(
         "--vary",
@@ -340,6 +343,7 @@ def _AddRunOptions(
 def _List(args: argparse.Namespace) -> int:
     from teleop_drake.robots import RobotModels
     from teleop_drake.scenario import (
+        ARCHITECTURES,
         CONTROLLERS,
         TRACKING_CONTROLLERS,
         LoadScenario,
@@ -351,6 +355,8 @@ def _List(args: argparse.Namespace) -> int:
     for name in ScenarioNames():
         print(f"  {name:<{width}} {' '.join(LoadScenario(name).description.split())}")
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
+    others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
+    print("Other architectures\n  " + ", ".join(others))
     print("Robots\n  " + ", ".join(RobotModels()))
     return 0
 
@@ -391,7 +397,7 @@ def _Run(args: argparse.Namespace) -> int:
 
 
 def _Compare(args: argparse.Namespace) -> int:
-    from teleop_drake.scenario import CONTROLLERS, Scenario
+    from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, Scenario
 
     if not isinstance(_Load(args), Scenario):
         raise _BadInput(
@@ -399,7 +405,9 @@ def _Compare(args: argparse.Namespace) -> int:
             "controllers; tracking has one only"
         )
     controllers = list(CONTROLLERS)
-    if args.controllers is not None:
+    if args.controllers == "all":
+        controllers = list(ARCHITECTURES)
+    elif args.controllers is not None:
         controllers = [name.strip() for name in args.controllers.split(",")]
         if len(set(controllers)) < len(controllers):
             raise _BadInput(
@@ -497,7 +505,13 @@ def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
 
     Seeds vary fastest, then the delays.
     """
-    from teleop_drake.scenario import CONTROLLERS, LoadScenario, Scenario, ScenarioError
+    from teleop_drake.scenario import (
+        ARCHITECTURES,
+        CONTROLLERS,
+        LoadScenario,
+        Scenario,
+        ScenarioError,
+    )
     from teleop_drake.sweep import MAX_RUNS, ParseValues, SweepError
 
     def Parse(option: str, text: str) -> list[Any]:
@@ -532,7 +546,9 @@ def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         grid["seed"] = list(range(args.seeds))
 
     controllers: list[Any] = []
-    if args.controllers is not None:
+    if args.controllers == "all":
+        controllers = list(ARCHITECTURES)
+    elif args.controllers is not None:
         controllers = Parse("--controllers", args.controllers)
     elif not any(
         item.partition("=")[0].strip() in ("controller", "controller.kind")
@@ -693,12 +709,16 @@ def _Reproduce(args: argparse.Namespace) -> int:
 
 def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line and `more`."""
-    from teleop_drake.scenario import LoadScenario, ScenarioError
+    from teleop_drake.architectures import CheckArchitecture
+    from teleop_drake.scenario import LoadScenario, Scenario
 
     try:
-        return LoadScenario(args.scenario, [*_OverridesOf(args), *more])
-    except ScenarioError as e:
+        scenario = LoadScenario(args.scenario, [*_OverridesOf(args), *more])
+        if isinstance(scenario, Scenario):
+            CheckArchitecture(scenario)
+    except ValueError as e:  # ScenarioError is one.
         raise _BadInput(e) from None
+    return scenario
 
 
 def _OverridesOf(args: argparse.Namespace) -> list[str]:

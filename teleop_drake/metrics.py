@@ -99,9 +99,10 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
           or it was as slow for as long before without staying so: a recording that
           happens to end while v_x passes through 0 has not settled.
     * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being the
-      velocity command as the slave receives it.
+      velocity command as the slave receives it, or, in an architecture that does not
+      send it, the surgeon's command delayed by forward_channel.delay.
     * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
-      haptic force as the slave receives it.
+      haptic force as the slave receives it, or delayed likewise.
     * control_force_peak (N per axis): max of |F_c|.
     * control_force_variation (N per axis): total variation of F_c, jumps included.
     * diverged, diverged_at (s): whether the run ended early because the tool's speed
@@ -295,7 +296,13 @@ def _MakePieces(recording: Recording) -> _Pieces:
     layers = recording.scenario.environment.layers
     starts = [layer.start for layer in layers]
 
-    begin, end = _Split(time, [])
+    echoes: list[float] = []
+    if "velocity_command" in recording.signals:
+        # Where the commands jump once they are delayed.
+        jumps = np.append(time[0], time[1:][np.diff(time) == 0])
+        jumps += recording.scenario.forward_channel.delay
+        echoes = jumps[jumps < time[-1]].tolist()
+    begin, end = _Split(time, echoes)
     p, v = _Motion(recording, begin, end)
     crossings = sorted(
         (crossing, border, is_upwards)
@@ -303,7 +310,8 @@ def _MakePieces(recording: Recording) -> _Pieces:
         for crossing, is_upwards in _Crossings(begin, end, p[:, :, 0] - border)
     )
     if crossings:
-        begin, end = _Split(time, [crossing for crossing, _, _ in crossings])
+        instants = [crossing for crossing, _, _ in crossings]
+        begin, end = _Split(time, [*echoes, *instants])
         p, v = _Motion(recording, begin, end)
 
     if "environment_layer" in recording.signals:
@@ -318,17 +326,39 @@ def _MakePieces(recording: Recording) -> _Pieces:
         F_e[:, :, 0] = stiffness * (p[:, :, 0] - reference) + damping * v[:, :, 0]
     else:
         F_e = _Sample(recording, "environment_force", begin, end)
-    packet = _Sample(recording, "forward_packet_received", begin, end)
+    commands = _ReceivedCommands(recording, begin, end)
     return _Pieces(
         begin=begin,
         end=end,
         v=v,
         F_e=F_e,
         F_c=_Sample(recording, "control_force", begin, end),
-        v_dd=packet[:, :, n:],
-        F_hd=packet[:, :, :n],
+        v_dd=commands[:, :, n:],
+        F_hd=commands[:, :, :n],
         crossings=crossings,
     )
+
+
+def _ReceivedCommands(
+    recording: Recording, begin: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """Returns [F_hd; v_dd] (M, 8, 2n) at the nodes of the pieces."""
+    if "velocity_command" not in recording.signals:
+        return _Sample(recording, "forward_packet_received", begin, end)
+    delay = recording.scenario.forward_channel.delay
+    times = _NodeTimes(begin, end)
+    # At a jump Interpolate() returns the value before it; the first node is after it.
+    times[:, 0] += 1e-9 * (end - begin)
+    times -= delay
+    values = np.concatenate(
+        [
+            recording.Interpolate(name, times.ravel()).reshape(*times.shape, -1)
+            for name in ("force_command", "velocity_command")
+        ],
+        axis=2,
+    )
+    values[times < 0] = 0.0
+    return values
 
 
 def _Split(time: np.ndarray, instants: list[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -72,7 +72,7 @@ class _Row:
         unit: SI unit; empty if there is none.
         signal: Name of the signal.
         components: Which of its components are shown.
-        command: Component of forward_packet_sent that is shown beside, or None.
+        command: Component of the surgeon's commands that is shown beside, or None.
         symbol: Name of the components in a legend, if there is more than one.
         is_x: Whether this is the position along x itself: borders are horizontal
             lines, and there is nothing to see against position.
@@ -422,7 +422,7 @@ def _Sample(recording: Recording, signal: str, components: Sequence[int]) -> _Cu
 
 def _Command(recording: Recording, row: _Row) -> _Curves:
     """Returns the velocity which the surgeon commands, as it is sent."""
-    command = recording["forward_packet_sent"][:, row.command]
+    command = recording.commands[:, row.command]
     x = recording["tool_position"][:, 0]
     return _Curves(time=recording.time, x=x, y=command[:, None])
 

@@ -79,6 +79,13 @@ class Recording:
         """Returns the samples (N, k) of a signal."""
         return self.signals[name]
 
+    @property
+    def commands(self) -> np.ndarray:
+        """What the surgeon applies and commands, [F_h; v_d] in N and m/s (N, 2n)."""
+        if "velocity_command" in self.signals:
+            return np.hstack([self["force_command"], self["velocity_command"]])
+        return self["forward_packet_sent"]
+
     def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
         """Returns a signal between its samples.
 

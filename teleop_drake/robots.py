@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from teleop_drake.systems.tool_interface import ToolInterface
@@ -185,20 +185,59 @@ def TaskInertiaInverse(
     Raises:
         ValueError: If a parameter does not fit the model.
     """
-    q = InverseKinematics(model, start, elbow)
     plant = LoadRobotPlant(model, mass=mass)
     context = plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
+    plant.SetPositions(context, InverseKinematics(model, start, elbow))
+    Jv_v_WT = _ToolJacobian(plant, context)
+    return Jv_v_WT @ np.linalg.solve(plant.CalcMassMatrix(context), Jv_v_WT.T)
+
+
+def TaskDamping(
+    *,
+    model: str,
+    start: ArrayLike,
+    elbow: str | None = None,
+    damping: float | None = None,
+) -> np.ndarray:
+    """Returns J^-T D J^-1, the damping of the joints felt at the tool at a start pose.
+
+    Args:
+        model: One of `RobotModels()`.
+        start: Position of the tool, m (n).
+        elbow: As for `InverseKinematics`.
+        damping: As for `LoadRobotPlant`, N s/m.
+
+    Returns:
+        The damping in N s/m (n x n).
+
+    Raises:
+        ValueError: If a parameter does not fit the model.
+    """
+    plant = LoadRobotPlant(model, damping=damping)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, InverseKinematics(model, start, elbow))
+    D = np.diag(
+        [
+            plant.get_joint(index).default_damping_vector()[0]
+            for index in plant.GetJointIndices()
+            if plant.get_joint(index).num_velocities() == 1
+        ]
+    )
+    J_inverse = np.linalg.inv(_ToolJacobian(plant, context))
+    return J_inverse.T @ D @ J_inverse
+
+
+def _ToolJacobian(plant: MultibodyPlant, context: Context) -> np.ndarray:
+    """Returns Jv_v_WT (n, n) along the task axes."""
     world = plant.world_frame()
-    Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+    return plant.CalcJacobianTranslationalVelocity(
         context,
         JacobianWrtVariable.kV,
         plant.GetFrameByName("tool"),
         np.zeros(3),
         world,
         world,
-    )[: NumTaskAxes(model)]
-    return Jv_v_WT @ np.linalg.solve(plant.CalcMassMatrix(context), Jv_v_WT.T)
+    )[: plant.num_velocities()]
 
 
 def MakeRobot(

@@ -29,6 +29,14 @@ from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
+from teleop_drake.architecture_config import (
+    FourChannelConfig,
+    ProportionalDampingConfig,
+    SmithPredictorConfig,
+    TimeDomainPassivityConfig,
+    WaveVariablesConfig,
+    check_controller,
+)
 from teleop_drake.laws.layered_force import (
     contact_position,
     layer_index,
@@ -47,7 +55,17 @@ from teleop_drake.laws.transfer_function import realize_transfer_function
 from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
-"""Every kind of slave-side controller, the baseline first."""
+"""The thesis's two controllers, the baseline first."""
+
+ARCHITECTURES = (
+    *CONTROLLERS,
+    "wave_variables",
+    "time_domain_passivity",
+    "proportional_damping",
+    "four_channel",
+    "smith_predictor",
+)
+"""Every kind of control architecture, the thesis's two first."""
 
 TRACKING_CONTROLLERS = ("network_tracking",)
 """Every kind of controller of a TrackingScenario."""
@@ -216,12 +234,14 @@ class NetworkConfig:
 
 @dataclass(kw_only=True, eq=False)
 class ControllerConfig:
-    """The slave's controller. `direct_force` uses `kind` only.
+    """The control architecture.
 
-    A gain is a number (times the identity) or an n x n matrix.
+    `direct_force` uses `kind` only, `adaptive_backstepping` all up to `network`, and
+    each of the others the field of its name. A gain is a number (times the identity) or
+    an n x n matrix.
     """
 
-    # One of CONTROLLERS.
+    # One of ARCHITECTURES.
     kind: str = _REQUIRED
     # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
     Lambda: np.ndarray | float = 1.0
@@ -245,6 +265,15 @@ class ControllerConfig:
     minimum_psi: float = 0.1
     # Lattice of both networks.
     network: NetworkConfig = field(default_factory=NetworkConfig)
+    wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
+    time_domain_passivity: TimeDomainPassivityConfig = field(
+        default_factory=TimeDomainPassivityConfig
+    )
+    proportional_damping: ProportionalDampingConfig = field(
+        default_factory=ProportionalDampingConfig
+    )
+    four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
+    smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
 
 
 def _DefaultSimulator() -> SimulatorConfig:
@@ -1185,10 +1214,14 @@ def _CheckLayers(layers: Sequence[LayerConfig]) -> None:
 
 
 def _CheckController(controller: ControllerConfig, n: int) -> None:
-    _CheckChoice("controller.kind", controller.kind, CONTROLLERS)
-    # What direct_force does not use may be missing, but not wrong: comparing the
-    # controllers is one override away.
-    is_needed = controller.kind != "direct_force"
+    _CheckChoice("controller.kind", controller.kind, ARCHITECTURES)
+    # What a kind does not use may be missing, but not wrong: comparing the
+    # architectures is one override away.
+    is_needed = controller.kind == "adaptive_backstepping"
+    try:
+        check_controller(controller, n)
+    except ValueError as e:
+        raise ScenarioError(f"controller.{e}") from None
     gains = {}
     for key in ("Lambda", "G1", "G2", "P"):
         value = getattr(controller, key)
@@ -1238,7 +1271,10 @@ def _CheckGain(path: str, value: Any, n: int) -> np.ndarray:
 def _CheckInitialPsi(scenario: Scenario) -> None:
     controller, n = scenario.controller, scenario.num_axes
     minimum = controller.minimum_psi
-    if isinstance(controller.initial_psi, str) and controller.kind == "direct_force":
+    if (
+        isinstance(controller.initial_psi, str)
+        and controller.kind != "adaptive_backstepping"
+    ):
         return
     psi = scenario.initial_psi
     if (

@@ -252,7 +252,12 @@ class _TeleoperatorRun(_Run):
 
         Only the steps towards a border depend on the acceleration, so it may be off.
         """
-        felt = self._now["return_packet_received"]
+        felt = "felt_position"
+        if felt in self._now:
+            felt_velocity = self._now["felt_velocity"][0]
+        else:  # The thesis's packet, [p_WT; v_WT].
+            felt = "return_packet_received"
+            felt_velocity = self._now[felt][len(self._now[felt]) // 2]
         a = self._now.get("tool_acceleration", [0.0])[0]
         awaits_contact = self._now["surgeon_mode"][0] == 0
         return [
@@ -263,8 +268,8 @@ class _TeleoperatorRun(_Run):
                 self._force_borders,
             ),
             (
-                "return_packet_received",
-                float(felt[len(felt) // 2]),
+                felt,
+                float(felt_velocity),
                 0.0,
                 self._surfaces if awaits_contact else [],
             ),
@@ -336,10 +341,18 @@ def simulate(
     | joint_position, joint_velocity, joint_torque  | nq, nv, nv | of the joints |
     | environment_force, control_force              | n    | N               |
     | environment_layer                             | 1    | index           |
-    | forward_packet_sent, forward_packet_received  | 2n   | [N; m/s]        |
-    | return_packet_sent, return_packet_received    | 2n   | [m; m/s]        |
+    | forward_packet_sent, forward_packet_received  | m_f  | of the architecture |
+    | return_packet_sent, return_packet_received    | m_r  | of the architecture |
     | surgeon_mode                                  | 1    | see Surgeon     |
     | and the telemetry of the control law, for instance psi and weights_1 |||
+
+    In the thesis's architectures the packets are [F_h; v_d] and [p_WT; v_WT], 2n each.
+    All others have these signals as well, and the telemetry of both sides:
+
+    | name                                          | size | unit            |
+    |-----------------------------------------------|------|-----------------|
+    | velocity_command, force_command               | n    | m/s, N          |
+    | felt_position, felt_velocity                  | n    | m, m/s          |
 
     A TrackingScenario has neither packets nor layers nor a surgeon, but
     desired_position, desired_velocity, desired_acceleration and disturbance_estimate

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Sequence
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
+from teleop_drake.architectures import Architecture, MakeArchitecture
 from teleop_drake.laws.packet_network import PacketNetwork
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
-from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.stations import MakeMasterStation
 from teleop_drake.systems.layered_force_field import LayeredForceField
 from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.systems.sampled_delay import SampledDelay
@@ -81,6 +81,7 @@ def MakeTeleoperator(
     scenario: Scenario,
     *,
     control_law: System | None = None,
+    architecture: Architecture | None = None,
     robot: System | None = None,
     environment: System | None = None,
 ) -> Diagram:
@@ -90,13 +91,16 @@ def MakeTeleoperator(
           ^                              |
           +------- return_channel <------+
 
-    Before the first packet arrives, the forward channel delivers no force and no
-    velocity command, and the return channel the start position at rest.
+    Before the first packet arrives, the channels deliver what the architecture says:
+    in the thesis's, no force and no velocity command forward, and the start position at
+    rest back.
 
     Args:
         scenario: What to build.
         control_law: A control law of your own in the place of the scenario's; see
             stations.MakeSlaveStation for its ports.
+        architecture: Both sides of your own in the place of the scenario's; not
+            together with control_law.
         robot: A robot of your own; see robots.MakeRobot for its ports, of which
             control_force, environment_force, tool_position and tool_velocity are
             needed.
@@ -108,26 +112,32 @@ def MakeTeleoperator(
 
     Raises:
         ScenarioError: If the scenario is not valid.
+        ValueError: If both a control law and an architecture are given, or a packet
+            does not have the width of its initial value.
         RuntimeError: If a system of yours lacks a port.
     """
     scenario.Validate()
+    if architecture is None:
+        architecture = MakeArchitecture(scenario, control_law=control_law)
+    elif control_law is not None:
+        raise ValueError("control_law: must be None with an architecture, which has it")
     n = scenario.num_axes
     config = scenario.robot
     builder = DiagramBuilder()
-    master = builder.AddNamedSystem("master", MakeMasterStation(scenario))
+    master = builder.AddNamedSystem(
+        "master", MakeMasterStation(scenario, architecture.master_side)
+    )
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
         MakeChannel(
             scenario.forward_channel,
-            size=2 * n,
-            initial_value=[0.0] * (2 * n),
+            size=master.GetOutputPort("forward_packet").size(),
+            initial_value=architecture.initial_forward_packet,
             duration=scenario.duration,
             stream="forward_channel",
         ),
     )
-    controller = builder.AddNamedSystem(
-        "controller", MakeSlaveStation(control_law or MakeControlLaw(scenario))
-    )
+    controller = builder.AddNamedSystem("controller", architecture.slave_side)
     robot = builder.AddNamedSystem(
         "robot",
         robot
@@ -148,8 +158,8 @@ def MakeTeleoperator(
         "return_channel",
         MakeChannel(
             scenario.return_channel,
-            size=2 * n,
-            initial_value=[*np.asarray(config.start, dtype=float), *[0.0] * n],
+            size=controller.GetOutputPort("return_packet").size(),
+            initial_value=architecture.initial_return_packet,
             duration=scenario.duration,
             stream="return_channel",
         ),

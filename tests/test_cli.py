@@ -14,7 +14,12 @@ import pytest
 import teleop_drake.simulation
 from teleop_drake.cli import main
 from teleop_drake.recording import LoadRecording
-from teleop_drake.scenario import LoadScenario, ScenarioNames, ScenarioToYaml
+from teleop_drake.scenario import (
+    ARCHITECTURES,
+    LoadScenario,
+    ScenarioNames,
+    ScenarioToYaml,
+)
 
 SHORT = ["--duration", "0.3", "--accuracy", "1e-5", "--quiet"]
 
@@ -67,6 +72,7 @@ def test_list(capsys):
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert LoadScenario(name).description in line
     assert "direct_force, adaptive_backstepping, network_tracking" in out
+    assert ", ".join(ARCHITECTURES[2:]) in out
     assert "slider, two_link_arm" in out
 
 
@@ -222,6 +228,14 @@ def test_compare_chosen_controllers(capsys):
     ]
 
 
+def test_compare_all_architectures(capsys):
+    chosen = ["--controllers", "all", "--out", "here", "--json", "-"]
+    assert main(["compare", "one_dof", *SHORT, *chosen]) == 0
+    records = json.loads(capsys.readouterr().out)
+    assert [record["controller"] for record in records] == list(ARCHITECTURES)
+    assert len(os.listdir("here")) == 1 + len(ARCHITECTURES)
+
+
 def test_diagram(capsys):
     assert main(["diagram", "one_dof"]) == 0
     dot = capsys.readouterr().out
@@ -354,6 +368,11 @@ def no_simulation(monkeypatch):
         ("run one_dof --duration 0", "duration = 0.0: must be a finite number > 0 (s)"),
         ("run one_dof --accuracy 0", "simulator.accuracy = 0.0: must be a finite numb"),
         ("run one_dof --controller pid", "controller.kind = 'pid': must be one of dir"),
+        (
+            "show one_dof --controller wave_variables "
+            "--set haptic_device.numerator=[50]",
+            "controller.wave_variables.impedance = null: must be a number, because",
+        ),
         ("run one_dof --set duration", "override 'duration': must be PATH=VALUE"),
         ("run one_dof --set durations=1", "durations = 1: unknown key 'durations'"),
         ("run one_dof --json no/a.json", "--json = 'no/a.json': must be where 'a.json"),

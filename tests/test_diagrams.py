@@ -1,5 +1,6 @@
 """The worked examples in diagrams/: they run, and their pictures are current."""
 
+import ast
 import os
 import re
 import subprocess
@@ -11,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from teleop_drake.metrics import RunMetrics
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
@@ -57,9 +59,10 @@ def _Graph(picture: Path) -> Counter[tuple[str, str]]:
     )
 
 
-def test_there_are_the_three_levels_of_building():
+def test_there_are_the_levels_of_building():
     assert [script.stem for script in SCRIPTS] == [
         "one_dof_by_hand",
+        "own_architecture",
         "own_controller",
         "two_dof_arm",
     ]
@@ -95,6 +98,27 @@ def test_the_own_controller_takes_the_place_of_the_other(run):
     # The thesis's value for direct force application, section 4.2.
     assert direct == pytest.approx(0.472, rel=0.02)
     assert own < 0.75 * direct
+
+
+def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):
+    script = DIRECTORY / "own_architecture.py"
+    _, lines = run(script)
+    own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
+    assert direct == pytest.approx(0.472, rel=0.02)
+    overrides = ["controller.kind=wave_variables", "duration=12.0"]
+    overrides.append("controller.wave_variables.impedance=1.0")
+    metrics = RunMetrics(simulate(LoadScenario("one_dof", overrides)))
+    expected = 1000 * metrics["puncture"]["velocity_overshoot"]
+    assert own == pytest.approx(expected, abs=1e-3)
+    # It is as short as the README says.
+    names = ("Declare", "CompliantMaster", "BrakedSlave")
+    parts = [x for x in ast.parse(script.read_text()).body if _Name(x) in names]
+    assert len(parts) == len(names)
+    assert sum(1 + part.end_lineno - part.lineno for part in parts) < 40
+
+
+def _Name(node):
+    return getattr(node, "name", "")
 
 
 def test_the_readme_shows_every_script_and_its_picture():

@@ -25,6 +25,7 @@ from teleop_drake.cli import main
 from teleop_drake.metrics import RunSummary
 from teleop_drake.plotting import PlotStability, PlotSweep, SaveFigure
 from teleop_drake.scenario import (
+    ARCHITECTURES,
     CONTROLLERS,
     LoadScenario,
     ScenarioError,
@@ -554,7 +555,7 @@ def test_command(capsys, monkeypatch):
 
 
 def test_the_controllers_are_a_choice():
-    """All of them, unless options say what the controller is."""
+    """The thesis's two, unless options say what the controller is."""
 
     def Axes(*options, scenario="one_dof"):
         from teleop_drake.cli import _Grid, _MakeParser
@@ -563,6 +564,7 @@ def test_the_controllers_are_a_choice():
         return _Grid(args)[0]
 
     assert Axes("--delay", "0.1") == {"controller": list(CONTROLLERS), "delay": [0.1]}
+    assert Axes("--controllers", "all") == {"controller": list(ARCHITECTURES)}
     assert Axes("--controllers", "direct_force") == {"controller": ["direct_force"]}
     assert Axes("--set", "controller.kind=direct_force") == {}
     assert Axes("--vary", "controller.kind=direct_force") == {

@@ -6,7 +6,7 @@ from pydrake.systems.primitives import MatrixGain, Multiplexer
 
 from teleop_drake.rendering import DiagramDot
 from teleop_drake.robots import MakeRobot
-from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
 from teleop_drake.systems.layered_force_field import LayeredForceField
@@ -26,7 +26,7 @@ TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 
 
 @pytest.mark.parametrize("name", TASKS)
-@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_depth_one_is_figure_2_1(name, kind):
     diagram = MakeTeleoperator(LoadScenario(name, {"controller.kind": kind}))
     assert {system.get_name() for system in diagram.GetSystems()} == FIGURE_2_1
@@ -57,7 +57,7 @@ def test_every_system_is_named():
     check(MakeTeleoperator(LoadScenario("one_dof")))
 
 
-@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("kind", ARCHITECTURES)
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
 def test_no_delay_makes_no_algebraic_loop(name, kind):
     scenario = LoadScenario(

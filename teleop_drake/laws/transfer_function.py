@@ -68,3 +68,31 @@ def realize_transfer_function(
     D = num[:1, np.newaxis]
     A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
     return A, B, C, D
+
+
+def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> float:
+    """Returns the constant term of H(s) around s = 0.
+
+    Near zero frequency H(s) = ... + K / s + b + O(s); for a force over a velocity K is
+    a stiffness and b the resistance, in the unit of H.
+
+    Args:
+        numerator: Coefficients of H's numerator, highest power of s first.
+        denominator: Coefficients of H's denominator, highest power first.
+
+    Raises:
+        ValueError: If a coefficient is not finite or the denominator is zero.
+    """
+    num = _coefficients("numerator", numerator)[::-1]
+    den = _coefficients("denominator", denominator)[::-1]
+    if not den.any():
+        raise ValueError("denominator must not be zero")
+    num_poles = int(np.flatnonzero(den)[0])
+    den = den[num_poles:]
+    # Long division in ascending powers: num / den = series_0 + series_1 s + ...
+    series: list[float] = []
+    for k in range(num_poles + 1):
+        rest = num[k] if k < num.size else 0.0
+        rest -= sum(den[j] * series[k - j] for j in range(1, min(k, den.size - 1) + 1))
+        series.append(float(rest / den[0]))
+    return series[num_poles]

@@ -1,0 +1,54 @@
+"""Time-domain passivity: what a port may give is what the other port has taken.
+
+A channel with delay has two ports, each with a force and a velocity on every axis. The
+power F v at a port is split by its direction into what flows in and what flows out,
+
+    dE_in/dt = max(power into the channel, 0),   dE_out/dt = max(-power, 0)
+
+and the channel is passive for any delay if at each port E_out(t) <= E_0 + E_in of the
+other port as it was when the packet left. What is left to give is the budget W.
+
+The customary controllers run at 1 kHz. Here they are continuous: the observers are
+integrals and the controllers dampings that depend on the state. That is what the
+sampled ones tend to at high rates; it has no error of its own from sampling the
+power, and leaves the solver its steps, which would otherwise end every millisecond.
+
+Sources: B. Hannaford and J.-H. Ryu, "Time-domain passivity control of haptic
+interfaces", IEEE Trans. Robotics and Automation 18 (2002); J.-H. Ryu, J. Artigas and
+C. Preusche, "A passive bilateral control scheme for a teleoperator with time-varying
+communication delay", Mechatronics 20 (2010).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def injected_resistance(
+    power: Array, flow: Array, budget: Array, horizon: float, maximum: float
+) -> Array:
+    """Returns the resistance that a passivity controller injects, on each axis (n).
+
+        r = (P - max(W, 0) / horizon) / flow^2, between 0 and its maximum
+
+    A port that would give the power P gives P - r flow^2 = W / horizon instead where
+    that is less, so that dW/dt >= -W / horizon and W does not become negative. This is
+    the passivity controller of Hannaford and Ryu without its sampling: with the horizon
+    as sample period, theirs spends in each period what there is at its beginning. At
+    the maximum W may become negative; whatever comes in then pays that back first.
+
+    Args:
+        power: P, what would leave without the passivity controller, W (n).
+        flow: What r multiplies: the velocity for a damping, the force for a mobility
+            (n).
+        budget: W, energy that may still leave, J (n).
+        horizon: In s, > 0.
+        maximum: Largest r, in the unit of power / flow^2.
+    """
+    excess = power - np.maximum(budget, 0.0) / horizon
+    # Where there is an excess there is a flow, unless its square underflows.
+    square = flow * flow
+    is_active = (excess > 0) & (square > 0)
+    r = np.divide(excess, square, out=np.zeros_like(square), where=is_active)
+    return np.minimum(r, maximum)

@@ -1,0 +1,115 @@
+"""Wave variables: what the two ends of a passive line for velocity and force do.
+
+With the wave impedance b, a symmetric positive definite matrix, and S = (2 b)^(1/2),
+
+    u = S^-1 (b v + F)          the wave that goes from the master to the slave
+    w = S^-1 (b v - F)          the wave that comes back
+    F^T v = (u^T u - w^T w) / 2
+
+Delayed by any constant times, u and w carry no more energy out of the line than went
+in. F > 0 and v > 0 mean power from the master to the slave at either end.
+
+The functions take arrays of any dtype, so that phasors show the frequency response.
+
+Sources: R. J. Anderson and M. W. Spong, "Bilateral control of teleoperators with time
+delay", IEEE Trans. Automatic Control 34 (1989); G. Niemeyer and J.-J. E. Slotine,
+"Stable adaptive teleoperation", IEEE J. Oceanic Engineering 16 (1991).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def wave_root(impedance: ArrayLike) -> Array:
+    """Returns S = (2 b)^(1/2), the symmetric root (n, n) in (N s/m)^(1/2).
+
+    Args:
+        impedance: b in N s/m (n, n), symmetric positive definite.
+
+    Raises:
+        ValueError: If it is not.
+    """
+    b = np.array(impedance, dtype=float)
+    if b.ndim != 2 or b.shape[0] != b.shape[1] or not np.all(np.isfinite(b)):
+        raise ValueError(f"impedance: {b.tolist()}; allowed: an n x n matrix (N s/m)")
+    values, vectors = np.linalg.eigh(b)
+    if not np.allclose(b, b.T, rtol=1e-9, atol=0) or not values[0] > 0:
+        raise ValueError(
+            f"impedance: {b.tolist()}; allowed: symmetric positive definite (N s/m)"
+        )
+    return np.asarray(vectors @ np.diag(np.sqrt(2 * values)) @ vectors.T)
+
+
+def master_velocity(force: Array, wave: Array, *, root: Array, damping: Array) -> Array:
+    """Returns the velocity at the master's end, where the operator sets the force.
+
+        v = (b + D)^-1 (F + S w)
+
+    The damper D stands beside the line: the line gets F - D v.
+
+    Args:
+        force: F that the operator applies, N (n).
+        wave: w that arrives, W^(1/2) (n).
+        root: S, from wave_root() (n, n).
+        damping: D, N s/m (n, n).
+    """
+    return np.asarray(np.linalg.solve(root @ root / 2 + damping, force + root @ wave))
+
+
+def slave_force(velocity: Array, wave: Array, *, root: Array) -> Array:
+    """Returns F = S u - b v at the slave's end, where the robot sets the velocity.
+
+    Args:
+        velocity: v of the tool, m/s (n).
+        wave: u that arrives, W^(1/2) (n).
+        root: S, from wave_root() (n, n).
+    """
+    return np.asarray(root @ (wave - root @ velocity / 2))
+
+
+def reflected_wave(velocity: Array, wave: Array, *, root: Array) -> Array:
+    """Returns the wave that leaves an end: u = S v - w, or w = S v - u.
+
+    Args:
+        velocity: v at that end, m/s (n).
+        wave: The wave that arrives there, W^(1/2) (n).
+        root: S, from wave_root() (n, n).
+    """
+    return np.asarray(root @ velocity - wave)
+
+
+def corrected_wave(wave: Array, correction: Array) -> Array:
+    """Returns the wave plus as much of a correction as does not add energy.
+
+    Each component stays between -|wave| and |wave|.
+
+    Args:
+        wave: The wave that arrives (n).
+        correction: What should be added (n).
+    """
+    limit = np.abs(wave)
+    return np.asarray(np.clip(wave + correction, -limit, limit))
+
+
+def passive_scaling(max_slope: float) -> float:
+    """Returns the largest factor on a wave that keeps a growing delay passive.
+
+    A wave that is delayed by T(t) is stretched by 1 / (1 - dT/dt) in time, and its
+    energy with it. The factor f undoes that if f^2 <= 1 - dT/dt.
+
+    Source: R. Lozano, N. Chopra and M. W. Spong, "Passivation of force reflecting
+    bilateral teleoperators with time varying delay", Proc. Mechatronics (2002).
+
+    Args:
+        max_slope: Largest dT/dt, < 1.
+
+    Raises:
+        ValueError: If max_slope >= 1.
+    """
+    if not max_slope < 1:
+        raise ValueError(f"max_slope: {max_slope}; allowed: a number < 1 (s/s)")
+    return math.sqrt(1 - max(max_slope, 0.0))

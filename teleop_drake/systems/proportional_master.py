@@ -1,0 +1,140 @@
+"""The master of a position-position teleoperator with damping injection."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    LeafSystem,
+)
+
+
+class ProportionalMaster(LeafSystem):
+    """A handle with mass, tied to where the tool was by a spring and braked.
+
+        M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
+
+    with x_s = p_WT(t - T_r). With the slave F_c = K (x_m(t - T_f) - p_WT) - B_s v
+    (ProportionalSlave) the pair is stable for 4 B B_s > (T_f + T_r)^2 K^2.
+
+    Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
+    delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
+    "Passivity-based control for bilateral teleoperation: a tutorial", Automatica 47
+    (2011), where this is P+d.
+
+    | port | name             | size | unit | is                    |
+    |------|------------------|------|------|-----------------------|
+    | in   | haptic_force     | n    | N    | F_h                   |
+    | in   | velocity_command | n    | m/s  | ignored               |
+    | in   | return_packet    | n    | m    | x_s                   |
+    | out  | felt_position    | n    | m    | x_s                   |
+    | out  | felt_velocity    | n    | m/s  | v_m                   |
+    | out  | forward_packet   | n    | m    | x_m                   |
+    | out  | coupling_force   | n    | N    | K (x_m - x_s)         |
+
+    State (continuous): [x_m (n), v_m (n)].
+
+    Initial value: x_m = start, v_m = 0.
+
+    Direct feedthrough: return_packet to felt_position and coupling_force.
+
+    It compensates neither the mass nor the damping: the operator feels both.
+
+    Args:
+        mass: M in kg (n, n), symmetric positive definite.
+        stiffness: K in N/m (n, n), symmetric, not negative.
+        damping: B in N s/m (n, n), symmetric, not negative.
+        start: x_m at time 0 in m (n).
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        mass: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike,
+        start: ArrayLike,
+    ):
+        LeafSystem.__init__(self)
+        self.set_name("proportional_master")
+        start = np.array(start, dtype=float)
+        if start.ndim != 1 or not np.all(np.isfinite(start)):
+            raise ValueError(f"start: {start.tolist()}; allowed: finite numbers (m)")
+        n = self._n = start.size
+        self._M = check_gain("mass", mass, n, is_definite=True)
+        self._K = check_gain("stiffness", stiffness, n)
+        self._B = check_gain("damping", damping, n)
+        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("velocity_command", n)
+        self._x_s = self.DeclareVectorInputPort("return_packet", n)
+        self.DeclareContinuousState(
+            BasicVector(np.concatenate([start, np.zeros(n)])), n, n, 0
+        )
+        packet, state = self._x_s.ticket(), self.xc_ticket()
+        for name, calc, prerequisites in (
+            ("felt_position", self._CopyPacket, {packet}),
+            ("felt_velocity", self._CopyVelocity, {state}),
+            ("forward_packet", self._CopyPosition, {state}),
+            ("coupling_force", self._CalcCouplingForce, {packet, state}),
+        ):
+            self.DeclareVectorOutputPort(
+                name, n, calc, prerequisites_of_calc=prerequisites
+            )
+
+    def _State(self, context: Context) -> np.ndarray:
+        return context.get_continuous_state_vector().CopyToVector()
+
+    def _CouplingForce(self, context: Context) -> np.ndarray:
+        return self._K @ (self._State(context)[: self._n] - self._x_s.Eval(context))
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Calculates d/dt [x_m, v_m]."""
+        v = self._State(context)[self._n :]
+        F = self._F_h.Eval(context) - self._CouplingForce(context) - self._B @ v
+        derivatives.get_mutable_vector().SetFromVector(
+            np.concatenate([v, np.linalg.solve(self._M, F)])
+        )
+
+    def _CopyPacket(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._x_s.Eval(context))
+
+    def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._State(context)[self._n :])
+
+    def _CopyPosition(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._State(context)[: self._n])
+
+    def _CalcCouplingForce(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._CouplingForce(context))
+
+
+def check_gain(
+    name: str, gain: ArrayLike, size: int, *, is_definite: bool = False
+) -> np.ndarray:
+    """Returns a gain as an array; raises ValueError on one that is not allowed.
+
+    Args:
+        name: What to call it.
+        gain: (n, n), symmetric and not negative.
+        size: n.
+        is_definite: Whether it must be positive definite.
+    """
+    matrix = np.array(gain, dtype=float)
+    kind = "definite" if is_definite else "semidefinite"
+    is_allowed = matrix.shape == (size, size) and bool(np.all(np.isfinite(matrix)))
+    if is_allowed:
+        smallest = np.linalg.eigvalsh(matrix)[0]
+        is_allowed = bool(smallest > 0 if is_definite else smallest >= 0)
+        is_allowed &= bool(np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12))
+    if not is_allowed:
+        raise ValueError(
+            f"{name}: {matrix.tolist()}; allowed: a symmetric positive {kind} "
+            f"{size} x {size} matrix"
+        )
+    return matrix
