@@ -12,6 +12,7 @@ import yaml
 from matplotlib.image import imread
 from runs import Run
 
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.metrics import RunMetrics
 from teleop_drake.plotting import PlotComparison, SaveFigure
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
@@ -85,6 +86,29 @@ def test_numbers_in_the_text():
     puncture = RunMetrics(Run("one_dof", CONTROLLERS[0]))["puncture"]
     assert f"{puncture['force']:.2e}".replace("e-0", "e-") + " N" in TEXT
     assert f"{1000 * puncture['velocity_overshoot']:.3f} mm/s" in TEXT
+
+
+@pytest.mark.parametrize("task", ["one_dof", "two_dof_collision"])
+def test_delay_margins(task):
+    (cells,) = re.findall(
+        rf"^\| `{task}` \|((?: [\w.-]+ \|){{6}})$", TEXT, re.MULTILINE
+    )
+    cells = cells.replace("|", "").split()
+    for i, kind in enumerate(CONTROLLERS):
+        analysis = AnalyzeStability(LoadScenario(task, {"controller.kind": kind}))
+        margins = {
+            point["name"]: point["delay_margin"]
+            for point in analysis.ToRecord()["operating_points"]
+        }
+        for layer, cell in zip(
+            ("tissue", "free", "bone"), cells[3 * i :], strict=False
+        ):
+            if cell == "-":
+                assert layer not in margins
+            elif cell == "any":
+                assert margins[layer] is None
+            else:
+                assert margins[layer] == pytest.approx(float(cell), rel=3e-3)
 
 
 def test_channel_example_is_valid():

@@ -299,7 +299,7 @@ def _ReachableTime(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _States:
-    """Continuous states of a leaf system which the model has as its own."""
+    """Continuous states of a system which the model has as its own."""
 
     system: System
     context: Context
@@ -594,7 +594,8 @@ class _Linearizer:
 
 
 def _Leaves(system: System) -> Iterator[System]:
-    if isinstance(system, Diagram):
+    """Yields the systems whose states are told apart."""
+    if isinstance(system, Diagram) and not isinstance(system, AdaptiveBackstepping):
         for child in system.GetSystems():
             yield from _Leaves(child)
     else:
