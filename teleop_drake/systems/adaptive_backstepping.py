@@ -90,7 +90,12 @@ class AdaptiveBackstepping(Diagram):
         for i in range(law.num_input_ports()):
             port = law.get_input_port(i)
             builder.ExportInput(port, port.get_name())
-        for i, name in enumerate(("control_force", "weights_1", "psi", "weights_3")):
+        for name, i in (
+            ("control_force", 0),
+            ("psi", 2),
+            ("weights_1", 1),
+            ("weights_3", 3),
+        ):
             builder.ExportOutput(split.get_output_port(i), name)
         for name in ("auxiliary_error", "control_force_error"):
             builder.ExportOutput(law.GetOutputPort(name), name)
