@@ -55,7 +55,7 @@ def Measure(options: Options) -> list[Table]:
             processes=len({process for process, _ in samples}),
             **{f"run_{mark}": memory[mark - 1] for mark in marks},
             largest=max(memory),
-            largest_of_first_process=next(iter(largest.values())),
-            growth_per_run=(memory[-1] - memory[0]) / (num_runs - 1),
+            largest_of_first_process=largest[samples[0][0]],
+            largest_of_last_process=largest[samples[-1][0]],
         )
     return [table]
