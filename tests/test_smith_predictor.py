@@ -125,7 +125,7 @@ def test_defaults_are_the_tool_in_its_first_layer():
         ([f"controller.{KIND}.mass=0"], f"controller.{KIND}.mass = 0.0: must be"),
         ([f"controller.{KIND}.damping=-1"], "damping = -1.0: must be null, not neg"),
         ([f"controller.{KIND}.delay=-1"], "delay = -1.0: must be a finite number >= 0"),
-        ([f"controller.{KIND}.delay=0.001"], "simulator.max_step_size = 0.01: must be"),
+        ([f"controller.{KIND}.delay=0.001"], "simulator.max_step_size = 0.05: must be"),
     ],
 )
 def test_bad_input_is_named(overrides, message):

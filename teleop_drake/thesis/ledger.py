@@ -743,7 +743,7 @@ def _OneAxis(evidence: _Evidence) -> list[Row]:
             "The adaptive controller's first impact is harder than that of direct "
             "force, but its largest force is that of the first impact, and lower.",
             "direct first < adaptive first = adaptive largest < direct largest",
-            d_first < a_first < d_peak and a_first == a_peak,
+            d_first < a_first < d_peak and math.isclose(a_first, a_peak),
             f"first: {_Pair(d_first, a_first, 1e3, 'mN')}; "
             f"largest: {_Pair(d_peak, a_peak, 1e3, 'mN')}",
             "",
