@@ -35,10 +35,11 @@ _EVENT_WINDOW = 2e-7
 # After a jump or a kink the first step is this share of the longest one, and each later
 # one at most that share of the time since. A delayed signal is a polynomial through the
 # steps of its sender: behind a jump there are none but the new ones, and the first of
-# them set its error. Long steps come slowly, because Drake's error norm is absolute and
-# hardly sees a tool that bounces by micrometres.
+# them set its error. Long steps come slowly after a crossing of a border, because
+# Drake's error norm is absolute and hardly sees a tool that bounces by micrometres.
 _FIRST_STEP = 1 / 8
-_STEP_GROWTH = 0.03
+_STEP_GROWTH = 0.06
+_STEP_GROWTH_AFTER_CROSSING = 0.03
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -228,8 +229,12 @@ class _TeleoperatorRun(_Run):
         if self.AtJump():
             self._last_jump = time
         shortest = _FIRST_STEP * self._longest_step
-        step = max(shortest, _STEP_GROWTH * (time - self._last_jump))
-        self._integrator.set_maximum_step_size(min(step, self._longest_step))
+        step = min(
+            _STEP_GROWTH * (time - self._last_jump),
+            _STEP_GROWTH_AFTER_CROSSING * (time - self._crossing_time),
+            self._longest_step,
+        )
+        self._integrator.set_maximum_step_size(max(step, shortest))
 
     def NextStop(self) -> float:
         """Returns where the simulator should stop next, in s."""
@@ -374,8 +379,11 @@ def simulate(
     Raises:
         ScenarioError: If the scenario is not valid.
     """
-    scenario.Validate()
-    diagram = MakeDiagram(scenario) if teleoperator is None else teleoperator
+    if teleoperator is None:
+        diagram = MakeDiagram(scenario)  # Validates the scenario.
+    else:
+        scenario.Validate()
+        diagram = teleoperator
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator, simulator)
     root_context = simulator.get_mutable_context()
