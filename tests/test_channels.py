@@ -169,8 +169,8 @@ def test_extrapolation_follows_the_signal_more_closely():
 
 def test_variable_channel():
     text = "kind: variable, drift: 0.01, sinusoid: {amplitude: 0.05, frequency: 4}"
-    recording = run(*channels(text))
-    assert recording.scenario.simulator.max_step_size <= 0.05
+    # What is compared are polynomials through the recorded steps: these are short.
+    recording = run(*channels(text), "simulator.max_step_size=0.005")
     t = np.linspace(0.3, 1.0, 300)
     delay = 0.1 + 0.01 * t + 0.05 * np.sin(4 * t)
     for way in WAYS:
