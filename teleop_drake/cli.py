@@ -65,14 +65,6 @@ _UNITS = {
     "rms_error": "m",
     "disturbance_rms_error": "N",
     "wall_time_s": "s",
-    "delay_mean": "s",
-    "delay_minimum": "s",
-    "delay_median": "s",
-    "delay_p95": "s",
-    "delay_p99": "s",
-    "delay_maximum": "s",
-    "age_mean": "s",
-    "age_maximum": "s",
 }
 
 
@@ -895,8 +887,9 @@ def _Headline(recording: "Recording") -> str:
 
 def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the metrics of some runs: a row for each, a column for each run."""
-    from teleop_drake.sweep import FlattenMetrics
+    from teleop_drake.sweep import CHANNEL_METRICS, FlattenMetrics
 
+    units = _UNITS | CHANNEL_METRICS
     columns = {
         name: FlattenMetrics(record["metrics"])
         | FlattenMetrics(record.get("channels", {}))
@@ -916,7 +909,7 @@ def _Table(records: Mapping[str, Mapping[str, Any]]) -> str:
         if row in groups:
             continue
         cells = [_Cell(column.get(row)) for column in columns.values()]
-        unit = next((_UNITS[part] for part in row.split(".") if part in _UNITS), "")
+        unit = next((units[part] for part in row.split(".") if part in units), "")
         lines.append([row.replace("_", " ").replace(".", " "), *cells, unit])
     return _Align(lines)
 
