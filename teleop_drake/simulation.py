@@ -430,6 +430,8 @@ def simulate(
         # The integrator gives up when its smallest step is still too inaccurate.
         termination, reason = "diverged", str(error).splitlines()[0]
     wall_time = clock.monotonic() - start
+    # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
+    simulator.clear_monitor()
     integrator = simulator.get_integrator()
     times, signals = run.recorder.Finish()
     if run.failure:

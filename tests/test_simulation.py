@@ -1,13 +1,16 @@
 """Tests of simulate(): what is recorded, how runs end, what does not matter."""
 
+import gc
 import math
 import signal
+import weakref
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 
+from teleop_drake import simulation
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -367,3 +370,17 @@ def test_spring_hit_peaks_at_v_sqrt_k_m():
     speed = recording.Interpolate("tool_velocity", times[:1])[0, 0]
     # The haptic force still pushes and the rail brakes: both are small.
     assert force.max() == pytest.approx(speed * math.sqrt(150 * 0.5), rel=0.01)
+
+
+def test_a_run_leaves_no_samples_behind(monkeypatch):
+    recorders = []
+
+    class Recorder(simulation._Recorder):
+        def __init__(self, *args):
+            super().__init__(*args)
+            recorders.append(weakref.ref(self))
+
+    monkeypatch.setattr(simulation, "_Recorder", Recorder)
+    simulate(LoadScenario("one_dof", {"duration": 0.1}))
+    gc.collect()
+    assert [recorder() for recorder in recorders] == [None]

@@ -33,11 +33,12 @@ def Measure(options: Options) -> Iterator[Table]:
     for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
         delays = Delays(options)
         scenario = contenders.Load(task)
-        target_setting = contenders.PACKAGE_SETTINGS[scenario.num_axes, CONTROLLER]
+        accuracy_at_target = contenders.PACKAGE_SETTINGS[scenario.num_axes, CONTROLLER][
+            "accuracy"
+        ]
         duration = options.Duration(scenario)
-        setting = {f"simulator.{key}": value for key, value in target_setting.items()}
-        # The step may not exceed the delay, and Sweep has one setting for all.
-        setting["simulator.max_step_size"] = delays[0]
+        # The longest step stays the scenario's, which follows the delay.
+        setting = {"simulator.accuracy": accuracy_at_target}
         programs = {
             "package Sweep, its own settings": ["sweep", {}],
             "package Sweep, within target": ["sweep", setting],
