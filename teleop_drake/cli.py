@@ -942,7 +942,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
             [
                 point["name"],
                 f"{point['position'][0]:.5g}",
-                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"]) or "-",
+                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"] if w) or "-",
                 "-" if phase is None else f"{math.degrees(phase):.1f}",
                 _Cell(point["delay_margin"]),
                 ", ".join(intervals) or "none",
@@ -952,16 +952,12 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         )
     text = [
         f"{record['scenario']}, {record['controller']}: delay "
-        f"{record['forward_delay']:g} s forward, {record['return_delay']:g} s back; "
-        f"round-trip delays up to {record['max_delay']:g} s",
+        f"{record['forward_delay']:.6g} s forward, {record['return_delay']:.6g} s "
+        f"back; round-trip delays up to {record['max_delay']:g} s",
         _Align(lines),
     ]
     text += _Verdict(points, delay)
-    if any(point["frozen_weights"] for point in points):
-        text.append(
-            "The weights of the adaptive law are frozen at their initial values."
-        )
-    return "\n".join(text)
+    return "\n".join(text + record["notes"])
 
 
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
