@@ -241,8 +241,8 @@ def _MakeParser() -> argparse.ArgumentParser:
     _AddRunOptions(
         analyze,
         json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
-        out_help="write Bode, Nyquist and stability plots (.png) and margins (.json) "
-        "there",
+        out_help="write Bode, Nyquist, stability and transparency plots (.png) and "
+        "margins (.json) there",
         out_default=None,
     )
 
@@ -560,6 +560,7 @@ def _Analyze(args: argparse.Namespace) -> int:
         AnalyzeStability,
         ChartStability,
     )
+    from teleop_drake.analysis.transparency import AnalyzeTransparency
 
     scenario = _Load(args)
     max_delay = MAX_DELAY
@@ -575,13 +576,23 @@ def _Analyze(args: argparse.Namespace) -> int:
     key, values = _VariedNumber(args.vary)
     _CheckJson(args.json)
     stem = f"{scenario.name}_{scenario.controller.kind}"
-    figures = ["bode", "nyquist", "stable_delays"] + ["chart"] * bool(key)
+    figures = ["bode", "nyquist", "stable_delays", "transparency"]
+    figures += ["chart"] * bool(key)
     *figure_paths, summary_path = _PrepareFolder(
         args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
     )
     chart = None
     try:
         analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        transparency = [
+            AnalyzeTransparency(
+                analysis.scenario,
+                point.model.point,
+                forward_delay=analysis.forward_delay,
+                return_delay=analysis.return_delay,
+            )
+            for point in analysis.points
+        ]
         if key:
             with _SweepProgress(args.quiet, "values") as show:
                 chart = ChartStability(
@@ -595,6 +606,7 @@ def _Analyze(args: argparse.Namespace) -> int:
     except ValueError as e:
         raise _BadInput(e) from None
     record = analysis.ToRecord()
+    record["transparency"] = [point.ToRecord() for point in transparency]
     if chart is not None:
         record["chart"] = chart.ToRecord()
     if args.out is not None:
@@ -603,10 +615,16 @@ def _Analyze(args: argparse.Namespace) -> int:
             PlotNyquist,
             PlotStabilityChart,
             PlotStableDelays,
+            PlotTransparency,
         )
         from teleop_drake.plotting import SaveFigure
 
-        made = [PlotBode(analysis), PlotNyquist(analysis), PlotStableDelays(analysis)]
+        made = [
+            PlotBode(analysis),
+            PlotNyquist(analysis),
+            PlotStableDelays(analysis),
+            PlotTransparency(transparency),
+        ]
         if chart is not None:
             made.append(PlotStabilityChart(chart))
         for figure, path in zip(made, figure_paths, strict=True):
@@ -957,7 +975,22 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         _Align(lines),
     ]
     text += _Verdict(points, delay)
+    text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
+
+
+def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
+    """Returns a sentence: whether surgeon and environment could be any passive ones."""
+    failing = [point["name"] for point in points if not point["absolutely_stable"]]
+    if not failing:
+        return (
+            "Stable with every passive surgeon and environment: Llewellyn's parameter "
+            "is 1 or more everywhere."
+        )
+    return (
+        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        f"falls below 1 ({', '.join(failing)})."
+    )
 
 
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:

@@ -8,7 +8,8 @@ transfer function is written down here.
 Where. The operating point is in general a motion, not an equilibrium: the tool moves
 through the tissue with the velocity that the surgeon commands. The model is that of
 the instant. Nothing drifts in it: neither the pose nor the force of a spring that the
-motion keeps stretching.
+motion keeps stretching. What it says of modes slower than the motion itself is of no
+use: an arm that passes the point in a second has no mode of 0.1 rad/s there.
 
 Coordinates. Off an equilibrium the linear model depends on the coordinates of the
 state. The robot's are taken to be position and velocity of its tool, r and v, in which

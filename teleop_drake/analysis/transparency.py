@@ -11,6 +11,9 @@ environment, where it moves with v_s. F_h . v_m and -F_e . v_s are the powers th
 in. Behind it an environment with F_e = Z_e v_s makes it the one-port that the surgeon
 feels, F_h = Z_to v_m.
 
+The tool is at rest here: the model of an arm in motion, at an instant, is not passive,
+even if the arm is.
+
 Sources: B. Hannaford, "A design framework for teleoperators with kinesthetic
 feedback", IEEE Trans. Robot. Autom. 5 (1989); D. A. Lawrence, "Stability and
 transparency in bilateral teleoperation", IEEE Trans. Robot. Autom. 9 (1993).
@@ -192,7 +195,7 @@ def AnalyzeTransparency(
 
     Args:
         scenario: A valid one.
-        point: The operating point.
+        point: The operating point, of which the position is used, at rest.
         forward_delay: T_f in s, >= 0.
         return_delay: T_r in s, >= 0.
         frequencies: w in rad/s (K), > 0.
@@ -200,6 +203,13 @@ def AnalyzeTransparency(
     Raises:
         ValueError: As LinearizeTwoPort.
     """
+    point = OperatingPoint(
+        name=point.name,
+        layer=point.layer,
+        position=point.position,
+        velocity=0 * point.velocity,
+        estimates=point.estimates,
+    )
     w = np.asarray(frequencies, dtype=float).reshape(-1)
     model = LinearizeTwoPort(scenario, point)
     delayed = AdmittanceMatrix(
