@@ -570,9 +570,8 @@ class _Linearizer:
                 self._idle_passivity = True
             elif isinstance(system, WaveSlave) and system.drift_correction:
                 raise ValueError(
-                    f"{name}: drift_correction = {system.drift_correction:g} of "
-                    f"{system.get_name()!r}: must be 0 for a linear model, because it "
-                    "acts in one direction only"
+                    f"{name}: drift_correction = {system.drift_correction:g}: must be "
+                    "0 for a linear model, because it acts in one direction only"
                 )
             if size:
                 result.append(

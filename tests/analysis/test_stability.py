@@ -20,6 +20,13 @@ from teleop_drake.simulation import simulate
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 KINDS = ("direct_force", "adaptive_backstepping")
+OTHERS = (
+    "wave_variables",
+    "time_domain_passivity",
+    "proportional_damping",
+    "four_channel",
+    "smith_predictor",
+)
 
 # One layer that is everywhere, so that a run stays at its operating point.
 EVERYWHERE = {
@@ -237,6 +244,151 @@ def test_runs_in_the_second_window(delay, grows):
     assert frequency == pytest.approx(root.imag, rel=1e-2)
 
 
+def PredictorDeterminant(s, T, model_mass, k, d):
+    """The characteristic function of the slider behind a Smith predictor, by hand.
+
+    With tool P = 1/(m s + c + d + k/s), model Q = 1/(m' s + ...) and the device's H:
+    1 + H [P z + Q (1 - z)], z = e^(-s T).
+    """
+    H = (25 * s + 50) / (s**2 + 25 * s)
+    P = 1 / (0.5 * s + 0.1 + d + k / s)
+    Q = 1 / (model_mass * s + 0.1 + 0.5 + 0.01 / s)
+    z = np.exp(-s * T)
+    return 1 + H * (P * z + Q * (1 - z))
+
+
+@pytest.mark.parametrize("T", [0.05, 0.3, 1.3])
+@pytest.mark.parametrize(
+    ("layer", "k", "d"), [("tissue", 0.01, 0.5), ("free", 0, 0), ("bone", 150, 0)]
+)
+def test_roots_of_a_predictor_by_hand(layer, k, d, T):
+    """Its delay follows the channels, and every root that is found is one."""
+    point = Analyze(
+        "one_dof",
+        "smith_predictor",
+        **{
+            "controller.smith_predictor.mass": 0.7,
+            "forward_channel.delay": T / 2,
+            "return_channel.delay": T / 2,
+        },
+    )[layer]
+    roots = point.Roots(T, count=6)
+    assert len(roots) >= 4
+    for s in roots:
+        # A simple root: its Newton step is small.
+        h = 1e-6 * max(abs(s), 1e-3)
+        low, middle, high = (
+            PredictorDeterminant(s + x, T, 0.7, k, d) for x in (-h, 0, h)
+        )
+        step = middle / ((high - low) / (2 * h))
+        assert abs(step) < 1e-5 * max(abs(s), 0.1)
+
+
+def test_exact_predictor_has_the_roots_without_delay():
+    """As many as there are, at every delay, and no crossing."""
+    tissue = Analyze("one_dof", "smith_predictor")["tissue"]
+    assert tissue.margin is None
+    assert [x for x in tissue.crossings if x.frequency > 0] == []
+    assert tissue.stable_delays == [(0.0, tissue.max_delay)]
+    direct = Analyze("one_dof")["tissue"].Roots(0.0)
+    assert sum(direct.real > -5) == 2
+    for T in (0.2, 2.0):
+        found = tissue.Roots(T)
+        for s in direct[direct.real > -5]:
+            assert np.min(np.abs(found - s)) < 1e-6
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_runs_with_a_predictor_on_either_side_of_its_margin(share):
+    """In free space, of which its model of the tissue is wrong."""
+    overrides = {
+        "controller.kind": "smith_predictor",
+        "controller.smith_predictor.damping": 0.6,
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+    }
+
+    def Scenario(delay, duration):
+        return LoadScenario(
+            "one_dof",
+            overrides
+            | {
+                "duration": duration,
+                "forward_channel.delay": 0.3 * delay,
+                "return_channel.delay": 0.7 * delay,
+            },
+        )
+
+    point = OperatingPointAt(Scenario(0.2, 60.0), 0.01)
+    (stability,) = AnalyzeStability(Scenario(0.2, 60.0), points=[point]).points
+    delay = share * stability.margin.delay
+    # A run with a margin of its own: the predictor knows its delay.
+    (own,) = AnalyzeStability(Scenario(delay, 60.0), points=[point]).points
+    assert own.margin.delay == pytest.approx(stability.margin.delay, rel=1e-9)
+    rate, frequency = Growth(simulate(Scenario(delay, 60.0)), 30.0)
+    root = own.RightmostRoot(delay)
+    pair = next(s for s in own.Roots(delay) if s.imag > 0)
+    assert (rate > 0) == (share > 1) == (not own.is_stable)
+    assert rate == pytest.approx(pair.real, rel=5e-2)
+    assert frequency == pytest.approx(pair.imag, rel=1e-2)
+    assert (root.real > 0) == (share > 1)
+
+
+def test_a_second_delay_is_refused():
+    with pytest.raises(ValueError, match=r"0\.1 s inside of a station: must be the ro"):
+        Analyze(
+            "one_dof",
+            "smith_predictor",
+            **{"controller.smith_predictor.delay": 0.1},
+        )
+
+
+@pytest.mark.parametrize("share", [0.93, 1.07])
+def test_runs_with_held_samples_on_either_side_of_the_margin(share):
+    """The delay of a hold, half a period, is part of the delay that fails."""
+    overrides = {
+        "controller.kind": "direct_force",
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+        "duration": 30.0,
+    }
+    period = 0.05
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    margin = AnalyzeStability(scenario, points=[point]).points[0].margin.delay
+    channel = {
+        "kind": "sampled",
+        "delay": (share * margin - period) / 2,
+        "sample_period": period,
+    }
+    scenario = LoadScenario(
+        "one_dof",
+        overrides | {"forward_channel": channel, "return_channel": channel},
+    )
+    analysis = AnalyzeStability(scenario, points=[point])
+    (stability,) = analysis.points
+    assert stability.delay == pytest.approx(share * margin)
+    assert len(analysis.notes) == 2 and "on average half" in analysis.notes[0]
+    rate, frequency = Growth(simulate(scenario), 12.0)
+    root = stability.RightmostRoot(stability.delay)
+    assert (rate > 0) == (share > 1) == (not stability.is_stable)
+    assert rate == pytest.approx(root.real, rel=0.05)
+    assert frequency == pytest.approx(root.imag, rel=1e-2)
+
+
+def test_idle_passivity_is_said():
+    analysis = Analyze("two_dof_combined", "time_domain_passivity")
+    direct = Analyze("two_dof_combined")
+    for point, other in zip(analysis.points, direct.points, strict=True):
+        assert point.margin.delay == pytest.approx(other.margin.delay, rel=1e-7)
+        assert point.ToRecord()["idle_passivity"] is True
+        assert other.ToRecord()["idle_passivity"] is False
+    (note,) = analysis.notes
+    assert "passivity controllers are taken to inject nothing" in note
+    assert direct.notes == []
+    assert analysis.ToRecord()["notes"] == [note]
+
+
 def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
     """With the slave's clock set back by the difference of the forward delays the runs
     are the same, puncture, contact and the surgeon's switch included."""
@@ -382,9 +534,15 @@ def test_chart_refuses():
         (
             LoadScenario(
                 "one_dof",
-                {"forward_channel": {"kind": "sampled", "sample_period": 0.01}},
+                {
+                    "forward_channel": {
+                        "kind": "network",
+                        "sample_period": 0.01,
+                        "receiver": {"policy": "extrapolate"},
+                    }
+                },
             ),
-            "forward_channel.kind = 'sampled': must be transport",
+            "forward_channel.receiver.policy = 'extrapolate': must be newest",
         ),
         (LoadScenario("network_tracking_linear"), "must be a teleoperation"),
     ],

@@ -322,12 +322,8 @@ def test_roots_that_pass_two_neutral_ones():
 
 @pytest.mark.parametrize(("c", "direction"), [(0.1, -1), (-0.1, 1)])
 def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
-    """s (s + 1) + c (1 - e^(-s T)): two roots 0 of a Jordan block only at T = 0.
-
-    = s [s + 1 + c T - c s T^2/2 + ...] would leave at -1; with s^2 in the place of
-    s (s + 1) it is s [s + c T + ...], which leaves 0 to -c T.
-    """
-    # 1/s of 1 - e^(-s T): L = -c e/(s^2 + c), with e^(-s T) cut.
+    """s^2 + c (1 - e^(-s T)) = s [s + c T - ...]: a double root 0 at T = 0, of which
+    one stays and one goes to -c T."""
     loop = Scalar([-c], [1, 0, c])
     delays, counts = unstable_roots(loop, 0.5)
     passage = find_crossings(loop)[0]
