@@ -975,7 +975,8 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         _Align(lines),
     ]
     text += _Verdict(points, delay)
-    text.append(_AbsoluteStability(record["transparency"]))
+    if all(point["absolutely_stable"] is not None for point in record["transparency"]):
+        text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
 
 

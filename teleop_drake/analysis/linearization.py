@@ -158,6 +158,7 @@ class TwoPortModel:
         point: The operating point.
         master: The surgeon's hand and the master side.
         slave: The slave side and the robot.
+        idle_passivity: As in LoopModel.
         packet_sizes: As in LoopModel.
         inner_delays: As in LoopModel.
         error: Estimated relative error of the matrices.
@@ -166,6 +167,7 @@ class TwoPortModel:
     point: OperatingPoint
     master: StateSpace
     slave: StateSpace
+    idle_passivity: bool
     packet_sizes: tuple[int, int]
     inner_delays: tuple[float, ...]
     error: float
@@ -506,6 +508,7 @@ class _Linearizer:
             point=self._point,
             master=master,
             slave=slave,
+            idle_passivity=self._idle_passivity,
             packet_sizes=self._PacketSizes(),
             inner_delays=self._InnerDelays(),
             error=max(master_error, slave_error),

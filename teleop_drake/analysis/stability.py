@@ -379,14 +379,31 @@ def AnalyzeStability(
     notes = [note for note in (forward.note, back.note) if note]
     for model in models[:1]:
         notes += _Assumptions(model, delay)
+    config = scenario.controller
+    if (
+        config.kind == "proportional_damping"
+        and config.proportional_damping.stiffness is None
+    ) or (config.kind == "four_channel" and config.four_channel.bandwidth is None):
+        notes.append(
+            "Gains that derive from the delay keep the values that they have for "
+            f"{scenario.forward_channel.delay + scenario.return_channel.delay:g} s, "
+            "whatever the delay."
+        )
+    results = [
+        AnalyzeModel(model, delay=delay, max_delay=max_delay) for model in models
+    ]
+    if not all(is_delay_robust(point.loop) for point in results):
+        notes.append(
+            "What goes round without any dynamics is not weakened on its way: with "
+            "every delay infinitely many roots lie right of the axis or come close to "
+            "it, however fast, and nothing counts as stable."
+        )
     return StabilityAnalysis(
         scenario=scenario,
         forward_delay=forward.delay,
         return_delay=back.delay,
         max_delay=max_delay,
-        points=[
-            AnalyzeModel(model, delay=delay, max_delay=max_delay) for model in models
-        ],
+        points=results,
         notes=notes,
     )
 

@@ -157,6 +157,8 @@ class Transparency:
         llewellyn: Llewellyn's parameter of each axis with the scenario's delays, no
             force on the others (K, n): absolute stability takes 1 or more at every
             frequency.
+        idle_passivity: Whether it is that of passivity controllers that inject nothing,
+            which says nothing of the architecture's passivity.
     """
 
     point: OperatingPoint
@@ -165,6 +167,7 @@ class Transparency:
     undelayed: ComplexArray
     environment: ComplexArray
     llewellyn: Array
+    idle_passivity: bool
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns where each axis is farthest from absolute stability, plain."""
@@ -172,12 +175,18 @@ class Transparency:
         eta = self.llewellyn.min(axis=0)
         return {
             "name": self.point.name,
-            # JSON knows no infinity: null where a port gives energy by itself.
+            # JSON knows no infinity. Null: a port gives energy by itself.
             "least_llewellyn": [x if np.isfinite(x) else None for x in eta.tolist()],
             "at_frequency": self.frequencies[least].tolist(),
-            "absolutely_stable": bool(eta.min() >= 1 - 1e-6),
+            # Passivity controllers are there for where this parameter is not.
+            "absolutely_stable": (
+                None if self.idle_passivity else bool(eta.min() >= 1 - _ROUNDING)
+            ),
         }
 
+
+# How much less than 1 Llewellyn's parameter may be by rounding.
+_ROUNDING = 1e-6
 
 FREQUENCIES = np.geomspace(0.01, 100.0, 600)
 """Where transparency is looked at unless said otherwise, in rad/s."""
@@ -226,4 +235,5 @@ def AnalyzeTransparency(
         llewellyn=np.stack(
             [llewellyn(AxisTwoPort(delayed, axis)) for axis in range(n)], axis=1
         ),
+        idle_passivity=model.idle_passivity,
     )

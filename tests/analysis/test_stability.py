@@ -334,6 +334,61 @@ def test_runs_with_a_predictor_on_either_side_of_its_margin(share):
     assert (root.real > 0) == (share > 1)
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+@pytest.mark.parametrize(
+    ("kind", "overrides"),
+    [
+        ("proportional_damping", {"stiffness": 10.0}),
+        ("four_channel", {"variant": "position_position", "bandwidth": 5.0}),
+    ],
+)
+def test_runs_of_other_architectures_on_either_side(kind, overrides, share):
+    """In free space, with gains that do not derive from the delay."""
+    overrides = {f"controller.{kind}.{key}": x for key, x in overrides.items()} | {
+        "controller.kind": kind,
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+        "duration": 40.0,
+    }
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    analysis = AnalyzeStability(scenario, points=[point])
+    assert analysis.notes == []
+    (stability,) = analysis.points
+    delay = share * stability.margin.delay
+    channels = {
+        "forward_channel.delay": 0.3 * delay,
+        "return_channel.delay": 0.7 * delay,
+    }
+    recording = simulate(LoadScenario("one_dof", overrides | channels))
+    rate, frequency = Growth(recording, 25.0)
+    pair = next(s for s in stability.Roots(delay) if s.imag > 0)
+    assert (rate > 0) == (share > 1)
+    assert rate == pytest.approx(pair.real, rel=5e-2)
+    assert frequency == pytest.approx(pair.imag, rel=1e-2)
+
+
+def test_gains_that_derive_from_the_delay_are_held():
+    for kind in ("proportional_damping", "four_channel"):
+        (note,) = Analyze("one_dof", kind).notes
+        assert note.startswith("Gains that derive from the delay keep the values")
+        assert "for 0.2 s" in note
+
+
+def test_bare_wave_line_is_not_robust():
+    """Without a damper the wave is reflected whole at both ends."""
+    analysis = Analyze(
+        "one_dof",
+        "wave_variables",
+        **{"controller.wave_variables.master_damping": 0.0},
+    )
+    (note,) = analysis.notes
+    assert note.startswith("What goes round without any dynamics is not weakened")
+    for point in analysis.points:
+        assert not is_delay_robust(point.loop)
+        assert point.stable_delays == [] and point.margin is None
+
+
 def test_a_second_delay_is_refused():
     with pytest.raises(ValueError, match=r"0\.1 s inside of a station: must be the ro"):
         Analyze(

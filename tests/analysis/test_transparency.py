@@ -141,6 +141,33 @@ def test_absolute_stability(name, kind, is_stable):
         assert result.llewellyn.shape == (len(W), result.environment.shape[1])
 
 
+@pytest.mark.parametrize(("share", "is_stable"), [(0.99, True), (1.01, False)])
+def test_proportional_damping_is_passive_as_published(share, is_stable):
+    """4 B_m B_s > (T_f + T_r)^2 K^2, with the robot's own damping, c, beside B_s.
+
+    E. Nuno, L. Basanez and R. Ortega, Automatica 47 (2011). It is sharp here.
+    """
+    B_m, B_s, c, T = 0.92, 0.7, 0.1, 0.2
+    K = share * np.sqrt(4 * B_m * (B_s + c)) / T
+    scenario = LoadScenario(
+        "one_dof",
+        {
+            "controller.kind": "proportional_damping",
+            "controller.proportional_damping.stiffness": float(K),
+            "controller.proportional_damping.master_damping": B_m,
+            "controller.proportional_damping.slave_damping": B_s,
+        },
+    )
+    result = AnalyzeTransparency(
+        scenario,
+        OperatingPoints(scenario)[1],
+        forward_delay=0.05,
+        return_delay=0.15,
+        frequencies=np.geomspace(0.01, 10, 300),
+    )
+    assert result.ToRecord()["absolutely_stable"] is is_stable
+
+
 def test_wave_variables_on_the_arm_are_passive():
     """All axes together: the scattering matrix of every axis, and y + y^H >= 0."""
     scenario, result = Analyze("two_dof_combined", "wave_variables", 2)
@@ -160,6 +187,12 @@ def test_the_arm_is_felt_by_direct_force():
     model = LinearizeTwoPort(scenario, result.point)
     inertia = -np.linalg.inv(model.slave.B[2:4, :2])
     np.testing.assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)
+
+
+def test_idle_passivity_controllers_are_not_judged():
+    _, result = Analyze("one_dof", "time_domain_passivity")
+    assert result.idle_passivity
+    assert result.ToRecord()["absolutely_stable"] is None
 
 
 def test_no_layer():
