@@ -66,6 +66,9 @@ Array = NDArray[np.float64]
 # The longest step of a difference, as a share of the way to the nearest border.
 _STEP_SHARE = 1 / 50
 
+# What is closer than this to a border, in m, is at it.
+_LEAST_DISTANCE = 1e-9
+
 # Steps of forces and of states without a scale, in their SI units.
 _STEP = 0.1
 
@@ -786,7 +789,7 @@ class _Linearizer:
         x = self._point.position[0]
         starts = [layer.start for layer in self._scenario.environment.layers]
         distance = min((abs(x - start) for start in starts), default=math.inf)
-        if distance == 0:
+        if distance < _LEAST_DISTANCE:
             raise ValueError(
                 f"position = {x:g}: must not be the border of a layer, where the "
                 "environment has no linear model"

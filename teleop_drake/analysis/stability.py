@@ -61,6 +61,9 @@ MAX_DELAY = 2.0
 POSITION = "position"
 """Key of StabilityChart that stands for the tool's position along x."""
 
+# How far behind a border StabilityChart goes where a value is at one, in m.
+_BEHIND = 1e-6
+
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
 
@@ -467,7 +470,8 @@ def ChartStability(
         name_or_path: As for LoadScenario.
         key: A dotted path to a number, for example environment.layers.bone.stiffness;
             or POSITION, the tool's position along x in m, all along its path, instead
-            of one operating point in each layer.
+            of one operating point in each layer. At the border of a layer, where there
+            is no linear model, it is that of the layer which begins there.
         values: Values of the key, at least one.
         overrides: As for LoadScenario; the key comes after them.
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
@@ -487,7 +491,7 @@ def ChartStability(
         if key == POSITION:
             scenario = LoadScenario(name_or_path, overrides)
             chosen = (
-                [OperatingPointAt(scenario, value)]
+                [OperatingPointAt(scenario, _OffBorder(scenario, value))]
                 if isinstance(scenario, Scenario)
                 else []
             )
@@ -571,6 +575,13 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
             "there is no linear model, and the margins say nothing."
         )
     return notes
+
+
+def _OffBorder(scenario: Scenario, x: float) -> float:
+    """Returns a position, or one just behind the border that is there."""
+    starts = [layer.start for layer in scenario.environment.layers]
+    near = [start for start in starts if abs(x - start) < _BEHIND]
+    return near[0] + _BEHIND if near else x
 
 
 def _Nonzero(matrix: Array, axis: int) -> NDArray[np.int_]:

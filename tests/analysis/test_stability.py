@@ -574,9 +574,41 @@ def test_chart_along_the_path():
     assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
 
 
+def test_chart_across_the_borders():
+    """1.0 and 1.1 are where free space and bone begin."""
+    chart = ChartStability(
+        "two_dof_combined",
+        POSITION,
+        np.linspace(0.9, 1.12, 12),
+        overrides={"controller.kind": "direct_force"},
+    )
+    names = [analysis.points[0].model.point.name for analysis in chart.analyses]
+    assert names == ["tissue"] * 5 + ["free"] * 5 + ["bone"] * 2
+    assert chart.values[5] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("controller.G1", [1.0, 4.0]),
+        ("robot.start.0", [0.85, 0.95]),
+        ("surgeon.velocity.0", [0.05, 0.1]),
+        ("environment.layers.tissue.damping", [0.2, 0.5]),
+        ("haptic_device.numerator.0", [10.0, 25.0]),
+    ],
+)
+def test_any_number_can_vary(key, values):
+    chart = ChartStability("two_dof_combined", key, values)
+    assert chart.values.tolist() == values
+    low, high = (intervals[0][1] for intervals in chart.StableDelays("tissue"))
+    assert abs(high / low - 1) > 1e-3
+
+
 def test_chart_refuses():
     with pytest.raises(ScenarioError, match=r"robot\.mass"):
         ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
+    with pytest.raises(ScenarioError, match=r"robot\.model = 1.0: must be text"):
+        ChartStability("one_dof", "robot.model", [1.0, 2.0])
     with pytest.raises(ValueError, match=r"robot\.mass: no value"):
         ChartStability("one_dof", "robot.mass", [])
     with pytest.raises(ValueError, match="on the tool's path"):
