@@ -117,6 +117,17 @@ def test_collocation_agrees_at_every_border(name, kind):
             assert point.RightmostRoot(1.02 * margin).real > 0
 
 
+@pytest.mark.parametrize("kind", OTHERS)
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+def test_collocation_and_counting_agree_for_all_architectures(name, kind):
+    for point in Analyze(name, kind).points:
+        for T in (0.05, 0.2, 0.45):
+            root = point.RightmostRoot(T)
+            # It is None where the two do not agree.
+            assert root is not None
+            assert (root.real < 0) == point.IsStableWith(T)
+
+
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
 def test_only_integrators_are_hidden(name):
     """All roots of the uncut, unreduced loop are those of L and the integrators."""
