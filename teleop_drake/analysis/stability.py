@@ -9,7 +9,8 @@ the same delay for all entries of a packet. So with slave S(s) and master M(s)
 and unequal delays with the same sum give the same roots. (It holds beyond the linear
 model: with the slave's clock set back by T_f, the forward channel has no delay and the
 return channel all of it.) Only entries of the packets that the other side listens to
-are kept, on that side of the cut where they are fewer: for one axis L is scalar.
+are kept, on that side of the cut where they are fewer, and those that always act
+together are one: for one axis L is scalar.
 
 A Smith predictor has a delay of its own, which is to be the round trip: it is cut as
 well and taken to be T whatever T is. A loop with a second delay, different from T, is
@@ -297,7 +298,7 @@ def CutLoop(model: LoopModel) -> StateSpace:
     size = len(second.D11)
     ports = np.concatenate([ports, np.arange(size, size + p + q)])
     loop = StateSpace(A=A, B=B[:, ports], C=-C[ports], D=-D[np.ix_(ports, ports)])
-    return _MergeInputs(loop) if p + q else loop
+    return _MergeInputs(loop)
 
 
 def AnalyzeModel(
@@ -542,12 +543,15 @@ def _Split(side: StateSpace, num_inputs: int, num_outputs: int) -> _Side:
 def _MergeInputs(loop: StateSpace) -> StateSpace:
     """Returns a loop with the same det(I + L z), with the fewest signals.
 
-    Inputs that always act together, as v_ret and -v_model(t - T) do, are one:
+    Inputs that always act together, as v_ret and -v_model(t - T) of a predictor do, or
+    position, velocity and force on the handle of four channels, are one:
     det(I + P V^T z) = det(I + V^T P z).
     """
     stacked = np.vstack([loop.B, loop.D])
     _, sigma, Vt = np.linalg.svd(stacked, full_matrices=False)
     V = Vt[sigma > _NEGLIGIBLE * sigma.max(initial=1e-300)].T
+    if V.shape[0] == V.shape[1]:
+        return loop
     return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
 
 
