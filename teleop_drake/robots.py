@@ -296,7 +296,9 @@ def MakeRobot(
     tool = builder.AddNamedSystem(
         "tool_interface", ToolInterface(plant=plant, num_task_axes=n)
     )
-    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n]))
+    motion = builder.AddNamedSystem(
+        "tool_motion", Demultiplexer([n, n, n * plant.num_velocities()])
+    )
     joints = builder.AddNamedSystem(
         "joint_state", Demultiplexer([plant.num_positions(), plant.num_velocities()])
     )
@@ -316,7 +318,7 @@ def MakeRobot(
     )
     for name in ("control_force", "environment_force"):
         builder.ExportInput(tool.GetInputPort(name), name)
-    builder.Connect(tool.GetOutputPort("tool_motion"), motion.get_input_port())
+    builder.Connect(tool.GetOutputPort("tool_kinematics"), motion.get_input_port())
     builder.ExportOutput(motion.get_output_port(0), "tool_position")
     builder.ExportOutput(motion.get_output_port(1), "tool_velocity")
     builder.ExportOutput(tool.GetOutputPort("tool_acceleration"), "tool_acceleration")

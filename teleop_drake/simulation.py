@@ -3,6 +3,7 @@
 import math
 import time as clock
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -112,14 +113,12 @@ class _Run:
         self._limit_name = limit_name
         self._progress = progress
         self._last_report = clock.monotonic()
-        self._now: dict[str, np.ndarray] = {}
 
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends AdvanceTo() if there is more to do."""
-        before, now = self._now, self.recorder.Sample()
-        self._now = now
+        now = self.recorder.Sample()
         time = root_context.get_time()
-        speed = float(np.linalg.norm(now["tool_velocity"]))
+        speed = math.hypot(*now["tool_velocity"])
         if not speed <= self.speed_limit:
             self.failure = (
                 f"the tool's speed, {speed:.4g} m/s, exceeds {self._limit_name}"
@@ -133,14 +132,16 @@ class _Run:
         ):
             self._last_report = clock.monotonic()
             self._progress(time)
-        if self._MustStop(before, now):
+        if self._MustStop(now):
             return EventStatus.ReachedTermination(self._diagram, "stop")
         return EventStatus.DidNothing()
 
-    def _MustStop(
-        self, before: dict[str, np.ndarray], now: dict[str, np.ndarray]
-    ) -> bool:
-        """Returns whether AdvanceTo() has to end with this step."""
+    def _MustStop(self, now: dict[str, np.ndarray]) -> bool:
+        """Returns whether AdvanceTo() has to end with this step.
+
+        Args:
+            now: The sample taken at its end.
+        """
         return False
 
     def AtJump(self) -> bool:
@@ -150,6 +151,15 @@ class _Run:
     def NextStop(self) -> float:
         """Returns where the simulator should stop next, in s."""
         return self._duration
+
+
+class _Motion(NamedTuple):
+    """Something that moves along x."""
+
+    position: float
+    velocity: float
+    acceleration: float
+    borders: list[float]
 
 
 class _TeleoperatorRun(_Run):
@@ -193,18 +203,18 @@ class _TeleoperatorRun(_Run):
         self._surfaces = [] if surface is None else [surface]
         self._integrator = simulator.get_mutable_integrator()
         self._longest_step = self._integrator.get_maximum_step_size()
+        self._motions: list[_Motion] = []
         self._last_jump = 0.0
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
 
-    def _MustStop(
-        self, before: dict[str, np.ndarray], now: dict[str, np.ndarray]
-    ) -> bool:
-        if before and any(
-            (before[signal][0] < border) != (now[signal][0] < border)
-            for signal, _, _, borders in self._Motions()
-            for border in borders
+    def _MustStop(self, now: dict[str, np.ndarray]) -> bool:
+        before, self._motions = self._motions, self._FindMotions(now)
+        if any(
+            (last.position < border) != (motion.position < border)
+            for last, motion in zip(before, self._motions, strict=False)
+            for border in motion.borders
         ):
             self._crossing_time = self._context.get_time()
         if self._has_delay_lines:
@@ -252,29 +262,29 @@ class _TeleoperatorRun(_Run):
             default=math.inf,
         )
 
-    def _Motions(self) -> list[tuple[str, float, float, list[float]]]:
-        """Returns what moves (signal, velocity, acceleration) towards which borders.
+    def _FindMotions(self, now: dict[str, np.ndarray]) -> list[_Motion]:
+        """Returns what moves towards which borders.
 
-        Only the steps towards a border depend on the acceleration, so it may be off.
+        Only the steps towards a border depend on velocity and acceleration, so they
+        may be off.
         """
-        felt = "felt_position"
-        if felt in self._now:
-            felt_velocity = self._now["felt_velocity"][0]
+        if "felt_position" in now:
+            felt, felt_velocity = now["felt_position"], now["felt_velocity"]
         else:  # The thesis's packet, [p_WT; v_WT].
-            felt = "return_packet_received"
-            felt_velocity = self._now[felt][len(self._now[felt]) // 2]
-        a = self._now.get("tool_acceleration", [0.0])[0]
-        awaits_contact = self._now["surgeon_mode"][0] == 0
+            packet = now["return_packet_received"]
+            felt, felt_velocity = packet, packet[len(packet) // 2 :]
+        acceleration = now.get("tool_acceleration")
+        awaits_contact = now["surgeon_mode"].item(0) == 0
         return [
-            (
-                "tool_position",
-                float(self._now["tool_velocity"][0]),
-                float(a),
+            _Motion(
+                now["tool_position"].item(0),
+                now["tool_velocity"].item(0),
+                0.0 if acceleration is None else acceleration.item(0),
                 self._force_borders,
             ),
-            (
-                felt,
-                float(felt_velocity),
+            _Motion(
+                felt.item(0),
+                felt_velocity.item(0),
                 0.0,
                 self._surfaces if awaits_contact else [],
             ),
@@ -288,9 +298,11 @@ class _TeleoperatorRun(_Run):
         """
         horizon = 1.5 * self._longest_step
         shortest = math.inf
-        for signal, v, a, borders in self._Motions():
-            x = float(self._now[signal][0])
+        for x, v, a, borders in self._motions:
+            reach = (abs(v) + abs(a) * horizon / 2) * horizon
             for border in borders:
+                if abs(border - x) > reach:
+                    continue
                 time = _TimeToCross(border - x, v, a)
                 if time >= horizon:
                     continue
@@ -459,8 +471,8 @@ def _EndAtSpeed(
     if len(times) < 2 or not np.linalg.norm(velocity[-1]) > limit:
         return
     end = find_crossing(
-        times.tolist(),
-        velocity.tolist(),
+        times,
+        velocity,
         len(times) - 2,
         lambda v: float(np.linalg.norm(v)) >= limit,
     )
@@ -476,7 +488,6 @@ def _FindEvents(
     """Finds the instants at which the tool or the surgeon crosses a border."""
     events = []
     x = signals["tool_position"][:, 0]
-    time_list, x_list = times.tolist(), x[:, np.newaxis].tolist()
     for position, names in (
         (scenario.puncture_position, ("puncture", "heal")),
         (scenario.contact_surface, ("contact", "release")),
@@ -491,7 +502,7 @@ def _FindEvents(
             ) -> bool:
                 return bool(p[0] >= border) == forward
 
-            time = find_crossing(time_list, x_list, int(i), is_beyond)
+            time = find_crossing(times, x[:, np.newaxis], int(i), is_beyond)
             events.append(Event(name=names[0 if is_forward else 1], time=time))
     mode = signals["surgeon_mode"][:, 0]
     for i in np.flatnonzero(np.diff(mode)):

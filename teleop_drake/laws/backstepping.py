@@ -245,12 +245,7 @@ def auxiliary_error(
 
 
 def control_force_error(
-    gains: BacksteppingGains,
-    state: BacksteppingState,
-    *,
-    Phi: Array,
-    s: Array,
-    F_e: Array,
+    gains: BacksteppingGains, state: BacksteppingState, Phi: Array, s: Array, F_e: Array
 ) -> Array:
     """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22).
 
@@ -368,26 +363,17 @@ def backstepping_rate(
 
 
 def backstepping_rate_vector(
-    gains: BacksteppingGains,
-    x: Array,
-    Phi: Array,
-    Phi_dot: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
+    gains: BacksteppingGains, x: Array, Phi: Array, Phi_dot: Array, signals: Array
 ) -> Array:
     """Returns backstepping_rate() of and as a vector made by pack_state().
 
     Args:
         gains: The constants of the law, also as BacksteppingGains.AsTuple().
         x: The state of the law.
-        Phi: As there, and so are the following.
-        Phi_dot: In 1/s (N).
-        v: In m/s (n).
-        v_dd: In m/s (n).
-        F_e: In N (n).
-        F_hd: In N (n).
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their time rate in 1/s (N).
+        signals: v, v_dd, F_e and F_hd, one in each row (4, n).
     """
+    v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
     state = unpack_state(x, v.size)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))

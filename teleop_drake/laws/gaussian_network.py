@@ -171,8 +171,7 @@ class GaussianNetwork:
         Returns:
             Phi (N), each in (0, 1].
         """
-        offset = (u - self._centres) / self._widths
-        return np.exp(-(offset * offset).sum(axis=1))
+        return self.evaluate_with_rate(u, np.zeros(self.num_inputs))[0]
 
     def evaluate_with_rate(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
         """Returns Phi(u) and dPhi/dt = dPhi/du u_dot, exactly.

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Table = Array | Sequence[Sequence[float]]
 
 
-def stencil_window(times: Sequence[float], i: int) -> tuple[list[int], int]:
+def stencil_window(times: Array, i: int) -> tuple[NDArray[np.int64], int]:
     """Selects the samples from which the polynomial of interval i may be built.
 
     They lie between the jumps on either side, and not closer together than a quarter
@@ -40,27 +40,28 @@ def stencil_window(times: Sequence[float], i: int) -> tuple[list[int], int]:
         The ascending indices of the samples, and the place of i among them.
     """
     spacing = (times[i + 1] - times[i]) / 4
-    left: list[int] = []
+    reach = NUM_STENCIL_POINTS - 2
+    indices = np.empty(2 * reach + 2, np.int64)
+    first = reach
     nearest = times[i]
     j = i - 1
-    while j >= 0 and len(left) < NUM_STENCIL_POINTS - 2 and times[j] < times[j + 1]:
+    while j >= 0 and first > 0 and times[j] < times[j + 1]:
         if nearest - times[j] >= spacing:
-            left.append(j)
+            first -= 1
+            indices[first] = j
             nearest = times[j]
         j -= 1
-    right: list[int] = []
+    indices[reach], indices[reach + 1] = i, i + 1
+    end = reach + 2
     nearest = times[i + 1]
     j = i + 2
-    while (
-        j < len(times)
-        and len(right) < NUM_STENCIL_POINTS - 2
-        and times[j - 1] < times[j]
-    ):
+    while j < len(times) and end < len(indices) and times[j - 1] < times[j]:
         if times[j] - nearest >= spacing:
-            right.append(j)
+            indices[end] = j
+            end += 1
             nearest = times[j]
         j += 1
-    return [*reversed(left), i, i + 1, *right], len(left)
+    return indices[first:end], reach - first
 
 
 def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array]:
@@ -69,13 +70,15 @@ def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array
     They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
 
     Args:
-        times: (N,) sample times, all different (a smooth window, see stencil_window).
+        times: (N,) non-decreasing sample times; two equal ones mark a jump.
         values: (N, k) samples.
-        i: Index of the interval.
+        i: Index of the interval, of length > 0.
 
     Returns:
-        Nodes n and coefficients c, (m, k) each, m = min(N, NUM_STENCIL_POINTS).
+        Nodes n and coefficients c, (m, k) each, m <= NUM_STENCIL_POINTS.
     """
+    window, i = stencil_window(times, i)
+    times, values = times[window], values[window]
     N, k = values.shape
     nodes = np.empty((min(N, NUM_STENCIL_POINTS), k))
     coefficients = np.empty_like(nodes)
@@ -121,18 +124,13 @@ class IntervalPolynomial:
     """The ENO polynomial of a vector signal on [times[i], times[i + 1]].
 
     Args:
-        times: Non-decreasing sample times.
-        values: One sample (k) for each time.
-        i: Index of the interval, of length > 0.
+        times: As for newton_polynomial().
+        values: Likewise.
+        i: Likewise.
     """
 
-    def __init__(self, times: Sequence[float], values: Table, i: int):
-        indices, place = stencil_window(times, i)
-        nodes, coefficients = compiled(newton_polynomial)(
-            np.array([times[j] for j in indices]),
-            np.array([values[j] for j in indices]),
-            place,
-        )
+    def __init__(self, times: Array, values: Array, i: int):
+        nodes, coefficients = compiled(newton_polynomial)(times, values, i)
         self._evaluate = compiled(evaluate_newton)
         self._nodes: Table = nodes
         self._coefficients: Table = coefficients
@@ -150,20 +148,17 @@ class IntervalPolynomial:
 
 
 def find_crossing(
-    times: Sequence[float],
-    values: Table,
-    i: int,
-    is_beyond: Callable[[Array], bool],
+    times: Array, values: Array, i: int, is_beyond: Callable[[Array], bool]
 ) -> float:
     """Returns when a vector signal crosses a border, by bisection.
 
     Args:
-        times: Non-decreasing sample times.
-        values: One sample (k) for each time.
+        times: (N,) non-decreasing sample times; two equal ones mark a jump.
+        values: (N, k) samples.
         i: Index of the interval with the crossing.
         is_beyond: Whether a value is on the side of sample i + 1.
     """
-    begin, end = times[i], times[i + 1]
+    begin, end = float(times[i]), float(times[i + 1])
     if begin == end:
         return end
     polynomial = IntervalPolynomial(times, values, i)
@@ -192,14 +187,14 @@ def interpolate(
     query_times = np.clip(query_times, times[0], times[-1])
     result = np.empty((len(query_times), values.shape[1]))
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
-    time_list, query_list = times.tolist(), query_times.tolist()
+    query_list = query_times.tolist()
     bounds = np.flatnonzero(np.diff(interval, prepend=-1, append=-1))
     for begin, end in pairwise(bounds):
         i = int(interval[begin])
-        if time_list[i] == time_list[i + 1]:
+        if times[i] == times[i + 1]:
             result[begin:end] = values[i]
             continue
-        polynomial = IntervalPolynomial(time_list, values, i)
+        polynomial = IntervalPolynomial(times, values, i)
         for row in range(begin, end):
             result[row] = polynomial.Eval(query_list[row])
     return result

@@ -2,11 +2,11 @@
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_drake.laws.interpolation import IntervalPolynomial
 
@@ -14,7 +14,7 @@ from teleop_drake.laws.interpolation import IntervalPolynomial
 _NUM_KEPT = 32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SampleHistory:
     """The samples of a vector signal that are under way, in ascending order.
 
@@ -24,24 +24,24 @@ class SampleHistory:
     Attributes:
         times: When the samples were taken or will arrive, s; two equal ones mark a
             jump.
-        values: The samples.
+        values: The samples (one row each).
+        jumps: When those jumps of the signal that are known will be delivered, s.
         now: Up to where in `times` the signal has been delivered, s.
         polynomials: What Eval() has worked out so far: a function of the samples,
             not a state.
     """
 
     times: tuple[float, ...] = ()
-    values: tuple[tuple[float, ...], ...] = ()
+    values: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 1)))
+    jumps: tuple[float, ...] = ()
     now: float = -math.inf
-    polynomials: dict[int, IntervalPolynomial] = field(
-        default_factory=dict, compare=False
-    )
+    polynomials: dict[int, IntervalPolynomial] = field(default_factory=dict)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
 
     def Append(
-        self, time: float, value: tuple[float, ...], *, now: float, spacing: float
+        self, time: float, value: NDArray[np.float64], *, now: float, spacing: float
     ) -> "SampleHistory":
         """Returns the history with one more sample.
 
@@ -49,7 +49,7 @@ class SampleHistory:
 
         Args:
             time: Time of the sample in s, not less than the last.
-            value: The sample.
+            value: The sample (k).
             now: Up to where the signal has been delivered, s.
             spacing: Samples closer together than this, in s, are redundant.
         """
@@ -64,12 +64,18 @@ class SampleHistory:
         # The samples just before the oldest one in use serve its stencil.
         while first + _NUM_KEPT < keep and self.times[first + _NUM_KEPT] < now:
             first += 1
-        return SampleHistory(
-            (*self.times[first:keep], time), (*self.values[first:keep], value), now
-        )
+        values = np.empty((keep - first + 1, len(value)))
+        values[:-1] = self.values[first:keep]
+        values[-1] = value
+        jumps = self.jumps
+        if keep == 0 or self.times[-1] == time:
+            jumps = (*jumps, time)
+        if jumps and jumps[0] <= now:
+            jumps = tuple(jump for jump in jumps if jump > now)
+        return SampleHistory((*self.times[first:keep], time), values, jumps, now)
 
-    def Eval(self, time: float) -> Sequence[float] | np.ndarray:
-        """Returns the signal at a time between (or just behind) the samples.
+    def Eval(self, time: float) -> NDArray[np.float64]:
+        """Returns the signal (k) at a time between (or just behind) the samples.
 
         Args:
             time: In s.
@@ -81,6 +87,6 @@ class SampleHistory:
             return self.values[i + 1]  # Just behind a jump.
         polynomial = self.polynomials.get(i)
         if polynomial is None:
-            polynomial = IntervalPolynomial(self.times, self.values, i)
+            polynomial = IntervalPolynomial(np.array(self.times), self.values, i)
             self.polynomials[i] = polynomial
         return polynomial.Eval(time)

@@ -1,7 +1,5 @@
 """Neural-adaptive backstepping, the control law of chapters 4 and 5."""
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -10,11 +8,10 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
 )
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
-    BacksteppingState,
     auxiliary_error,
     backstepping_rate_vector,
     control_force_error,
@@ -81,15 +78,19 @@ class AdaptiveBackstepping(Diagram):
                 f"{network.num_inputs} inputs"
             )
         builder = DiagramBuilder()
+        # Primitives join and split the signals: they do without Python.
+        join = builder.AddNamedSystem("join_signals", Multiplexer([n] * len(_SIGNALS)))
         law = builder.AddNamedSystem("law", _Law(gains, network))
-        # The parts of the state come out without Python.
         split = builder.AddNamedSystem(
             "split_state", Demultiplexer([n, n * N, n * n, n * N])
         )
+        builder.Connect(join.get_output_port(), law.GetInputPort("signals"))
         builder.Connect(law.GetOutputPort("state"), split.get_input_port())
-        for i in range(law.num_input_ports()):
-            port = law.get_input_port(i)
-            builder.ExportInput(port, port.get_name())
+        for name in ("haptic_force", "velocity_command"):
+            builder.ExportInput(join.get_input_port(_SIGNALS.index(name)), name)
+        builder.ExportInput(law.GetInputPort("tool_position"), "tool_position")
+        for name in ("tool_velocity", "environment_force"):
+            builder.ExportInput(join.get_input_port(_SIGNALS.index(name)), name)
         for name, i in (
             ("control_force", 0),
             ("psi", 2),
@@ -103,86 +104,66 @@ class AdaptiveBackstepping(Diagram):
         self.set_name("adaptive_backstepping")
 
 
+# v, v_dd, F_e and F_hd, in the order of the law's arguments.
+_SIGNALS = ("tool_velocity", "velocity_command", "environment_force", "haptic_force")
+
+
 class _Law(LeafSystem):
-    """The law: the state and its time derivatives, s and z."""
+    """The law: the state and its time derivatives, s and z.
+
+    Inputs: tool_position (n), and signals, those of _SIGNALS one after the other.
+    """
 
     def __init__(self, gains: BacksteppingGains, network: GaussianNetwork):
         LeafSystem.__init__(self)
         n, N = gains.num_axes, network.num_functions
-        self._gains = gains
-        self._gains_tuple = gains.AsTuple()
-        self._rate = compiled(backstepping_rate_vector)
+        self._shape = (len(_SIGNALS), n)
+        self._gains = gains.AsTuple()
         self._network = network
+        self._rate = compiled(backstepping_rate_vector)
+        self._auxiliary_error = compiled(auxiliary_error)
+        self._control_force_error = compiled(control_force_error)
 
-        self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
-        self._velocity_command = self.DeclareVectorInputPort("velocity_command", n)
         self._tool_position = self.DeclareVectorInputPort("tool_position", n)
-        self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
-        self._environment_force = self.DeclareVectorInputPort("environment_force", n)
+        self._signals = self.DeclareVectorInputPort("signals", n * len(_SIGNALS))
         state = self.DeclareContinuousState(
             BasicVector(pack_state(initial_state(gains, N)))
         )
         self.DeclareStateOutputPort("state", state)
-        error_inputs = {
-            self._haptic_force.ticket(),
-            self._velocity_command.ticket(),
-            self._tool_velocity.ticket(),
-            self._environment_force.ticket(),
-        }
-        self.DeclareVectorOutputPort(
-            "auxiliary_error", n, self._CalcAuxiliaryError, error_inputs
+        self._s = self.DeclareVectorOutputPort(
+            "auxiliary_error", n, self._CalcAuxiliaryError, {self._signals.ticket()}
         )
         self.DeclareVectorOutputPort(
             "control_force_error",
             n,
             self._CalcControlForceError,
-            error_inputs | {self.xc_ticket(), self._tool_position.ticket()},
+            {self._signals.ticket(), self.xc_ticket(), self._tool_position.ticket()},
         )
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Evaluates the law; called by Drake several times in every step."""
-        v = self._tool_velocity.Eval(context)
+        signals = self._signals.Eval(context).reshape(self._shape)
         Phi, Phi_dot = self._network.evaluate_with_rate(
-            self._tool_position.Eval(context), v
+            self._tool_position.Eval(context), signals[0]
         )
-        derivatives.SetFromVector(
-            self._rate(
-                self._gains_tuple,
-                context.get_continuous_state_vector().CopyToVector(),
-                Phi,
-                Phi_dot,
-                v,
-                self._velocity_command.Eval(context),
-                self._environment_force.Eval(context),
-                self._haptic_force.Eval(context),
-            )
-        )
-
-    def _GetState(self, context: Context) -> BacksteppingState:
         x = context.get_continuous_state_vector().CopyToVector()
-        return unpack_state(x, self._gains.num_axes)
-
-    def _EvalAuxiliaryError(self, context: Context) -> NDArray[np.float64]:
-        return auxiliary_error(
-            self._gains,
-            v=self._tool_velocity.Eval(context),
-            v_dd=self._velocity_command.Eval(context),
-            F_e=self._environment_force.Eval(context),
-            F_hd=self._haptic_force.Eval(context),
-        )
+        derivatives.SetFromVector(self._rate(self._gains, x, Phi, Phi_dot, signals))
 
     def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalAuxiliaryError(context))
+        signals = self._signals.Eval(context).reshape(self._shape)
+        output.SetFromVector(self._auxiliary_error(self._gains, *signals))
 
     def _CalcControlForceError(self, context: Context, output: BasicVector) -> None:
+        _, _, F_e, _ = self._signals.Eval(context).reshape(self._shape)
+        x = context.get_continuous_state_vector().CopyToVector()
         output.SetFromVector(
-            control_force_error(
+            self._control_force_error(
                 self._gains,
-                self._GetState(context),
-                Phi=self._network.evaluate(self._tool_position.Eval(context)),
-                s=self._EvalAuxiliaryError(context),
-                F_e=self._environment_force.Eval(context),
+                unpack_state(x, F_e.size),
+                self._network.evaluate(self._tool_position.Eval(context)),
+                self._s.Eval(context),
+                F_e,
             )
         )

@@ -134,22 +134,18 @@ class DelayLine(LeafSystem):
         history = self._GetHistory(context)
         if not history.times:
             return self.FetchTime(self.StoreKey(context.get_time()))
-        jumps = [history.times[0], *self._PendingJump(context, history)]
-        jumps += [
-            a
-            for a, b in zip(history.times[1:], history.times[:-1], strict=True)
-            if a == b
-        ]
-        first = min((jump for jump in jumps if jump > history.now), default=math.inf)
-        return first if first == math.inf else self.FetchTime(first)
+        jumps = [jump for jump in history.jumps if jump > history.now]
+        if not jumps and self._HasJumped(context, history):
+            jumps = [history.times[-1]]
+        return self.FetchTime(jumps[0]) if jumps else math.inf
 
     def _GetHistory(self, context: Context) -> SampleHistory:
         return context.get_abstract_state(self._history).get_value()
 
-    def _PendingJump(self, context: Context, history: SampleHistory) -> list[float]:
-        latest = context.get_discrete_state(self._latest).CopyToVector()
-        jumped = tuple(latest.tolist()) != history.values[-1]
-        return [history.times[-1]] if jumped else []
+    def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
+        """Returns whether the events of the last step made the signal jump."""
+        latest = context.get_discrete_state(self._latest).value()
+        return latest.tolist() != history.values[-1].tolist()
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         time = context.get_time()
@@ -164,15 +160,15 @@ class DelayLine(LeafSystem):
                 replace(history, now=now)
             )
             return
-        for jump in self._PendingJump(context, history) if history.times else []:
-            latest = context.get_discrete_state(self._latest).CopyToVector()
+        if history.times and self._HasJumped(context, history):
+            latest = context.get_discrete_state(self._latest).value()
             history = history.Append(
-                jump, tuple(latest.tolist()), now=now, spacing=self._spacing
+                history.times[-1], latest, now=now, spacing=self._spacing
             )
-        value = tuple(self._signal.Eval(context).tolist())
-        state.get_mutable_abstract_state(self._history).set_value(
-            history.Append(key, value, now=now, spacing=self._spacing)
+        history = history.Append(
+            key, self._signal.Eval(context), now=now, spacing=self._spacing
         )
+        state.get_mutable_abstract_state(self._history).set_value(history)
 
     def _RecordAfterEvents(self, context: Context, values: DiscreteValues) -> None:
         values.set_value(self._latest, self._signal.Eval(context))

@@ -119,24 +119,27 @@ class LayeredForceField(LeafSystem):
         return layer_index(self._first_layers, layer_index(self._starts, x))
 
     def _LayerIndex(self, context: Context, x: float) -> int:
-        index = layer_index(self._starts, x)
         if context.get_accuracy() is None:
-            return index
-        region = int(context.get_discrete_state(self._region).value()[0])
-        return min(max(index, self._first_layers[region]), self._last_layers[region])
+            return layer_index(self._starts, x)
+        region = self._GetRegion(context)
+        first, last = self._first_layers[region], self._last_layers[region]
+        if first == last:
+            return first
+        return min(max(layer_index(self._starts, x), first), last)
+
+    def _GetRegion(self, context: Context) -> int:
+        return int(context.get_discrete_state_vector().GetAtIndex(0))
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        force = [0.0] * self._p.size()
-        x = float(self._p.Eval(context)[0])
+        x = self._p.Eval(context).item(0)
         index = self._LayerIndex(context, x)
+        output.SetZero()
         if index >= 0:
-            force[0] = layer_force(
-                self._layers[index], x, float(self._v.Eval(context)[0])
-            )
-        output.SetFromVector(force)
+            v_x = self._v.Eval(context).item(0)
+            output.SetAtIndex(0, layer_force(self._layers[index], x, v_x))
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._LayerIndex(context, self._p.Eval(context)[0]))
+        output.SetAtIndex(0, self._LayerIndex(context, self._p.Eval(context).item(0)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the two boundaries of the region, if events are to be located."""
@@ -145,21 +148,21 @@ class LayeredForceField(LeafSystem):
         return self._witnesses
 
     def _CalcPastEnd(self, context: Context) -> float:
-        region = int(context.get_discrete_state(self._region).value()[0])
+        region = self._GetRegion(context)
         if region + 1 == len(self._first_layers):
             return -1.0
         end = self._starts[self._first_layers[region + 1]]
-        return float(self._p.Eval(context)[0]) - end
+        return self._p.Eval(context).item(0) - end
 
     def _CalcPastStart(self, context: Context) -> float:
-        region = int(context.get_discrete_state(self._region).value()[0])
+        region = self._GetRegion(context)
         if region == 0:
             return 1.0
         start = self._starts[self._first_layers[region]]
-        return float(self._p.Eval(context)[0]) - start
+        return self._p.Eval(context).item(0) - start
 
     def _SetRegion(self, context: Context, state: State) -> None:
-        region = self._RegionAt(float(self._p.Eval(context)[0]))
+        region = self._RegionAt(self._p.Eval(context).item(0))
         state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
 
     def _EnterNextRegion(self, context: Context, event: Event, state: State) -> None:
@@ -171,7 +174,7 @@ class LayeredForceField(LeafSystem):
         self._MoveBy(-1, context, state)
 
     def _MoveBy(self, change: int, context: Context, state: State) -> None:
-        region = context.get_discrete_state(self._region).value()[0] + change
+        region = self._GetRegion(context) + change
         state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
 
 

@@ -129,10 +129,10 @@ class Surgeon(LeafSystem):
             )
 
     def _IsPerceived(self, context: Context) -> bool:
-        return bool(context.get_discrete_state(self._mode).value()[0])
+        return bool(context.get_discrete_state_vector().GetAtIndex(0))
 
     def _IsStopped(self, context: Context) -> bool:
-        return bool(context.get_discrete_state(self._mode).value()[1])
+        return bool(context.get_discrete_state_vector().GetAtIndex(1))
 
     def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
         active = not (self._IsPerceived(context) or self._IsStopped(context))
@@ -156,7 +156,7 @@ class Surgeon(LeafSystem):
         return self._witnesses if awaited and context.get_accuracy() else []
 
     def _CalcPastSurface(self, context: Context) -> float:
-        return float(self._p.Eval(context)[0]) - self._surface
+        return self._p.Eval(context).item(0) - self._surface
 
     def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)

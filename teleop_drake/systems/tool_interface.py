@@ -9,7 +9,6 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     LeafSystem,
-    ValueProducer,
 )
 
 
@@ -33,15 +32,16 @@ class ToolInterface(LeafSystem):
 
     Output ports:
 
-    | name              | size | unit     | direct feedthrough from                    |
-    |-------------------|------|----------|--------------------------------------------|
-    | tool_motion       | 2n   | m, m/s   | plant_state; [p_WT; v_WT]                  |
-    | tool_acceleration | n    | m/s^2    | body_spatial_accelerations                 |
-    | joint_torque      | nv   | N m or N | plant_state, control_force                 |
-    | spatial_forces    | list | N        | environment_force                          |
+    | name              | size      | unit     | direct feedthrough from       |
+    |-------------------|-----------|----------|-------------------------------|
+    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                   |
+    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations    |
+    | joint_torque      | nv        | N m or N | plant_state, control_force    |
+    | spatial_forces    | list      | N        | environment_force             |
 
-    `joint_torque` goes to the plant's actuation and `spatial_forces`, which holds the
-    reaction -F_e at T, to its applied spatial forces.
+    `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
+    each state yields. `joint_torque` goes to the plant's actuation and
+    `spatial_forces`, which holds the reaction -F_e at T, to its applied spatial forces.
 
     State: none. It applies no limit to the torque, and no moment to the tool.
     """
@@ -76,6 +76,12 @@ class ToolInterface(LeafSystem):
         self._tool_index = self._tool.index()
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
+        self._reaction = ExternallyAppliedSpatialForce()
+        self._reaction.body_index = self._tool_index
+        # What a call to the plant takes.
+        self._world_frame = plant.world_frame()
+        self._tool_frame = self._tool.body_frame()
+        self._num_positions = plant.num_positions()
         self._origin = np.zeros(3)
         n = self._n = num_task_axes
 
@@ -92,14 +98,10 @@ class ToolInterface(LeafSystem):
             "environment_force", BasicVector(n)
         )
 
-        # One visit to the plant for each state serves two output ports.
         state = {self._plant_state.ticket()}
-        self._kinematics = self.DeclareCacheEntry(
-            "kinematics",
-            ValueProducer(allocate=Value[object], calc=self._CalcKinematics),
-            state,
+        self._kinematics = self.DeclareVectorOutputPort(
+            "tool_kinematics", n * (2 + nv), self._CalcKinematics, state
         )
-        self.DeclareVectorOutputPort("tool_motion", 2 * n, self._CalcMotion, state)
         self.DeclareVectorOutputPort(
             "tool_acceleration",
             n,
@@ -119,27 +121,22 @@ class ToolInterface(LeafSystem):
             {self._environment_force.ticket()},
         )
 
-    def _CalcKinematics(self, context: Context, output: Value[object]) -> None:
+    def _CalcKinematics(self, context: Context, output: BasicVector) -> None:
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
         X_WT = plant.EvalBodyPoseInWorld(plant_context, self._tool)
-        world = plant.world_frame()
         Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
             plant_context,
             JacobianWrtVariable.kV,
-            self._tool.body_frame(),
+            self._tool_frame,
             self._origin,
-            world,
-            world,
+            self._world_frame,
+            self._world_frame,
         )[: self._n]
-        motion = np.empty(2 * self._n)
-        motion[: self._n] = X_WT.translation()[: self._n]
-        motion[self._n :] = Jv_v_WT @ x[plant.num_positions() :]
-        output.set_value((motion, Jv_v_WT))
-
-    def _CalcMotion(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._kinematics.Eval(context)[0])
+        p_WT = X_WT.translation()[: self._n]
+        v_WT = Jv_v_WT @ x[self._num_positions :]
+        output.SetFromVector(np.concatenate((p_WT, v_WT, Jv_v_WT.ravel())))
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
         A_WT = self._accelerations.Eval(context)[int(self._tool_index)]
@@ -147,12 +144,11 @@ class ToolInterface(LeafSystem):
 
     def _CalcTorque(self, context: Context, output: BasicVector) -> None:
         F_c = self._control_force.Eval(context)
-        output.SetFromVector(F_c @ self._kinematics.Eval(context)[1])
+        Jv_v_WT = self._kinematics.Eval(context)[2 * self._n :].reshape(self._n, -1)
+        output.SetFromVector(F_c @ Jv_v_WT)
 
     def _CalcSpatialForces(self, context: Context, output: Value) -> None:
         f_T_W = np.zeros(3)
         f_T_W[: self._n] = -self._environment_force.Eval(context)
-        reaction = ExternallyAppliedSpatialForce()
-        reaction.body_index = self._tool_index
-        reaction.F_Bq_W = SpatialForce(tau=self._origin, f=f_T_W)
-        output.set_value([reaction])
+        self._reaction.F_Bq_W = SpatialForce(tau=self._origin, f=f_T_W)
+        output.set_value([self._reaction])

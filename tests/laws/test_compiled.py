@@ -54,9 +54,9 @@ def test_backstepping(n, is_at_limit):
         x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
         start = n + n * NUM_FUNCTIONS
         x[start : start + n * n] = (1.9 * I + 0.1 * rng.normal(size=(n, n))).ravel()
-        vectors = rng.normal(size=(4, n))
+        signals = rng.normal(size=(4, n))
         functions = rng.normal(size=(2, NUM_FUNCTIONS))
-        assert_same(backstepping_rate_vector, gains.AsTuple(), x, *functions, *vectors)
+        assert_same(backstepping_rate_vector, gains.AsTuple(), x, *functions, signals)
 
 
 def test_gaussian_functions():

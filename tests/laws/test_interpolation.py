@@ -1,6 +1,7 @@
 """Tests of the ENO interpolation against functions it must reproduce."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -68,11 +69,13 @@ def test_clustered_samples_do_not_amplify_rounding():
     assert np.abs(result[:, 0] - np.sin(query)).max() < 1e-8
 
 
-def test_window_stops_at_jumps():
-    times = [0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0]
-    assert stencil_window(times, 3) == ([3, 4, 5], 0)
-    assert stencil_window(times, 4) == ([3, 4, 5], 1)
-    assert stencil_window(times, 0) == ([0, 1, 2], 0)
+@pytest.mark.parametrize(
+    "i, indices, place", [(3, [3, 4, 5], 0), (4, [3, 4, 5], 1), (0, [0, 1, 2], 0)]
+)
+def test_window_stops_at_jumps(i, indices, place):
+    times = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
+    window, position = stencil_window(times, i)
+    assert (window.tolist(), position) == (indices, place)
 
 
 def test_queries_are_clamped_and_hold_constant_signals():

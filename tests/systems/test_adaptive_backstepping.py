@@ -93,8 +93,12 @@ def test_derivatives_and_outputs_are_the_law(n):
         "auxiliary_error": s,
         "control_force_error": z,
     }.items():
-        np.testing.assert_array_equal(
-            block.GetOutputPort(name).Eval(context), expected, err_msg=name
+        np.testing.assert_allclose(
+            block.GetOutputPort(name).Eval(context),
+            expected,
+            rtol=1e-12,
+            atol=1e-13,
+            err_msg=name,
         )
 
 

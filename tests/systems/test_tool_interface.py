@@ -58,7 +58,7 @@ def test_ports(dut):
         dut.get_output_port(i).get_name(): dut.get_output_port(i).size()
         for i in range(dut.num_output_ports())
     } == {
-        "tool_motion": 4,
+        "tool_kinematics": 10,
         "tool_acceleration": 2,
         "joint_torque": 3,
         "spatial_forces": 0,
@@ -67,7 +67,7 @@ def test_ports(dut):
 
 def test_direct_feedthrough(dut):
     expected = {
-        "tool_motion": {"plant_state"},
+        "tool_kinematics": {"plant_state"},
         "tool_acceleration": {"body_spatial_accelerations"},
         "joint_torque": {"plant_state", "control_force"},
         "spatial_forces": {"environment_force"},
@@ -82,20 +82,21 @@ def test_direct_feedthrough(dut):
 
 @given(q=three, qdot=three, F_c=two)
 @settings(max_examples=50, deadline=None)
-def test_tool_motion_and_joint_torque(dut, q, qdot, F_c):
+def test_tool_kinematics_and_joint_torque(dut, q, qdot, F_c):
     context = dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))
     dut.GetInputPort("control_force").FixValue(context, F_c)
-    motion, tau = (
+    kinematics, tau = (
         dut.GetOutputPort(name).Eval(context)
-        for name in ("tool_motion", "joint_torque")
+        for name in ("tool_kinematics", "joint_torque")
     )
-    p_WT, v_WT = np.split(motion, 2)
+    p_WT, v_WT, J = np.split(kinematics, [2, 4])
     # As complex numbers: the links turn by the sums of the joint angles.
     links = LENGTHS * np.exp(1j * np.cumsum(q))
     p, v = sum(links), 1j * links @ np.cumsum(qdot)
     np.testing.assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
     np.testing.assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
+    np.testing.assert_allclose(J.reshape(2, 3) @ qdot, v_WT, atol=1e-10)
     # (2.11), by the moment of F_c about each joint.
     arms = p - np.concatenate(([0], np.cumsum(links)[:-1]))
     np.testing.assert_allclose(tau, arms.real * F_c[1] - arms.imag * F_c[0], atol=1e-10)
@@ -109,7 +110,9 @@ def test_outputs_follow_the_state(dut):
     for q, expected in (([0, 0, 0], [1.2, 0]), ([np.pi / 2, 0, 0], [0, 1.2])):
         state.FixValue(context, [*q, 0, 0, 0])
         np.testing.assert_allclose(
-            dut.GetOutputPort("tool_motion").Eval(context)[:2], expected, atol=1e-12
+            dut.GetOutputPort("tool_kinematics").Eval(context)[:2],
+            expected,
+            atol=1e-12,
         )
 
 
@@ -117,10 +120,10 @@ def test_contexts_do_not_disturb_one_another(dut):
     first, second = dut.CreateDefaultContext(), dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(first, [0, 0, 0, 1, 0, 0])
     dut.GetInputPort("plant_state").FixValue(second, [np.pi / 2, 0, 0, 1, 0, 0])
-    motion = dut.GetOutputPort("tool_motion")
-    motion.Eval(first)
-    np.testing.assert_allclose(motion.Eval(second), [0, 1.2, -1.2, 0], atol=1e-12)
-    np.testing.assert_allclose(motion.Eval(first), [1.2, 0, 0, 1.2], atol=1e-12)
+    kinematics = dut.GetOutputPort("tool_kinematics")
+    kinematics.Eval(first)
+    for context, motion in ((second, [0, 1.2, -1.2, 0]), (first, [1.2, 0, 0, 1.2])):
+        np.testing.assert_allclose(kinematics.Eval(context)[:4], motion, atol=1e-12)
 
 
 def test_the_environment_pushes_back_at_the_tool(dut):
