@@ -420,7 +420,7 @@ class _Delay:
     def Set(self, value: Array) -> None:
         # A history of a single sample, which arrives now.
         time = self._context.get_time()
-        history = SampleHistory(times=(time,), values=(tuple(value),), now=time)
+        history = SampleHistory(times=(time,), values=np.array([value]), now=time)
         self._context.SetAbstractState(0, history)
 
 
