@@ -241,8 +241,8 @@ def _MakeParser() -> argparse.ArgumentParser:
     _AddRunOptions(
         analyze,
         json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
-        out_help="write Bode, Nyquist and stability plots (.png) and margins (.json) "
-        "there",
+        out_help="write Bode, Nyquist, stability and transparency plots (.png) and "
+        "margins (.json) there",
         out_default=None,
     )
 
@@ -560,6 +560,7 @@ def _Analyze(args: argparse.Namespace) -> int:
         AnalyzeStability,
         ChartStability,
     )
+    from teleop_drake.analysis.transparency import AnalyzeTransparency
 
     scenario = _Load(args)
     max_delay = MAX_DELAY
@@ -575,13 +576,23 @@ def _Analyze(args: argparse.Namespace) -> int:
     key, values = _VariedNumber(args.vary)
     _CheckJson(args.json)
     stem = f"{scenario.name}_{scenario.controller.kind}"
-    figures = ["bode", "nyquist", "stable_delays"] + ["chart"] * bool(key)
+    figures = ["bode", "nyquist", "stable_delays", "transparency"]
+    figures += ["chart"] * bool(key)
     *figure_paths, summary_path = _PrepareFolder(
         args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
     )
     chart = None
     try:
         analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        transparency = [
+            AnalyzeTransparency(
+                analysis.scenario,
+                point.model.point,
+                forward_delay=analysis.forward_delay,
+                return_delay=analysis.return_delay,
+            )
+            for point in analysis.points
+        ]
         if key:
             with _SweepProgress(args.quiet, "values") as show:
                 chart = ChartStability(
@@ -595,6 +606,7 @@ def _Analyze(args: argparse.Namespace) -> int:
     except ValueError as e:
         raise _BadInput(e) from None
     record = analysis.ToRecord()
+    record["transparency"] = [point.ToRecord() for point in transparency]
     if chart is not None:
         record["chart"] = chart.ToRecord()
     if args.out is not None:
@@ -603,10 +615,16 @@ def _Analyze(args: argparse.Namespace) -> int:
             PlotNyquist,
             PlotStabilityChart,
             PlotStableDelays,
+            PlotTransparency,
         )
         from teleop_drake.plotting import SaveFigure
 
-        made = [PlotBode(analysis), PlotNyquist(analysis), PlotStableDelays(analysis)]
+        made = [
+            PlotBode(analysis),
+            PlotNyquist(analysis),
+            PlotStableDelays(analysis),
+            PlotTransparency(transparency),
+        ]
         if chart is not None:
             made.append(PlotStabilityChart(chart))
         for figure, path in zip(made, figure_paths, strict=True):
@@ -942,7 +960,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
             [
                 point["name"],
                 f"{point['position'][0]:.5g}",
-                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"]) or "-",
+                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"] if w) or "-",
                 "-" if phase is None else f"{math.degrees(phase):.1f}",
                 _Cell(point["delay_margin"]),
                 ", ".join(intervals) or "none",
@@ -952,16 +970,28 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         )
     text = [
         f"{record['scenario']}, {record['controller']}: delay "
-        f"{record['forward_delay']:g} s forward, {record['return_delay']:g} s back; "
-        f"round-trip delays up to {record['max_delay']:g} s",
+        f"{record['forward_delay']:.6g} s forward, {record['return_delay']:.6g} s "
+        f"back; round-trip delays up to {record['max_delay']:g} s",
         _Align(lines),
     ]
     text += _Verdict(points, delay)
-    if any(point["frozen_weights"] for point in points):
-        text.append(
-            "The weights of the adaptive law are frozen at their initial values."
+    if all(point["absolutely_stable"] is not None for point in record["transparency"]):
+        text.append(_AbsoluteStability(record["transparency"]))
+    return "\n".join(text + record["notes"])
+
+
+def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
+    """Returns a sentence: whether surgeon and environment could be any passive ones."""
+    failing = [point["name"] for point in points if not point["absolutely_stable"]]
+    if not failing:
+        return (
+            "Stable with every passive surgeon and environment: Llewellyn's parameter "
+            "is 1 or more everywhere."
         )
-    return "\n".join(text)
+    return (
+        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        f"falls below 1 ({', '.join(failing)})."
+    )
 
 
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:

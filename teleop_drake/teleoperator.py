@@ -116,6 +116,47 @@ def MakeTeleoperator(
             does not have the width of its initial value.
         RuntimeError: If a system of yours lacks a port.
     """
+    builder = DiagramBuilder()
+    AddTeleoperator(
+        builder,
+        scenario,
+        control_law=control_law,
+        architecture=architecture,
+        robot=robot,
+        environment=environment,
+    )
+    teleoperator = builder.Build()
+    teleoperator.set_name("teleoperator")
+    return teleoperator
+
+
+def AddTeleoperator(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    *,
+    control_law: System | None = None,
+    architecture: Architecture | None = None,
+    robot: System | None = None,
+    environment: System | None = None,
+) -> None:
+    """Adds the teleoperator's six systems and connects them.
+
+    As MakeTeleoperator, for a diagram that has more in it, a meter of energy say; see
+    analysis.energy. `builder.GetSubsystemByName("master")` finds a system.
+
+    Args:
+        builder: Of the diagram.
+        scenario: As for MakeTeleoperator, likewise the following.
+        control_law: A control law of your own.
+        architecture: Both sides of your own.
+        robot: A robot of your own.
+        environment: An environment of your own.
+
+    Raises:
+        ScenarioError: As MakeTeleoperator, likewise the following.
+        ValueError: See there.
+        RuntimeError: See there.
+    """
     scenario.Validate()
     if architecture is None:
         architecture = MakeArchitecture(scenario, control_law=control_law)
@@ -123,7 +164,6 @@ def MakeTeleoperator(
         raise ValueError("control_law: must be None with an architecture, which has it")
     n = scenario.num_axes
     config = scenario.robot
-    builder = DiagramBuilder()
     master = builder.AddNamedSystem(
         "master", MakeMasterStation(scenario, architecture.master_side)
     )
@@ -178,6 +218,3 @@ def MakeTeleoperator(
         (return_channel, "delayed_signal", master, "return_packet"),
     ):
         builder.Connect(source.GetOutputPort(output), target.GetInputPort(input_name))
-    teleoperator = builder.Build()
-    teleoperator.set_name("teleoperator")
-    return teleoperator

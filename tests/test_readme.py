@@ -40,7 +40,9 @@ def test_links_lead_somewhere():
             assert (ROOT / link).exists(), link
 
 
-@pytest.mark.parametrize("code", Blocks("python"), ids=["run", "own_controller"])
+@pytest.mark.parametrize(
+    "code", Blocks("python"), ids=["energy", "run", "own_controller"]
+)
 def test_examples_run(code):
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],

@@ -1,20 +1,27 @@
-"""Energy at both ends of the channels, and what the surgeon feels through them."""
+"""Energy at both ends of the channels.
 
+Two pairs of ends. With the thesis's packets, which carry a force forward and a
+velocity back, the channels themselves have a power at each end (ChannelEnergyBalance,
+AddChannelEnergy). Other architectures send waves, positions or more. For every one
+there is the two-port between the surgeon's hand and the tool, channels and both sides
+of the architecture together: F_h . v_felt goes in and F_c . v comes out
+(TwoPortEnergyBalance, AddTwoPortEnergy). What the sides dissipate or store, such as
+the handle of P+d, is then part of the balance. With direct force the two are the same.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
-from teleop_drake.analysis.linearization import EMPTY, LoopModel
 from teleop_drake.laws.interpolation import NUM_STENCIL_POINTS
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import Scenario
 from teleop_drake.systems.channel_energy import ChannelEnergy
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # The product of two of the recording's polynomials is integrated exactly.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NUM_STENCIL_POINTS)
@@ -26,8 +33,8 @@ class EnergyBalance:
 
     Attributes:
         time: (N,) the recording's in s.
-        power_in: (N,) F_m . v_m at the master in W.
-        power_out: (N,) F_s . v_s at the slave in W.
+        power_in: (N,) at the master's end in W.
+        power_out: (N,) at the slave's end in W.
         energy: (N,) integral of power_in - power_out in J, 0 at the start.
     """
 
@@ -38,7 +45,7 @@ class EnergyBalance:
 
     @property
     def violation(self) -> Array:
-        """Energy in J that the channels have made themselves by each time (N).
+        """Energy in J that was made in between by each time (N).
 
         The largest deficit so far; it is 0 as long as they are passive.
         """
@@ -90,28 +97,64 @@ def ChannelEnergyBalance(
             )
         parts.append(part)
     forces, velocities = parts
+    return _Balance(
+        recording,
+        [
+            ("forward_packet_sent", forces),
+            ("return_packet_received", velocities),
+            ("forward_packet_received", forces),
+            ("return_packet_sent", velocities),
+        ],
+    )
 
+
+def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
+    """Balances the energy between the surgeon's hand and the tool of a recorded run.
+
+        power_in = F_h . v_felt,    power_out = F_c . v
+
+    For every architecture. The same as AddTwoPortEnergy in the diagram, afterwards.
+
+    Args:
+        recording: A run of a teleoperation.
+
+    Raises:
+        ValueError: If it is the recording of something else.
+    """
+    n = recording["tool_velocity"].shape[1]
+    if "forward_packet_sent" not in recording.signals:
+        raise ValueError("recording: no packets; allowed: a run of a teleoperation")
+    everything = slice(None)
+    hand = [("force_command", everything), ("felt_velocity", everything)]
+    if "felt_velocity" not in recording.signals:
+        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
+        hand = [
+            ("forward_packet_sent", slice(0, n)),
+            ("return_packet_received", slice(n, 2 * n)),
+        ]
+    tool = [("control_force", everything), ("tool_velocity", everything)]
+    return _Balance(recording, hand + tool)
+
+
+def _Balance(
+    recording: Recording, signals: Sequence[tuple[str, slice]]
+) -> EnergyBalance:
+    """Returns the balance of force and velocity at the master and at the slave."""
     time = recording.time
     begin, end = time[:-1], time[1:]
     middle, half = (begin + end) / 2, (end - begin) / 2
     is_piece = half > 0
     nodes = (middle[is_piece, None] + half[is_piece, None] * _NODES).ravel()
 
-    def Powers(sent: Array, felt: Array, received: Array, own: Array) -> list[Array]:
-        return [
-            np.sum(sent[:, forces] * felt[:, velocities], axis=1),
-            np.sum(received[:, forces] * own[:, velocities], axis=1),
-        ]
+    def Powers(values: Sequence[Array]) -> list[Array]:
+        F_m, v_m, F_s, v_s = (
+            value[:, part] for value, (_, part) in zip(values, signals, strict=True)
+        )
+        return [np.sum(F_m * v_m, axis=1), np.sum(F_s * v_s, axis=1)]
 
-    signals = (
-        "forward_packet_sent",
-        "return_packet_received",
-        "forward_packet_received",
-        "return_packet_sent",
-    )
-    power_in, power_out = Powers(*(recording[name] for name in signals))
+    power_in, power_out = Powers([recording[name] for name, _ in signals])
     inner_in, inner_out = Powers(
-        *(recording.Interpolate(name, nodes) for name in signals)
+        [recording.Interpolate(name, nodes) for name, _ in signals]
     )
     work = np.zeros(len(time))
     pieces = (inner_in - inner_out).reshape(-1, len(_NODES)) @ _WEIGHTS
@@ -130,7 +173,7 @@ def AddChannelEnergy(
     return_sent: OutputPort,
     return_received: OutputPort,
 ) -> ChannelEnergy:
-    """Adds a ChannelEnergy, with what takes the thesis's packets apart for it.
+    """Adds a ChannelEnergy for the channels, with what takes packets apart for it.
 
     Args:
         builder: Of the diagram with the loop.
@@ -153,61 +196,60 @@ def AddChannelEnergy(
             (return_sent, "slave_velocity"),
         )
     ):
-        unpack = builder.AddNamedSystem(f"unpack_{name}", Demultiplexer([n, n]))
-        builder.Connect(port, unpack.get_input_port())
-        builder.Connect(unpack.get_output_port(i // 2), meter.GetInputPort(name))
+        part = _AddHalf(builder, port, name, n, i // 2)
+        builder.Connect(part, meter.GetInputPort(name))
     return meter
 
 
-def TransmittedImpedance(
-    model: LoopModel, frequencies: ArrayLike, *, delay: float = 0.0
-) -> ComplexArray:
-    """Returns the impedance that the surgeon feels through the channels (K, n, n).
+def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
+    """Adds a ChannelEnergy between the surgeon's hand and the tool.
 
-        Z_to(j w) = G_vF(j w)^-1 e^(j w T),   F_h = Z_to v(t - T_r)
+        builder = DiagramBuilder()
+        AddTeleoperator(builder, scenario)
+        AddTwoPortEnergy(builder)
+        recording = simulate(scenario, teleoperator=builder.Build())
+        recording["energy"], recording["power_in"], recording["power_out"]
 
-    with the slave's G_vF from the force received to the velocity sent. With direct
-    force and no delay that is the robot's impedance and the environment's. The delay
-    turns its phase: Re Z_to < 0 where the surgeon is given energy. (Z_to itself is not
-    causal, its inverse is: the surgeon applies a force and feels a velocity.)
+    For every architecture, the systems having the names that AddTeleoperator gives.
 
     Args:
-        model: The loop at an operating point, its packets those of the thesis.
-        frequencies: w in rad/s (K), > 0.
-        delay: Round-trip delay T in s.
+        builder: Of a diagram with a teleoperator, not built yet.
+
+    Returns:
+        The system, named `two_port_energy`; see ChannelEnergy for its outputs.
 
     Raises:
-        ValueError: If the packets are not those of the thesis.
+        RuntimeError: If there is no teleoperator.
     """
-    n = len(model.point.position)
-    if model.slave.D.shape != (2 * n, 2 * n):
-        raise ValueError(
-            f"model: packets of {model.slave.D.shape} entries; allowed: {2 * n} each"
-        )
-    w = np.asarray(frequencies, dtype=float).reshape(-1)
-    admittance = model.slave.FrequencyResponse(w)[:, n:, :n]
-    phase = np.exp(1j * w * delay)[:, None, None]
-    return (np.linalg.inv(admittance) * phase).astype(complex)
+    master, controller, robot, back = (
+        builder.GetSubsystemByName(name)
+        for name in ("master", "controller", "robot", "return_channel")
+    )
+    F_c = controller.GetOutputPort("control_force")
+    n = F_c.size()
+    meter = builder.AddNamedSystem("two_port_energy", ChannelEnergy(num_axes=n))
+    if master.HasOutputPort("felt_velocity"):
+        F_h, v_felt = map(master.GetOutputPort, ("force_command", "felt_velocity"))
+    else:
+        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
+        sent = master.GetOutputPort("forward_packet")
+        received = back.GetOutputPort("delayed_signal")
+        F_h = _AddHalf(builder, sent, "master_force", n, 0)
+        v_felt = _AddHalf(builder, received, "master_velocity", n, 1)
+    for port, name in (
+        (F_h, "master_force"),
+        (v_felt, "master_velocity"),
+        (F_c, "slave_force"),
+        (robot.GetOutputPort("tool_velocity"), "slave_velocity"),
+    ):
+        builder.Connect(port, meter.GetInputPort(name))
+    return meter
 
 
-def EnvironmentImpedance(
-    scenario: Scenario, model: LoopModel, frequencies: ArrayLike
-) -> ComplexArray:
-    """Returns Z_e(j w) = d_e + k_e/(j w) of the layer, along x (K, n, n), (2.14).
-
-    Args:
-        scenario: With the layers.
-        model: The loop at an operating point, which says the layer.
-        frequencies: w in rad/s (K), > 0.
-    """
-    w = np.asarray(frequencies, dtype=float).reshape(-1)
-    n = len(model.point.position)
-    impedance = np.zeros((len(w), n, n), dtype=complex)
-    if model.point.layer != EMPTY:
-        (layer,) = [
-            layer
-            for layer in scenario.environment.layers
-            if layer.name == model.point.layer
-        ]
-        impedance[:, 0, 0] = layer.damping + layer.stiffness / (1j * w)
-    return impedance
+def _AddHalf(
+    builder: DiagramBuilder, packet: OutputPort, name: str, size: int, half: int
+) -> OutputPort:
+    """Adds what takes a packet apart; returns its first half (0) or the second (1)."""
+    unpack = builder.AddNamedSystem(f"unpack_{name}", Demultiplexer([size, size]))
+    builder.Connect(packet, unpack.get_input_port())
+    return unpack.get_output_port(half)

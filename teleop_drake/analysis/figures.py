@@ -1,4 +1,4 @@
-"""Figures of the analysis: Bode and Nyquist plots with the delay, stability charts.
+"""Figures of the analysis: Bode and Nyquist plots, stability charts, transparency.
 
 As those of teleop_drake.plotting, they belong to the caller, and plotting.SaveFigure
 writes them.
@@ -21,6 +21,7 @@ from teleop_drake.analysis.stability import (
     StabilityAnalysis,
     StabilityChart,
 )
+from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.laws.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.plotting import (
     _COLORS,
@@ -40,9 +41,15 @@ _DECADES = 1.5
 
 _MAGNITUDES = (1e-3, 1e3)
 
+# A locus below this is zero, as behind a predictor with an exact model.
+_NOTHING = 1e-9
+
 # The Nyquist plot: its half width, and how many points its curves have.
 _NYQUIST_RANGE = 2.5
 _NUM_NYQUIST_POINTS = 6000
+
+# What is shown of Llewellyn's parameter; less is drawn at the lower edge.
+_LLEWELLYN_RANGE = (-1.5, 3.0)
 
 _STABLE = "#56B4E9"
 _UNSTABLE = "#F0F0F0"
@@ -70,6 +77,8 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         loci = _TrackedLoci(point, w)
         for i in range(loci.shape[1]):
             style = _LocusStyle(i)
+            if np.abs(loci[:, i]).max() < _NOTHING:
+                continue
             top.loglog(w, np.abs(loci[:, i]), **style)
             phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
             k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
@@ -285,6 +294,68 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         _Format(ax)
     axes[0].set_ylabel("round-trip delay [s]", fontsize=_FONT_SIZE)
     _AddStabilityLegend(figure, "the scenario's delay")
+    return figure
+
+
+def PlotTransparency(points: Sequence[Transparency]) -> Figure:
+    """Plots what the surgeon feels, against the environment, and Llewellyn's parameter.
+
+    A column for each operating point. Above, the magnitude of Z_to of each axis with
+    the scenario's delays (thick) and without delay (thin), and that of Z_e along x
+    (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
+    passive surgeon and environment if it is 1 or more at all frequencies.
+
+    Args:
+        points: From AnalyzeTransparency.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    if not points:
+        raise ValueError("points: none; allowed: at least one")
+    figure = Figure(figsize=(_WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
+    axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
+    num_axes = points[0].llewellyn.shape[1]
+    for (top, bottom), point in zip(axes.T, points, strict=True):
+        w = point.frequencies
+        load = np.abs(point.environment[:, 0, 0])
+        if load.any():
+            top.loglog(w, load, ":", color=_GREY, linewidth=1.5)
+        for i in range(num_axes):
+            style = _LocusStyle(i)
+            thin = style | {"linewidth": 0.6}
+            top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
+            top.loglog(w, np.abs(point.transmitted[:, i, i]), **style)
+            bottom.semilogx(
+                w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **style
+            )
+        bottom.axhline(1, color=_GREY, linewidth=0.6, zorder=0)
+        bottom.set_ylim(*_LLEWELLYN_RANGE)
+        top.set_title(point.point.name, fontsize=_FONT_SIZE)
+        top.set_xlim(w[0], w[-1])
+        top.set_ylim(1e-2, 1e3)
+        bottom.set_xlabel("frequency [rad/s]", fontsize=_FONT_SIZE)
+        for ax in (top, bottom):
+            _Format(ax)
+    axes[0, 0].set_ylabel("|impedance| [N s/m]", fontsize=_FONT_SIZE)
+    axes[1, 0].set_ylabel("Llewellyn's parameter", fontsize=_FONT_SIZE)
+    figure.legend(
+        handles=[
+            Line2D([], [], color="black", linewidth=1.2, label="felt, with delay"),
+            Line2D([], [], color="black", linewidth=0.6, label="felt, without"),
+            Line2D(
+                [], [], ls=":", color=_GREY, linewidth=1.5, label="environment, along x"
+            ),
+            *(
+                Line2D([], [], label=f"axis {'xyz'[i]}", **_LocusStyle(i))
+                for i in range(num_axes if num_axes > 1 else 0)
+            ),
+        ],
+        loc="outside upper center",
+        ncols=5,
+        fontsize=_FONT_SIZE,
+        frameon=False,
+    )
     return figure
 
 

@@ -8,7 +8,8 @@ transfer function is written down here.
 Where. The operating point is in general a motion, not an equilibrium: the tool moves
 through the tissue with the velocity that the surgeon commands. The model is that of
 the instant. Nothing drifts in it: neither the pose nor the force of a spring that the
-motion keeps stretching.
+motion keeps stretching. What it says of modes slower than the motion itself is of no
+use: an arm that passes the point in a second has no mode of 0.1 rad/s there.
 
 Coordinates. Off an equilibrium the linear model depends on the coordinates of the
 state. The robot's are taken to be position and velocity of its tool, r and v, in which
@@ -25,8 +26,16 @@ Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the va
 the operating point, the initial ones or those of a run, and are no states of the
 model. F_c is one. What the law computes from the estimates' rates stays in.
 
-A law that switches has a model on either side of the switch and none at it. Whoever
-linearises one has to know on which side the operating point lies.
+Passivity controllers (PassivityMaster, PassivitySlave) are taken to be idle: their
+budgets are held at an amount that nothing near the point uses up, and are no states.
+What is left is a linear law; once they act there is no such model.
+
+Any other law that bends at the operating point is refused: the slopes on both sides
+are compared. One that switches near it is modelled on the side on which the point
+lies, and whoever linearises it has to know that.
+
+Delays inside. A TransportDelay within a station is a cut like the channels: what it
+delivers becomes an input of the model and what it gets an output.
 """
 
 import math
@@ -39,12 +48,17 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
 from teleop_drake.laws.layered_force import layer_index
+from teleop_drake.laws.sample_history import SampleHistory
 from teleop_drake.laws.state_space import StateSpace
 from teleop_drake.recording import Recording
 from teleop_drake.robots import CheckRobot, InverseKinematics, TaskInertiaInverse
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.systems.passivity_master import PassivityMaster
+from teleop_drake.systems.passivity_slave import PassivitySlave
 from teleop_drake.systems.surgeon import Surgeon
+from teleop_drake.systems.transport_delay import TransportDelay
+from teleop_drake.systems.wave_slave import WaveSlave
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -52,10 +66,19 @@ Array = NDArray[np.float64]
 # The longest step of a difference, as a share of the way to the nearest border.
 _STEP_SHARE = 1 / 50
 
+# What is closer than this to a border, in m, is at it.
+_LEAST_DISTANCE = 1e-9
+
 # Steps of forces and of states without a scale, in their SI units.
 _STEP = 0.1
 
 _NUM_STEPS = 4
+
+# Slopes on both sides that differ by more than this share of the largest are a bend.
+_BEND = 1e-4
+
+# Energy that leaves a budget of a passivity controller ample, in units of E_0.
+_AMPLE = 1e9
 
 EMPTY = "empty"
 """What the space in front of the first layer is called."""
@@ -95,10 +118,17 @@ class LoopModel:
 
     Attributes:
         point: The operating point.
-        master: From the return packet received to the forward packet sent.
-        slave: From the forward packet received to the return packet sent. Its states
-            are [r (n), v (n), the states of the controller that are not frozen].
+        master: From the return packet received to the forward packet sent. Behind
+            them stand, in the same order, the inputs from delays inside of the master
+            and the outputs to them.
+        slave: From the forward packet received to the return packet sent, and likewise.
+            Its states are [r (n), v (n), the states of the controller that are not
+            frozen].
         frozen_weights: Whether the estimates of an adaptive law are held constant.
+        idle_passivity: Whether passivity controllers are taken to inject nothing.
+        packet_sizes: Entries of the forward and of the return packet.
+        inner_delays: The delays inside, in s: first the master's, an entry for each of
+            their signals.
         error: Estimated relative error of the matrices.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
             controller's states: what no choice of the forward packet could remove, or,
@@ -109,8 +139,41 @@ class LoopModel:
     master: StateSpace
     slave: StateSpace
     frozen_weights: bool
+    idle_passivity: bool
+    packet_sizes: tuple[int, int]
+    inner_delays: tuple[float, ...]
     error: float
     trim_residual: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoPortModel:
+    """The teleoperator between the surgeon's hand and the environment.
+
+    The same as LoopModel without haptic device and environment: the force F_h at the
+    hand and the force F_e at the tool are inputs, and the velocity that the hand feels
+    and the tool's are outputs. They stand before the others:
+
+        [v_felt, forward packet, inner] = master(s) [F_h, return packet, inner]
+        [v, return packet, inner]       = slave(s) [F_e, forward packet, inner]
+
+    Attributes:
+        point: The operating point.
+        master: The surgeon's hand and the master side.
+        slave: The slave side and the robot.
+        idle_passivity: As in LoopModel.
+        packet_sizes: As in LoopModel.
+        inner_delays: As in LoopModel.
+        error: Estimated relative error of the matrices.
+    """
+
+    point: OperatingPoint
+    master: StateSpace
+    slave: StateSpace
+    idle_passivity: bool
+    packet_sizes: tuple[int, int]
+    inner_delays: tuple[float, ...]
+    error: float
 
 
 def OperatingPoints(scenario: Scenario) -> list[OperatingPoint]:
@@ -256,11 +319,33 @@ def LinearizeLoop(
     Raises:
         ValueError: If the robot's state is not as large as position and velocity of
             its tool, a system at either end has a state that is not continuous (a
-            filter of samples, a delay of its own), the point is at a border of a layer,
-            or the robot cannot be there.
+            filter of samples), a law bends at the point, the point is at a border of a
+            layer, or the robot cannot be there.
     """
     diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
     return _Linearizer(scenario, point, diagram).Linearize()
+
+
+def LinearizeTwoPort(
+    scenario: Scenario,
+    point: OperatingPoint,
+    *,
+    teleoperator: Diagram | None = None,
+) -> TwoPortModel:
+    """Linearises what is between the surgeon's hand and the environment.
+
+    As LinearizeLoop, at the same forces and velocities.
+
+    Args:
+        scenario: A valid one.
+        point: The operating point.
+        teleoperator: As for LinearizeLoop.
+
+    Raises:
+        ValueError: As LinearizeLoop.
+    """
+    diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
+    return _Linearizer(scenario, point, diagram).LinearizeTwoPort()
 
 
 def _MakePoint(scenario: Scenario, position: Array, velocity: Array) -> OperatingPoint:
@@ -318,6 +403,42 @@ class _States:
         return rates[self.indices]
 
 
+class _Delay:
+    """A TransportDelay inside a station, cut open: what it delivers is set."""
+
+    def __init__(self, system: TransportDelay, context: Context):
+        self.delay = system.delay
+        self.size = system.get_input_port().size()
+        self._system, self._context = system, context
+
+    def GetInput(self) -> Array:
+        return self._system.get_input_port().Eval(self._context)
+
+    def Get(self) -> Array:
+        return self._system.get_output_port().Eval(self._context)
+
+    def Set(self, value: Array) -> None:
+        # A history of a single sample, which arrives now.
+        time = self._context.get_time()
+        history = SampleHistory(times=(time,), values=np.array([value]), now=time)
+        self._context.SetAbstractState(0, history)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fixed:
+    """Input ports whose value, one for all, takes the place of what is connected."""
+
+    ports: list[InputPort]
+    contexts: list[Context]
+
+    def Get(self) -> Array:
+        return self.ports[0].Eval(self.contexts[0])
+
+    def Set(self, value: Array) -> None:
+        for port, context in zip(self.ports, self.contexts, strict=True):
+            port.FixValue(context, value)
+
+
 class _Linearizer:
     """Holds the diagram with its channels cut."""
 
@@ -326,16 +447,14 @@ class _Linearizer:
         self._point = point
         self._root = diagram.CreateDefaultContext()
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
-        self._contexts = {
-            name: system.GetMyMutableContextFromRoot(self._root)
-            for name, system in self._systems.items()
-        }
-        self.frozen_weights = False
+        self._frozen_weights = self._idle_passivity = False
+        self._delays: dict[str, list[_Delay]] = {"master": [], "controller": []}
         self._plant = self._FindStates("robot")
-        self._controller = self._FindStates("controller") + self._FindStates(
-            "environment"
-        )
+        self._controller = self._FindStates("controller")
+        self._environment = self._FindStates("environment")
         self._master = self._FindStates("master")
+        self._forward_packet = self._Fix(("controller", "forward_packet"))
+        self._return_packet = self._Fix(("master", "return_packet"))
         n = scenario.num_axes
         self._n = n
         num_states = sum(len(states.indices) for states in self._plant)
@@ -344,59 +463,100 @@ class _Linearizer:
                 f"robot: {num_states} states; allowed: {2 * n}, as many as position "
                 "and velocity of its tool have"
             )
-        self._packet = np.zeros(self._Port("controller", "forward_packet").size())
 
     def Linearize(self) -> LoopModel:
-        self._PlaceTool()
-        self._SetForwardPacket(self._packet)
-        self._SetReturnPacket(self._Eval("controller", "return_packet"))
-        self._packet = self._Eval("master", "forward_packet")
-        self._SetForwardPacket(self._packet)
-        master, master_error = self._LinearizeMaster()
-        if self._point.forward_packet is None:
-            # What the master sends whatever it feels, a velocity command say, stays.
-            is_free = np.any(master.C != 0, axis=1) | np.any(master.D != 0, axis=1)
-            residual = self._Trim(np.flatnonzero(is_free))
-        else:
-            self._SetForwardPacket(self._point.forward_packet)
-            residual = float(np.abs(self._Rates()[self._n :]).max())
-        slave, slave_error = self._LinearizeSlave()
+        master, slave, error, residual = self._SettleAndLinearize()
         return LoopModel(
             point=self._point,
             master=master,
             slave=slave,
-            frozen_weights=self.frozen_weights,
-            error=max(master_error, slave_error),
+            frozen_weights=self._frozen_weights,
+            idle_passivity=self._idle_passivity,
+            packet_sizes=self._PacketSizes(),
+            inner_delays=self._InnerDelays(),
+            error=error,
             trim_residual=residual,
+        )
+
+    def LinearizeTwoPort(self) -> TwoPortModel:
+        # It settles with the environment and the haptic device.
+        self._SettleAndLinearize()
+        force = self._Fix(
+            ("robot", "environment_force"), ("controller", "environment_force")
+        )
+        force.Set(self._Eval("environment", "environment_force"))
+        slave, slave_error = self._LinearizeSlave(
+            [force],
+            [lambda: self._Eval("robot", "tool_velocity")],
+            self._plant + self._controller,
+        )
+        surgeon, device = (
+            self._systems["master"].GetSubsystemByName(name)
+            for name in ("surgeon", "haptic_device")
+        )
+        contexts = [
+            x.GetMyMutableContextFromRoot(self._root) for x in (surgeon, device)
+        ]
+        hand = _Fixed(
+            ports=[surgeon.GetInputPort("haptic_force")], contexts=contexts[:1]
+        )
+        hand.Set(hand.Get())
+        felt = device.GetInputPort("felt_velocity")
+        master, master_error = self._LinearizeMaster(
+            [hand],
+            [lambda: felt.Eval(contexts[1])],
+            [states for states in self._master if states.context is not contexts[1]],
+        )
+        return TwoPortModel(
+            point=self._point,
+            master=master,
+            slave=slave,
+            idle_passivity=self._idle_passivity,
+            packet_sizes=self._PacketSizes(),
+            inner_delays=self._InnerDelays(),
+            error=max(master_error, slave_error),
         )
 
     # The diagram.
 
-    def _Port(self, system: str, port: str) -> InputPort:
-        return self._systems[system].GetInputPort(port)
+    def _Context(self, system: System) -> Context:
+        return system.GetMyMutableContextFromRoot(self._root)
+
+    def _Fix(self, *ports: tuple[str, str]) -> _Fixed:
+        systems = [self._systems[system] for system, _ in ports]
+        return _Fixed(
+            ports=[
+                x.GetInputPort(name)
+                for x, (_, name) in zip(systems, ports, strict=True)
+            ],
+            contexts=[self._Context(x) for x in systems],
+        )
 
     def _Eval(self, system: str, port: str) -> Array:
-        return self._systems[system].GetOutputPort(port).Eval(self._contexts[system])
+        output = self._systems[system].GetOutputPort(port)
+        return output.Eval(self._Context(self._systems[system]))
 
-    def _SetForwardPacket(self, packet: Array) -> None:
-        # A fixed value takes the place of what the channel delivers.
-        port = self._Port("controller", "forward_packet")
-        port.FixValue(self._contexts["controller"], packet)
-        self._packet = packet
+    def _PacketSizes(self) -> tuple[int, int]:
+        forward, back = self._forward_packet.ports[0], self._return_packet.ports[0]
+        return forward.size(), back.size()
 
-    def _SetReturnPacket(self, packet: Array) -> None:
-        port = self._Port("master", "return_packet")
-        port.FixValue(self._contexts["master"], packet)
+    def _InnerDelays(self) -> tuple[float, ...]:
+        delays = self._delays["master"] + self._delays["controller"]
+        return tuple(x.delay for x in delays for _ in range(x.size))
 
     def _FindStates(self, name: str) -> list[_States]:
         result = []
         for system in _Leaves(self._systems[name]):
-            context = system.GetMyMutableContextFromRoot(self._root)
+            context = self._Context(system)
             size = context.num_continuous_states()
             # The environment's is the layer it is in.
             is_sampled = context.num_discrete_state_groups() > 0
+            is_sampled &= name != "environment" and type(system) is not Surgeon
             is_sampled |= context.num_abstract_states() > 0
-            if is_sampled and name != "environment" and type(system) is not Surgeon:
+            if isinstance(system, TransportDelay) and name in self._delays:
+                if system.delay > 0:
+                    self._delays[name].append(_Delay(system, context))
+            elif is_sampled:
                 raise ValueError(
                     f"{name}: {system.get_name()!r} has a state that is not "
                     "continuous; allowed: continuous states only, for a linear model"
@@ -404,9 +564,21 @@ class _Linearizer:
             if isinstance(system, AdaptiveBackstepping):
                 # [F_c, W1, Psi, W3]: F_c stays.
                 size = system.GetOutputPort("control_force").size()
-                self.frozen_weights = True
+                self._frozen_weights = True
                 if self._point.estimates is not None:
                     context.SetContinuousState(self._point.estimates)
+            elif isinstance(system, PassivityMaster | PassivitySlave):
+                # [E_in, E_out]: nothing has left.
+                energies = np.zeros(size)
+                energies[size // 2 :] = -_AMPLE
+                context.SetContinuousState(energies)
+                size = 0
+                self._idle_passivity = True
+            elif isinstance(system, WaveSlave) and system.drift_correction:
+                raise ValueError(
+                    f"{name}: drift_correction = {system.drift_correction:g}: must be "
+                    "0 for a linear model, because it acts in one direction only"
+                )
             if size:
                 result.append(
                     _States(system=system, context=context, indices=np.arange(size))
@@ -415,6 +587,33 @@ class _Linearizer:
 
     def _Layer(self) -> float:
         return float(self._Eval("environment", "layer")[0])
+
+    # The operating point.
+
+    def _SettleAndLinearize(self) -> tuple[StateSpace, StateSpace, float, float]:
+        """Returns master, slave, error and the rates that remain, at the point."""
+        self._PlaceTool()
+        self._forward_packet.Set(np.zeros(self._forward_packet.ports[0].size()))
+        self._SettleDelays("controller")
+        self._return_packet.Set(self._Eval("controller", "return_packet"))
+        self._SettleDelays("master")
+        self._forward_packet.Set(self._Eval("master", "forward_packet"))
+        master, master_error = self._LinearizeMaster([], [], self._master)
+        if self._point.forward_packet is None:
+            # What the master sends whatever it feels, a velocity command say, stays.
+            size = self._PacketSizes()[0]
+            depends = np.hstack([master.C, master.D])[:size]
+            residual = self._Trim(np.flatnonzero(np.any(depends != 0, axis=1)))
+        else:
+            self._forward_packet.Set(self._point.forward_packet)
+            residual = float(np.abs(self._Rates()[self._n :]).max())
+        slave, slave_error = self._LinearizeSlave([], [], self._SlaveStates())
+        return master, slave, max(master_error, slave_error), residual
+
+    def _SettleDelays(self, name: str) -> None:
+        """Lets the delays inside deliver what goes into them now."""
+        for delay in self._delays[name]:
+            delay.Set(delay.GetInput())
 
     def _PlaceTool(self) -> None:
         """Sets the joints to the operating point."""
@@ -429,65 +628,18 @@ class _Linearizer:
         self._jacobian = np.array(columns).T
         plant.Set(np.concatenate([q, np.linalg.solve(self._jacobian, point.velocity)]))
 
-    # Vectors of the slave side: x = [joints, controller], u = forward packet.
-
-    def _GetState(self) -> Array:
-        return _Concatenate([s.Get() for s in self._plant + self._controller])
-
-    def _SetState(self, x: Array) -> None:
-        begin = 0
-        for states in self._plant + self._controller:
-            states.Set(x[begin : begin + len(states.indices)])
-            begin += len(states.indices)
-
-    def _Coordinates(self) -> Array:
-        """Returns [r, v, controller]."""
-        return _Concatenate(
-            [
-                self._Eval("robot", "tool_position"),
-                self._Eval("robot", "tool_velocity"),
-                *(states.Get() for states in self._controller),
-            ]
-        )
+    def _SlaveStates(self) -> list[_States]:
+        return self._plant + self._controller + self._environment
 
     def _Rates(self) -> Array:
-        """Returns the time rates of the coordinates."""
+        """Returns the time rates of [r, v, the other states of the slave]."""
         return _Concatenate(
             [
                 self._Eval("robot", "tool_velocity"),
                 self._Eval("robot", "tool_acceleration"),
-                *(states.GetRates() for states in self._controller),
+                *(states.GetRates() for states in self._SlaveStates()[1:]),
             ]
         )
-
-    def _Steps(self) -> Array:
-        """Returns the longest steps of x."""
-        gap = self._BorderDistance()
-        speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
-        per_joint = np.linalg.norm(self._jacobian, axis=0)
-        state = self._GetState()[2 * self._n :]
-        return np.concatenate(
-            [
-                _STEP_SHARE * gap / per_joint,
-                speed / per_joint,
-                _STEP * np.maximum(1.0, np.abs(state)),
-            ]
-        )
-
-    def _BorderDistance(self) -> float:
-        """Returns how far it is to the nearest border, at most the task's path."""
-        x = self._point.position[0]
-        starts = [layer.start for layer in self._scenario.environment.layers]
-        distance = min((abs(x - start) for start in starts), default=math.inf)
-        if distance == 0:
-            raise ValueError(
-                f"position = {x:g}: must not be the border of a layer, where the "
-                "environment has no linear model"
-            )
-        path = self._scenario.duration * float(
-            np.linalg.norm(self._scenario.surgeon.velocity)
-        )
-        return min(distance, path, 1.0)
 
     def _Trim(self, free: NDArray[np.int_]) -> float:
         """Chooses free entries of the packet and the controller's state.
@@ -496,101 +648,156 @@ class _Linearizer:
             The largest rate that remains.
         """
         n, m = self._n, len(free)
+        packet, others = self._forward_packet, self._SlaveStates()[1:]
+        packet_0 = packet.Get()
 
         def Residual(unknown: Array) -> Array:
-            packet = self._packet.copy()
-            packet[free] = unknown[:m]
-            self._SetForwardPacket(packet)
-            state = self._GetState()
-            state[2 * n :] = unknown[m:]
-            self._SetState(state)
+            values = packet_0.copy()
+            values[free] = unknown[:m]
+            packet.Set(values)
+            _SetStates(others, unknown[m:])
+            self._SettleDelays("controller")
             return self._Rates()[n:]
 
-        unknown = np.concatenate([self._packet[free], self._GetState()[2 * n :]])
+        unknown = _Concatenate([packet_0[free], *(x.Get() for x in others)])
         steps = _STEP * np.maximum(1.0, np.abs(unknown))
         for _ in range(10):
             residual = Residual(unknown)
             if not len(unknown):
                 break
-            slope, _ = _Differentiate(Residual, unknown, steps)
+            slope, _, _ = _Differentiate(Residual, unknown, steps)
             change = np.linalg.lstsq(slope, -residual, rcond=1e-10)[0]
             unknown = unknown + change
             if np.abs(change).max() <= 1e-12 * max(1.0, float(np.abs(unknown).max())):
                 break
         return float(np.abs(Residual(unknown)).max())
 
-    def _LinearizeSlave(self) -> tuple[StateSpace, float]:
-        layer = self._Layer()
-        x0, u0 = self._GetState(), self._packet.copy()
+    # The models.
 
-        def Evaluate() -> Array:
+    def _LinearizeSlave(
+        self,
+        inputs: Sequence[_Fixed],
+        outputs: Sequence[Callable[[], Array]],
+        states: Sequence[_States],
+    ) -> tuple[StateSpace, float]:
+        layer = self._Layer()
+
+        def Motion() -> Array:
             if self._Layer() != layer:
                 raise RuntimeError("a difference crosses the border of a layer")
-            return np.concatenate(
-                [
-                    self._Coordinates(),
-                    self._Rates(),
-                    self._Eval("controller", "return_packet"),
-                ]
-            )
+            names = ("tool_position", "tool_velocity", "tool_acceleration")
+            return np.concatenate([self._Eval("robot", name) for name in names])
 
-        def OfState(x: Array) -> Array:
-            self._SetState(x)
-            return Evaluate()
+        gap = self._BorderDistance()
+        speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
+        per_joint = np.linalg.norm(self._jacobian, axis=0)
+        return self._LinearizeSide(
+            "controller",
+            [*inputs, self._forward_packet],
+            [*outputs, lambda: self._Eval("controller", "return_packet")],
+            states,
+            motion=Motion,
+            steps=[_STEP_SHARE * gap / per_joint, speed / per_joint],
+        )
 
-        def OfPacket(u: Array) -> Array:
-            self._SetForwardPacket(u)
-            return Evaluate()
+    def _LinearizeMaster(
+        self,
+        inputs: Sequence[_Fixed],
+        outputs: Sequence[Callable[[], Array]],
+        states: Sequence[_States],
+    ) -> tuple[StateSpace, float]:
+        return self._LinearizeSide(
+            "master",
+            [*inputs, self._return_packet],
+            [*outputs, lambda: self._Eval("master", "forward_packet")],
+            states,
+        )
 
-        by_x, error_x = _Differentiate(OfState, x0, self._Steps())
-        self._SetState(x0)
-        by_u, error_u = _Differentiate(OfPacket, u0, np.full(len(u0), _STEP))
-        self._SetForwardPacket(u0)
+    def _LinearizeSide(
+        self,
+        name: str,
+        inputs: Sequence[_Fixed],
+        outputs: Sequence[Callable[[], Array]],
+        states: Sequence[_States],
+        *,
+        motion: Callable[[], Array] | None = None,
+        steps: Sequence[Array] = (),
+    ) -> tuple[StateSpace, float]:
+        """Returns the model of one side, delays inside behind the rest, and its error.
+
+        Args:
+            name: Whose delays.
+            inputs: What is set.
+            outputs: What is seen.
+            states: Those of the model.
+            motion: [r, v, dv/dt], of which [r, v] take the place of the first states.
+            steps: The longest steps of the first states.
+        """
+        delays = self._delays[name]
+        ins: list[_Fixed | _Delay] = [*inputs, *delays]
+        outs = [*outputs, *(delay.GetInput for delay in delays)]
+        others = states[1:] if motion else states
+        x0 = _Concatenate([x.Get() for x in states])
+        u0 = _Concatenate([x.Get() for x in ins])
+        ends = np.cumsum([len(x.Get()) for x in ins])[:-1]
         size = len(x0)
-        # The coordinates are a function of the state: d/d(coordinates).
-        to_coordinates = np.linalg.inv(by_x[:size])
-        by_z, error_z = (
-            by_x[size:] @ to_coordinates,
-            error_x[size:] @ np.abs(to_coordinates),
-        )
-        by_u, error_u = by_u[size:], error_u[size:]
-        model = StateSpace(A=by_z[:size], B=by_u[:size], C=by_z[size:], D=by_u[size:])
-        return model, _RelativeError(
-            [(by_z[:size], error_z[:size]), (by_u[:size], error_u[:size])]
-        )
-
-    def _LinearizeMaster(self) -> tuple[StateSpace, float]:
-        port = self._Port("master", "return_packet")
-        u0 = port.Eval(self._contexts["master"])
-        x0 = _Concatenate([states.Get() for states in self._master])
 
         def Evaluate() -> Array:
+            moved = motion() if motion else np.zeros(0)
             return _Concatenate(
                 [
-                    *(states.GetRates() for states in self._master),
-                    self._Eval("master", "forward_packet"),
+                    moved[: 2 * self._n],
+                    *(x.Get() for x in others),
+                    moved[self._n :],
+                    *(x.GetRates() for x in others),
+                    *(Output() for Output in outs),
                 ]
             )
 
         def OfState(x: Array) -> Array:
-            begin = 0
-            for states in self._master:
-                states.Set(x[begin : begin + len(states.indices)])
-                begin += len(states.indices)
+            _SetStates(states, x)
             return Evaluate()
 
-        def OfPacket(u: Array) -> Array:
-            self._SetReturnPacket(u)
+        def OfInput(u: Array) -> Array:
+            for port, value in zip(ins, np.split(u, ends), strict=True):
+                port.Set(value)
             return Evaluate()
 
-        by_x, error_x = _Differentiate(OfState, x0, _STEP * np.maximum(1.0, np.abs(x0)))
-        if len(x0):
-            OfState(x0)
-        by_u, error_u = _Differentiate(OfPacket, u0, np.full(len(u0), _STEP))
-        self._SetReturnPacket(u0)
-        size = len(x0)
-        model = StateSpace(A=by_x[:size], B=by_u[:size], C=by_x[size:], D=by_u[size:])
-        return model, _RelativeError([(by_x, error_x), (by_u, error_u)])
+        known = sum(map(len, steps))
+        x_steps = _Concatenate([*steps, _STEP * np.maximum(1.0, np.abs(x0[known:]))])
+        by_x, error_x, bend_x = _Differentiate(OfState, x0, x_steps)
+        _SetStates(states, x0)
+        by_u, error_u, bend_u = _Differentiate(OfInput, u0, np.full(len(u0), _STEP))
+        OfInput(u0)
+        for bend, slope in ((bend_x, by_x), (bend_u, by_u)):
+            if bend.size and bend.max() > _BEND * np.abs(slope).max():
+                raise ValueError(
+                    f"{name}: its law bends at the operating point "
+                    f"{self._point.name!r}, as one that switches there; allowed: a law "
+                    "with one linear model"
+                )
+        # The coordinates are a function of the state: d/d(coordinates).
+        to_coordinates = np.linalg.inv(by_x[:size])
+        by_z = by_x[size:] @ to_coordinates
+        error_z = error_x[size:] @ np.abs(to_coordinates)
+        by_u, error_u = by_u[size:], error_u[size:]
+        model = StateSpace(A=by_z[:size], B=by_u[:size], C=by_z[size:], D=by_u[size:])
+        return model, _RelativeError([(by_z, error_z), (by_u, error_u)])
+
+    def _BorderDistance(self) -> float:
+        """Returns how far it is to the nearest border, at most the task's path."""
+        x = self._point.position[0]
+        starts = [layer.start for layer in self._scenario.environment.layers]
+        distance = min((abs(x - start) for start in starts), default=math.inf)
+        if distance < _LEAST_DISTANCE:
+            raise ValueError(
+                f"position = {x:g}: must not be the border of a layer, where the "
+                "environment has no linear model"
+            )
+        path = self._scenario.duration * float(
+            np.linalg.norm(self._scenario.surgeon.velocity)
+        )
+        return min(distance, path, 1.0)
 
 
 def _Leaves(system: System) -> Iterator[System]:
@@ -606,30 +813,51 @@ def _Concatenate(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 
+def _SetStates(states: Sequence[_States], x: Array) -> None:
+    begin = 0
+    for part in states:
+        part.Set(x[begin : begin + len(part.indices)])
+        begin += len(part.indices)
+
+
 def _Differentiate(
     function: Callable[[Array], Array], x0: Array, steps: Array
-) -> tuple[Array, Array]:
-    """Returns the Jacobian (k, n) of a function and its estimated error (k, n)."""
-    size = len(function(x0)) if len(x0) == 0 else 0
-    columns, errors = [], []
+) -> tuple[Array, Array, Array]:
+    """Returns the Jacobian (k, n) of a function, its estimated error and its bends.
+
+    A bend is by how much the slopes on both sides of x0 differ, as far as that is not
+    due to curvature or within the error of its own extrapolation.
+    """
+    middle = function(x0)
+    columns, errors, bends = [], [], []
     for j, longest in enumerate(steps):
         table: list[Array] = []
+        bend_table: list[Array] = []
         for i in range(_NUM_STEPS):
             step = longest / 2**i
             x = x0.copy()
             x[j] = x0[j] + step
             high, high_value = x[j], function(x)
             x[j] = x0[j] - step
-            row = [(high_value - function(x)) / (high - x[j])]
-            # Each extrapolation removes the next even power of the step.
+            low_value = function(x)
+            row = [(high_value - low_value) / (high - x[j])]
+            bend_row = [(high_value - 2 * middle + low_value) / step]
+            # Each extrapolation removes the next even power of the step, or, of the
+            # bend, the next odd one.
             for k in range(i):
                 row.append(row[k] + (row[k] - table[k]) / (4 ** (k + 1) - 1))
+                change = (bend_row[k] - bend_table[k]) / (2 * 4**k - 1)
+                bend_row.append(bend_row[k] + change)
             previous, table = table, row
+            previous_bend, bend_table = bend_table, bend_row
         columns.append(table[-1])
         errors.append(np.abs(table[-1] - previous[-1]))
+        bend, doubt = bend_table[-1], np.abs(bend_table[-1] - previous_bend[-1])
+        bends.append(np.maximum(np.abs(bend) - 10 * doubt, 0.0))
     if not columns:
-        return np.zeros((size, 0)), np.zeros((size, 0))
-    return np.array(columns).T, np.array(errors).T
+        empty = np.zeros((len(middle), 0))
+        return empty, empty, empty
+    return np.array(columns).T, np.array(errors).T, np.array(bends).T
 
 
 def _RelativeError(parts: Sequence[tuple[Array, Array]]) -> float:

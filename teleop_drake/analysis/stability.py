@@ -9,7 +9,12 @@ the same delay for all entries of a packet. So with slave S(s) and master M(s)
 and unequal delays with the same sum give the same roots. (It holds beyond the linear
 model: with the slave's clock set back by T_f, the forward channel has no delay and the
 return channel all of it.) Only entries of the packets that the other side listens to
-are kept, on that side of the cut where they are fewer: for one axis L is scalar.
+are kept, on that side of the cut where they are fewer, and those that always act
+together are one: for one axis L is scalar.
+
+A Smith predictor has a delay of its own, which is to be the round trip: it is cut as
+well and taken to be T whatever T is. A loop with a second delay, different from T, is
+refused.
 
 Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
 how far the surgeon's device has been wound up against a spring, and do not count as an
@@ -28,6 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.analysis.constant_delay import ConstantDelay
 from teleop_drake.analysis.linearization import (
     LinearizeLoop,
     LoopModel,
@@ -55,6 +61,9 @@ MAX_DELAY = 2.0
 
 POSITION = "position"
 """Key of StabilityChart that stands for the tool's position along x."""
+
+# How far behind a border StabilityChart goes where a value is at one, in m.
+_BEHIND = 1e-6
 
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
@@ -168,6 +177,7 @@ class PointStability:
             "velocity": point.velocity.tolist(),
             "layer": point.layer,
             "frozen_weights": self.model.frozen_weights,
+            "idle_passivity": self.model.idle_passivity,
             "gain_crossovers": [crossing.frequency for crossing in self.crossings],
             "crossing_delays": [crossing.delay for crossing in self.crossings],
             "crossing_directions": [crossing.direction for crossing in self.crossings],
@@ -194,14 +204,20 @@ class StabilityAnalysis:
 
     Attributes:
         scenario: The scenario.
+        forward_delay: Of the forward channel, in s; see ConstantDelay.
+        return_delay: Of the return channel, in s.
         max_delay: Up to which round-trip delay the intervals reach, in s.
         points: One for each operating point, in the order in which the tool comes to
             them.
+        notes: Sentences that say what was assumed, and so what the margins hold for.
     """
 
     scenario: Scenario
+    forward_delay: float
+    return_delay: float
     max_delay: float
     points: list[PointStability]
+    notes: list[str]
 
     def __getitem__(self, name: str) -> PointStability:
         """Returns the operating point with that name.
@@ -216,13 +232,13 @@ class StabilityAnalysis:
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns what `teleop-drake analyze` writes as JSON."""
-        forward, back = self.scenario.forward_channel, self.scenario.return_channel
         return {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
-            "forward_delay": forward.delay,
-            "return_delay": back.delay,
+            "forward_delay": self.forward_delay,
+            "return_delay": self.return_delay,
             "max_delay": self.max_delay,
+            "notes": self.notes,
             "operating_points": [point.ToRecord() for point in self.points],
         }
 
@@ -232,32 +248,57 @@ def CutLoop(model: LoopModel) -> StateSpace:
 
     The loop is cut where fewer signals cross: among the entries of the return packet
     that the master listens to, or those of the forward packet that depend on them and
-    act on the slave.
+    act on the slave. Delays inside of the stations are cut in any case.
 
     Args:
-        model: The loop at an operating point.
+        model: The loop at an operating point; delays inside of it, if any, are T.
 
     Returns:
         L, not minimal: its states are those of the slave and of the master.
     """
-    slave, master = model.slave, model.master
-    heard = _Nonzero(np.vstack([master.B, master.D]), axis=0)
+    num_sent, num_returned = model.packet_sizes
+    M = _Split(model.master, num_returned, num_sent)
+    S = _Split(model.slave, num_sent, num_returned)
+    heard = _Nonzero(np.vstack([M.B1, M.D11, M.D21]), axis=0)
     sent = np.intersect1d(
-        _Nonzero(np.hstack([master.C, master.D]), axis=1),
-        _Nonzero(np.vstack([slave.B, slave.D]), axis=0),
+        _Nonzero(np.hstack([M.C1, M.D11, M.D12]), axis=1),
+        _Nonzero(np.vstack([S.B1, S.D11, S.D21]), axis=0),
     )
     if len(heard) <= len(sent):
         # From the return packet received to the one sent: first the master.
-        first, second, ports = master, slave, heard
+        first, second, ports = M, S, heard
     else:
-        first, second, ports = slave, master, sent
-    zeros = np.zeros((first.num_states, second.num_states))
-    return StateSpace(
-        A=np.block([[second.A, second.B @ first.C], [zeros, first.A]]),
-        B=np.vstack([second.B @ first.D, first.B])[:, ports],
-        C=-np.hstack([second.C, second.D @ first.C])[ports],
-        D=-(second.D @ first.D)[np.ix_(ports, ports)],
+        first, second, ports = S, M, sent
+    # Inputs: packet, inner of the first, inner of the second; outputs: packet of the
+    # second, the inner ones.
+    n, p, q = len(first.A), first.B2.shape[1], second.B2.shape[1]
+    A = np.block(
+        [[second.A, second.B1 @ first.C1], [np.zeros((n, len(second.A))), first.A]]
     )
+    B = np.block(
+        [
+            [second.B1 @ first.D11, second.B1 @ first.D12, second.B2],
+            [first.B1, first.B2, np.zeros((n, q))],
+        ]
+    )
+    C = np.block(
+        [
+            [second.C1, second.D11 @ first.C1],
+            [np.zeros((p, len(second.A))), first.C2],
+            [second.C2, second.D21 @ first.C1],
+        ]
+    )
+    D = np.block(
+        [
+            [second.D11 @ first.D11, second.D11 @ first.D12, second.D12],
+            [first.D21, first.D22, np.zeros((p, q))],
+            [second.D21 @ first.D11, second.D21 @ first.D12, second.D22],
+        ]
+    )
+    size = len(second.D11)
+    ports = np.concatenate([ports, np.arange(size, size + p + q)])
+    loop = StateSpace(A=A, B=B[:, ports], C=-C[ports], D=-D[np.ix_(ports, ports)])
+    return _MergeInputs(loop)
 
 
 def AnalyzeModel(
@@ -309,16 +350,18 @@ def AnalyzeStability(
     """Analyses the stability of a scenario's loop against its delay.
 
     Args:
-        scenario: A teleoperation whose channels have a constant delay.
+        scenario: A teleoperation. Of channels whose delay is not constant, a constant
+            one takes the place; see ConstantDelay.
         points: Operating points; None: those of OperatingPoints(scenario).
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
         teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
             systems of your own perhaps; None makes the scenario's.
 
     Raises:
-        ScenarioError: If the scenario is not valid, is not a teleoperation, or a
-            channel is not of kind transport.
-        ValueError: If max_delay is not allowed or LinearizeLoop refuses a point.
+        ScenarioError: If the scenario is not valid, is not a teleoperation, or
+            ConstantDelay refuses a channel.
+        ValueError: If max_delay is not allowed, LinearizeLoop refuses a point, or a
+            station has a delay of its own that is not the round trip.
     """
     if not isinstance(scenario, Scenario):
         raise ScenarioError(
@@ -326,28 +369,46 @@ def AnalyzeStability(
             "loop with a delay"
         )
     scenario.Validate()
-    for path in ("forward_channel", "return_channel"):
-        kind = getattr(scenario, path).kind
-        if kind != "transport":
-            raise ScenarioError(
-                f"{path}.kind = {kind!r}: must be transport, the only kind with one "
-                "exact, constant delay"
-            )
     if not 0 < max_delay < np.inf:
         raise ValueError(f"max_delay = {max_delay}: must be a finite number > 0 (s)")
+    forward, back = (
+        ConstantDelay(scenario, path) for path in ("forward_channel", "return_channel")
+    )
+    delay = forward.delay + back.delay
     if points is None:
         points = OperatingPoints(scenario)
+    models = [
+        LinearizeLoop(scenario, point, teleoperator=teleoperator) for point in points
+    ]
+    notes = [note for note in (forward.note, back.note) if note]
+    for model in models[:1]:
+        notes += _Assumptions(model, delay)
+    config = scenario.controller
+    if (
+        config.kind == "proportional_damping"
+        and config.proportional_damping.stiffness is None
+    ) or (config.kind == "four_channel" and config.four_channel.bandwidth is None):
+        notes.append(
+            "Gains that derive from the delay keep the values that they have for "
+            f"{scenario.forward_channel.delay + scenario.return_channel.delay:g} s, "
+            "whatever the delay."
+        )
+    results = [
+        AnalyzeModel(model, delay=delay, max_delay=max_delay) for model in models
+    ]
+    if not all(is_delay_robust(point.loop) for point in results):
+        notes.append(
+            "What goes round without any dynamics is not weakened on its way: with "
+            "every delay infinitely many roots lie right of the axis or come close to "
+            "it, however fast, and nothing counts as stable."
+        )
     return StabilityAnalysis(
         scenario=scenario,
+        forward_delay=forward.delay,
+        return_delay=back.delay,
         max_delay=max_delay,
-        points=[
-            AnalyzeModel(
-                LinearizeLoop(scenario, point, teleoperator=teleoperator),
-                delay=scenario.forward_channel.delay + scenario.return_channel.delay,
-                max_delay=max_delay,
-            )
-            for point in points
-        ],
+        points=results,
+        notes=notes,
     )
 
 
@@ -410,7 +471,8 @@ def ChartStability(
         name_or_path: As for LoadScenario.
         key: A dotted path to a number, for example environment.layers.bone.stiffness;
             or POSITION, the tool's position along x in m, all along its path, instead
-            of one operating point in each layer.
+            of one operating point in each layer. At the border of a layer, where there
+            is no linear model, it is that of the layer which begins there.
         values: Values of the key, at least one.
         overrides: As for LoadScenario; the key comes after them.
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
@@ -430,7 +492,7 @@ def ChartStability(
         if key == POSITION:
             scenario = LoadScenario(name_or_path, overrides)
             chosen = (
-                [OperatingPointAt(scenario, value)]
+                [OperatingPointAt(scenario, _OffBorder(scenario, value))]
                 if isinstance(scenario, Scenario)
                 else []
             )
@@ -446,6 +508,84 @@ def ChartStability(
     return StabilityChart(
         key=key, values=points, analyses=analyses, max_delay=max_delay
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """A side of the loop: packet (1) and delays inside (2) apart."""
+
+    A: Array
+    B1: Array
+    B2: Array
+    C1: Array
+    C2: Array
+    D11: Array
+    D12: Array
+    D21: Array
+    D22: Array
+
+
+def _Split(side: StateSpace, num_inputs: int, num_outputs: int) -> _Side:
+    m, p = num_inputs, num_outputs
+    return _Side(
+        A=side.A,
+        B1=side.B[:, :m],
+        B2=side.B[:, m:],
+        C1=side.C[:p],
+        C2=side.C[p:],
+        D11=side.D[:p, :m],
+        D12=side.D[:p, m:],
+        D21=side.D[p:, :m],
+        D22=side.D[p:, m:],
+    )
+
+
+def _MergeInputs(loop: StateSpace) -> StateSpace:
+    """Returns a loop with the same det(I + L z), with the fewest signals.
+
+    Inputs that always act together, as v_ret and -v_model(t - T) of a predictor do, or
+    position, velocity and force on the handle of four channels, are one:
+    det(I + P V^T z) = det(I + V^T P z).
+    """
+    stacked = np.vstack([loop.B, loop.D])
+    _, sigma, Vt = np.linalg.svd(stacked, full_matrices=False)
+    V = Vt[sigma > _NEGLIGIBLE * sigma.max(initial=1e-300)].T
+    if V.shape[0] == V.shape[1]:
+        return loop
+    return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
+
+
+def _Assumptions(model: LoopModel, delay: float) -> list[str]:
+    """Returns what the model takes for granted, beyond small deviations."""
+    notes = []
+    if model.inner_delays:
+        for inner in model.inner_delays:
+            if not np.isclose(inner, delay, rtol=1e-9, atol=0):
+                raise ValueError(
+                    f"a delay of {inner:g} s inside of a station: must be the round "
+                    f"trip, {delay:g} s, because the loop would have two delays"
+                )
+        notes.append(
+            "The delay inside of the predictor is taken to be the round trip, at every "
+            "delay."
+        )
+    if model.frozen_weights:
+        values = "initial values" if model.point.estimates is None else "values there"
+        notes.append(f"The weights of the adaptive law are frozen at their {values}.")
+    if model.idle_passivity:
+        notes.append(
+            "The passivity controllers are taken to inject nothing, as long as there "
+            "is energy to spend: the loop is then that of direct force. Once they act "
+            "there is no linear model, and the margins say nothing."
+        )
+    return notes
+
+
+def _OffBorder(scenario: Scenario, x: float) -> float:
+    """Returns a position, or one just behind the border that is there."""
+    starts = [layer.start for layer in scenario.environment.layers]
+    near = [start for start in starts if abs(x - start) < _BEHIND]
+    return near[0] + _BEHIND if near else x
 
 
 def _Nonzero(matrix: Array, axis: int) -> NDArray[np.int_]:

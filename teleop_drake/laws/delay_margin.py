@@ -47,6 +47,10 @@ Array = NDArray[np.float64]
 # Relative accuracy of what counts as on the imaginary axis.
 _AXIS_TOLERANCE = 1e-8
 
+# A mode this slow, relative to the norm of A, is at 0: several there, as one Jordan
+# block, are found no more accurately.
+_SLOW = 1e-6
+
 # A magnitude this close to 1 may be so by rounding.
 _MAGNITUDE_TOLERANCE = 1e-10
 
@@ -188,13 +192,13 @@ def neutral_root_count(loop: StateSpace) -> int:
 def unstable_root_count(loop: StateSpace) -> int:
     """Returns the number of roots right of the imaginary axis without delay.
 
-    Roots on the axis do not count.
+    Roots on the axis do not count, and those at 0 are on it.
 
     Args:
         loop: L, minimal.
     """
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
-    roots = roots[np.argsort(np.abs(roots))][neutral_root_count(loop) :]
+    roots = roots[np.abs(roots) > _SLOW * np.linalg.norm(loop.A)]
     scale = np.maximum(np.abs(roots), np.linalg.norm(loop.A) * 1e-3)
     return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
 
@@ -313,11 +317,12 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
         return []
     n, m = loop.num_states, len(loop.D)
     modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
-    radius = 0.1 * float(modes[np.argsort(modes)][order:].min(initial=1.0))
+    modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
+    radius = 0.1 * float(modes.min(initial=1.0))
     circle = np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
 
-    def Coefficients(delay: float) -> tuple[float, float]:
-        """Returns g(0, T) and its derivative by s, of g = det/s^order."""
+    def Coefficients(delay: float, count: int = 2) -> Array:
+        """Returns the first Taylor coefficients at s = 0 of g = det/s^order."""
         s = min(radius, 10 / max(delay, 1e-9)) * circle
         matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
         z = np.exp(-s * delay)[:, None, None]
@@ -326,7 +331,7 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
         matrix[:, n:, :n] = loop.C
         matrix[:, n:, n:] = np.eye(m) + loop.D * z
         g = np.linalg.det(matrix) / s**order
-        return float(np.mean(g).real), float(np.mean(g / s).real)
+        return np.array([np.mean(g / s**k).real for k in range(count)])
 
     # g(0, T) is a polynomial in T of degree `order` at most.
     unit = 1 / max(radius, 1e-6)
@@ -335,17 +340,24 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     polynomial = np.polyfit(nodes / unit, values, order)
     polynomial[np.abs(polynomial) < 1e-9 * np.abs(polynomial).max()] = 0.0
     passages = []
+    num_without_delay = 0
     for root in np.roots(polynomial):
         if abs(root.imag) > 1e-6 * abs(root) or root.real < 0:
             continue
         delay = unit * float(root.real)
-        slope = float(np.polyval(np.polyder(polynomial), root.real))
-        curvature = Coefficients(delay)[1]
-        # The root is at -g(0, T)/g_s.
         if delay < _AXIS_TOLERANCE * unit:
-            delay = 0.0
-        direction = -1 if slope * curvature > 0 else 1
+            num_without_delay += 1
+            continue
+        slope = float(np.polyval(np.polyder(polynomial), root.real))
+        # The root is at -g(0, T)/g_s.
+        direction = -1 if slope * Coefficients(delay)[1] > 0 else 1
         passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
+    if num_without_delay:
+        # They leave 0 as the delay leaves it; so where are they with a small one?
+        nearby = Coefficients(0.01 * unit, num_without_delay + 1)
+        for s in np.roots(nearby[::-1]):
+            direction = 1 if s.real > 0 else -1
+            passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
     return passages
 
 

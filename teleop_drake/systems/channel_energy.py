@@ -1,18 +1,24 @@
 """Energy that goes into the channels and does not come out."""
 
+from collections.abc import Callable
+
+import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     ContinuousState,
+    DependencyTicket,
     LeafSystem,
 )
+
+_DIFFERENCE = np.array([1.0, -1.0])
 
 
 class ChannelEnergy(LeafSystem):
     """Balances the energy at both ends of the communication.
 
-        power     = F_m . v_m - F_s . v_s
-        d(energy)/dt = power
+        power_in = F_m . v_m           d(energy_in)/dt  = power_in
+        power_out = F_s . v_s          d(energy_out)/dt = power_out
+        power = power_in - power_out   energy = energy_in - energy_out
 
     At the master a force F_m is sent while a velocity v_m is felt: F_m . v_m goes into
     the channels. At the slave a force F_s arrives while the tool moves with v_s:
@@ -28,12 +34,17 @@ class ChannelEnergy(LeafSystem):
     | in   | slave_velocity  | n    | m/s  | v of the tool, sent           |
     | out  | energy          | 1    | J    | put in minus taken out so far |
     | out  | power           | 1    | W    | its rate                      |
+    | out  | power_in        | 1    | W    | at the master                 |
+    | out  | power_out       | 1    | W    | at the slave                  |
+    | out  | energy_in       | 1    | J    | put in at the master so far   |
+    | out  | energy_out      | 1    | J    | taken out at the slave so far |
 
-    State (continuous, 1): the energy in J.
+    State (continuous, 2): [energy_in, energy_out] in J.
 
     Initial value: 0.
 
-    Direct feedthrough: from all inputs to power; none to energy.
+    Direct feedthrough: from the inputs at the master to power_in, from those at the
+    slave to power_out, from all to power; none to the energies.
 
     It acts on nothing. Forces that jump without an event that ends the step cost
     accuracy, as in any integrated quantity.
@@ -59,32 +70,53 @@ class ChannelEnergy(LeafSystem):
         self._master_velocity = self.DeclareVectorInputPort("master_velocity", num_axes)
         self._slave_force = self.DeclareVectorInputPort("slave_force", num_axes)
         self._slave_velocity = self.DeclareVectorInputPort("slave_velocity", num_axes)
-        self.DeclareContinuousState(1)
+        self.DeclareContinuousState(2)
+        state = {self.xc_ticket()}
+        at_master = {self._master_force.ticket(), self._master_velocity.ticket()}
+        at_slave = {self._slave_force.ticket(), self._slave_velocity.ticket()}
+        for name, calc, prerequisites in (
+            ("energy", lambda context: self._Energies(context) @ _DIFFERENCE, state),
+            (
+                "power",
+                lambda context: self._Powers(context) @ _DIFFERENCE,
+                at_master | at_slave,
+            ),
+            ("power_in", self._PowerIn, at_master),
+            ("power_out", self._PowerOut, at_slave),
+            ("energy_in", lambda context: self._Energies(context)[0], state),
+            ("energy_out", lambda context: self._Energies(context)[1], state),
+        ):
+            self._DeclareScalarOutputPort(name, calc, prerequisites)
+
+    def _DeclareScalarOutputPort(
+        self,
+        name: str,
+        calc: Callable[[Context], float],
+        prerequisites: set[DependencyTicket],
+    ) -> None:
         self.DeclareVectorOutputPort(
-            "energy", 1, self._CalcEnergy, prerequisites_of_calc={self.xc_ticket()}
-        )
-        self.DeclareVectorOutputPort(
-            "power",
+            name,
             1,
-            self._CalcPower,
-            prerequisites_of_calc={self.all_input_ports_ticket()},
+            lambda context, output: output.SetAtIndex(0, float(calc(context))),
+            prerequisites_of_calc=prerequisites,
         )
 
-    def _EvalPower(self, context: Context) -> float:
-        power_in = self._master_force.Eval(context) @ self._master_velocity.Eval(
-            context
-        )
-        power_out = self._slave_force.Eval(context) @ self._slave_velocity.Eval(context)
-        return float(power_in - power_out)
+    def _PowerIn(self, context: Context) -> float:
+        F, v = self._master_force.Eval(context), self._master_velocity.Eval(context)
+        return float(F @ v)
+
+    def _PowerOut(self, context: Context) -> float:
+        F, v = self._slave_force.Eval(context), self._slave_velocity.Eval(context)
+        return float(F @ v)
+
+    def _Powers(self, context: Context) -> np.ndarray:
+        return np.array([self._PowerIn(context), self._PowerOut(context)])
+
+    def _Energies(self, context: Context) -> np.ndarray:
+        return context.get_continuous_state_vector().CopyToVector()
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
-        """Evaluates the power; called by Drake several times in every step."""
-        derivatives.SetFromVector([self._EvalPower(context)])
-
-    def _CalcEnergy(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_continuous_state_vector().CopyToVector())
-
-    def _CalcPower(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._EvalPower(context))
+        """Evaluates the powers; called by Drake several times in every step."""
+        derivatives.SetFromVector(self._Powers(context))

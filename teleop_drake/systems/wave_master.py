@@ -14,6 +14,7 @@ from teleop_drake.laws.wave_variables import (
     reflected_wave,
     wave_root,
 )
+from teleop_drake.systems.proportional_master import check_gain
 
 
 class WaveMaster(LeafSystem):
@@ -72,15 +73,10 @@ class WaveMaster(LeafSystem):
         LeafSystem.__init__(self)
         self.set_name("wave_master")
         b = np.array(impedance, dtype=float)
-        self._D = np.array(damping, dtype=float)
         start = np.array(start, dtype=float)
         self._S = wave_root(b)
         n = self._n = self._S.shape[0]
-        if self._D.shape != (n, n) or not np.all(np.linalg.eigvalsh(self._D) >= 0):
-            raise ValueError(
-                f"damping: {self._D.tolist()}; allowed: a symmetric positive "
-                f"semidefinite {n} x {n} matrix (N s/m)"
-            )
+        self._D = check_gain("damping", damping, n)
         if start.shape != (n,):
             raise ValueError(f"start: {start.tolist()}; allowed: {n} numbers (m)")
         self._f, self._bandwidth = check_wave_path(scaling, bandwidth)

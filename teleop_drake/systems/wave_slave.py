@@ -104,6 +104,11 @@ class WaveSlave(LeafSystem):
             "slave_power", n, self._CalcSlavePower, prerequisites_of_calc=wave
         )
 
+    @property
+    def drift_correction(self) -> float:
+        """Rate in 1/s at which the tool is pulled to the master's position."""
+        return self._rate
+
     def _Wave(self, context: Context) -> np.ndarray:
         if self._bandwidth:
             u = context.get_continuous_state_vector().CopyToVector()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ def test_table(capsys):
     assert main(["analyze", "one_dof", "--controller", "direct_force"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    headline, head, *rows, first, now = out.splitlines()
+    headline, head, *rows, first, now, passive = out.splitlines()
     assert headline == (
         "one_dof, direct_force: delay 0.1 s forward, 0.1 s back; "
         "round-trip delays up to 2 s"
@@ -35,7 +36,32 @@ def test_table(capsys):
         "rad/s by all of its margin, 54.8 deg."
     )
     assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
+    assert passive == (
+        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        "falls below 1 (tissue, free, bone)."
+    )
     assert os.listdir() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--controller", "wave_variables"], "Llewellyn's parameter is 1 or more ever"),
+        (["--controller", "time_domain_passivity"], "are taken to inject nothing"),
+        (["--controller", "smith_predictor"], "predictor is taken to be the round tr"),
+        (
+            ["--set", "forward_channel={kind: variable, sinusoid: {amplitude: 0.02}}"],
+            "forward_channel: the delay varies from 0.08 to 0.12 s; the margins hold",
+        ),
+        (
+            ["--set", "return_channel={kind: sampled, sample_period: 0.01}"],
+            "return_channel: packets are held for 0.01 s, on average half of that; the",
+        ),
+    ],
+)
+def test_what_was_assumed_is_said(options, text, capsys):
+    assert main(["analyze", "one_dof", *options]) == 0
+    assert text in capsys.readouterr().out
 
 
 def test_frozen_weights_are_mentioned(capsys):
@@ -53,7 +79,13 @@ def test_json_on_stdout(capsys):
         "two_dof_combined",
         {"forward_channel.delay": 0.05, "return_channel.delay": 0.05},
     )
+    transparency = record.pop("transparency")
     assert record == AnalyzeStability(scenario).ToRecord()
+    assert [point["name"] for point in transparency] == ["tissue", "free", "bone"]
+    assert not any(point["absolutely_stable"] for point in transparency)
+    assert record["notes"] == [
+        "The weights of the adaptive law are frozen at their initial values."
+    ]
     assert record["forward_delay"] == 0.05
 
 
@@ -70,6 +102,7 @@ def test_files(capsys):
             "chart.png",
             "nyquist.png",
             "stable_delays.png",
+            "transparency.png",
         )
     ]
     assert sorted(os.listdir("here")) == names
@@ -104,9 +137,22 @@ def test_files(capsys):
         ("two_dof_puncture --vary position=1,2", "position = 2: [2.0, 0.0] is 2 m fr"),
         ("one_dof --vary position=-1,2", "position = -1: must be on the tool's path"),
         ("network_tracking_linear", "scenario = 'network_tracking_linear': must be a"),
+        ("one_dof --vary robot.model=1:2:2", "robot.model = 1.0: must be text"),
+        ("one_dof --vary surgeon=0:1:2", "surgeon = 0.0: must be a mapping with the"),
         (
-            "one_dof --set forward_channel.kind=variable",
-            "forward_channel.kind = 'variable': must be transport",
+            "one_dof --set forward_channel={kind: network, sample_period: 0.01, "
+            "receiver: {policy: extrapolate}}",
+            "forward_channel.receiver.policy = 'extrapolate': must be newest or play",
+        ),
+        (
+            "one_dof --set controller.kind=smith_predictor "
+            "--set controller.smith_predictor.delay=0.1",
+            "a delay of 0.1 s inside of a station: must be the round trip, 0.2 s",
+        ),
+        (
+            "one_dof --set controller.kind=wave_variables "
+            "--set controller.wave_variables.drift_correction=1",
+            "controller: drift_correction = 1: must be 0",
         ),
         ("one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
@@ -114,7 +160,7 @@ def test_files(capsys):
 )
 def test_bad_input(command, message, capsys):
     Path("file").touch()
-    command = ["analyze", *command.split(), "--quiet"]
+    command = ["analyze", *re.split(r"(?<![:,]) ", command), "--quiet"]
     assert main(command) == 2
     out, err = capsys.readouterr()
     assert out == ""

@@ -6,80 +6,52 @@ from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.analysis.energy import (
     AddChannelEnergy,
+    AddTwoPortEnergy,
     ChannelEnergyBalance,
-    EnvironmentImpedance,
-    TransmittedImpedance,
+    TwoPortEnergyBalance,
 )
-from teleop_drake.analysis.linearization import LinearizeLoop, OperatingPoints
-from teleop_drake.laws.two_port import delay_two_port, terminated_port
+from teleop_drake.architectures import ResolveController
 from teleop_drake.recording import Recording, SolverStatistics
-from teleop_drake.robots import MakeRobot
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
-from teleop_drake.systems.layered_force_field import LayeredForceField
-from teleop_drake.teleoperator import MakeChannel
+from teleop_drake.teleoperator import AddTeleoperator, MakeTeleoperator
 
-W = np.geomspace(0.1, 100, 40)
+NETWORK = {
+    "kind": "network",
+    "delay": 0.08,
+    "sample_period": 0.02,
+    "jitter": {"kind": "gamma", "std": 0.01, "minimum": 0.05},
+    "loss": {"kind": "independent", "probability": 0.05},
+    "seed": 3,
+}
 
 
 def LoopWithMeter(scenario):
-    """The teleoperator, wired by hand with a ChannelEnergy."""
-    n = scenario.num_axes
-    config = scenario.robot
+    """The teleoperator with a ChannelEnergy at its channels."""
     builder = DiagramBuilder()
-    add = builder.AddNamedSystem
-    master = add("master", MakeMasterStation(scenario))
-    controller = add("controller", MakeSlaveStation(MakeControlLaw(scenario)))
-    robot = add(
-        "robot",
-        MakeRobot(
-            model=config.model,
-            start=config.start,
-            elbow=config.elbow,
-            mass=config.mass,
-            damping=config.damping,
-        ),
+    AddTeleoperator(builder, scenario)
+    master, forward, controller, back = map(
+        builder.GetSubsystemByName,
+        ("master", "forward_channel", "controller", "return_channel"),
     )
-    environment = add(
-        "environment",
-        LayeredForceField(layers=scenario.environment.layers, num_axes=n),
-    )
-    channels = [
-        add(
-            name,
-            MakeChannel(getattr(scenario, name), size=2 * n, initial_value=[*start]),
-        )
-        for name, start in (
-            ("forward_channel", np.zeros(2 * n)),
-            ("return_channel", [*config.start, *np.zeros(n)]),
-        )
-    ]
-    forward, back = channels
-    for source, output, target, name in (
-        (master, "forward_packet", forward, "signal"),
-        (forward, "delayed_signal", controller, "forward_packet"),
-        (controller, "control_force", robot, "control_force"),
-        (environment, "environment_force", robot, "environment_force"),
-        (environment, "environment_force", controller, "environment_force"),
-        (controller, "return_packet", back, "signal"),
-        (back, "delayed_signal", master, "return_packet"),
-        *(
-            (robot, name, target, name)
-            for name in ("tool_position", "tool_velocity")
-            for target in (environment, controller)
-        ),
-    ):
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(name))
     AddChannelEnergy(
         builder,
-        num_axes=n,
+        num_axes=scenario.num_axes,
         forward_sent=master.GetOutputPort("forward_packet"),
         forward_received=forward.GetOutputPort("delayed_signal"),
         return_sent=controller.GetOutputPort("return_packet"),
         return_received=back.GetOutputPort("delayed_signal"),
     )
     return builder.Build()
+
+
+def RunWithTwoPortMeter(name, kind, **overrides):
+    scenario = LoadScenario(name, {"controller.kind": kind} | overrides)
+    builder = DiagramBuilder()
+    AddTeleoperator(builder, scenario)
+    meter = AddTwoPortEnergy(builder)
+    assert meter.get_name() == "two_port_energy"
+    return simulate(scenario, teleoperator=builder.Build())
 
 
 @pytest.mark.parametrize(
@@ -173,37 +145,107 @@ def test_other_recordings():
     recording = simulate(LoadScenario("network_tracking_linear", {"duration": 0.1}))
     with pytest.raises(ValueError, match="recording: no packets"):
         ChannelEnergyBalance(recording)
+    with pytest.raises(ValueError, match="recording: no packets"):
+        TwoPortEnergyBalance(recording)
 
 
-@pytest.mark.parametrize(("point", "k", "d"), [(0, 0.01, 0.5), (2, 150.0, 0.0)])
-def test_transmitted_impedance_of_direct_force(point, k, d):
-    """Z_to = (m j w + c + Z_e) e^(j w T): the robot is felt as well."""
-    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
-    model = LinearizeLoop(scenario, OperatingPoints(scenario)[point])
-    Z_e = EnvironmentImpedance(scenario, model, W)
-    np.testing.assert_allclose(Z_e[:, 0, 0], d + k / (1j * W))
-    Z_to = TransmittedImpedance(model, W, delay=0.2)[:, 0, 0]
-    robot = 0.5j * W + 0.1
+@pytest.mark.parametrize("channel", ["transport", "network"])
+@pytest.mark.parametrize("kind", ARCHITECTURES)
+def test_every_architecture_has_a_balance(kind, channel):
+    """The meter in the diagram and the recording agree."""
+    overrides = {"duration": 1.5}
+    if channel == "network":
+        overrides |= {"forward_channel": NETWORK, "return_channel": NETWORK}
+    recording = RunWithTwoPortMeter("two_dof_collision", kind, **overrides)
+    balance = TwoPortEnergyBalance(recording)
+    energy = recording["energy"][:, 0]
+    scale = np.abs(recording["energy_in"]).max() + np.abs(recording["energy_out"]).max()
+    assert scale > 1e-4
+    # Passivity control bends the power between the samples of the recording.
+    tolerance = 5e-3 if kind == "time_domain_passivity" else 1e-3
+    np.testing.assert_allclose(balance.energy, energy, atol=tolerance * scale)
     np.testing.assert_allclose(
-        Z_to, (robot + Z_e[:, 0, 0]) * np.exp(0.2j * W), rtol=1e-8
+        energy, (recording["energy_in"] - recording["energy_out"])[:, 0], atol=1e-15
     )
-    # The same through the two-port.
-    felt = terminated_port(
-        delay_two_port(W, forward_delay=0.13, return_delay=0.07), robot + Z_e[:, 0, 0]
-    )
-    np.testing.assert_allclose(Z_to, 1 / felt, rtol=1e-8)
-    assert Z_to.real.min() < 0 < TransmittedImpedance(model, W).real.min()
+    power = (recording["power_in"] - recording["power_out"])[:, 0]
+    np.testing.assert_allclose(recording["power"][:, 0], power, atol=1e-15)
+    np.testing.assert_allclose(balance.power_in, recording["power_in"][:, 0])
+    np.testing.assert_allclose(balance.power_out, recording["power_out"][:, 0])
 
 
-def test_transmitted_impedance_of_the_arm():
-    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
-    points = OperatingPoints(scenario)
-    tissue, free = (
-        TransmittedImpedance(LinearizeLoop(scenario, point), W) for point in points[:2]
+def test_direct_force_has_the_same_balance_at_both_pairs_of_ends():
+    scenario = LoadScenario(
+        "one_dof", {"controller.kind": "direct_force", "duration": 9.0}
     )
-    assert tissue.shape == (40, 2, 2)
-    model = LinearizeLoop(scenario, points[1])
-    assert np.all(EnvironmentImpedance(scenario, model, W) == 0)
-    # At high frequencies the inertia of the tool.
-    inertia = np.linalg.inv(model.slave.B[2:4, :2])
-    np.testing.assert_allclose(free[-1] / (1j * W[-1]), inertia, rtol=1e-2)
+    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario))
+    np.testing.assert_allclose(
+        TwoPortEnergyBalance(recording).energy,
+        ChannelEnergyBalance(recording).energy,
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("delays", [(0.1, 0.1), (0.25, 0.05)])
+def test_a_wave_line_stores_its_waves(delays):
+    """E = integral over what is under way of u^T u/2 and w^T w/2, and what the damper
+    at the master has dissipated: closed form, from the waves alone."""
+    forward, back = delays
+    recording = RunWithTwoPortMeter(
+        "two_dof_collision",
+        "wave_variables",
+        **{
+            "duration": 2.4,
+            "forward_channel.delay": forward,
+            "return_channel.delay": back,
+        },
+    )
+    D = ResolveController(recording.scenario).master_damping
+    fine = np.linspace(0.0, recording.time[-1], 48001)
+
+    def Integral(power):
+        steps = (power[1:] + power[:-1]) / 2 * np.diff(fine)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    u, w, v = (
+        recording.Interpolate(name, fine)[:, :2]
+        for name in ("forward_packet_sent", "return_packet_sent", "felt_velocity")
+    )
+    sent_u, sent_w = (Integral(np.sum(x * x, axis=1) / 2) for x in (u, w))
+    stored = sum(
+        sent - np.interp(fine - delay, fine, sent)
+        for sent, delay in ((sent_u, forward), (sent_w, back))
+    )
+    dissipated = Integral(np.einsum("ki,ij,kj->k", v, D, v))
+    expected = np.interp(recording.time, fine, stored + dissipated)
+    energy = recording["energy"][:, 0]
+    scale = energy.max()
+    assert scale > 1e-3 and stored.max() > 0.02 * scale
+    np.testing.assert_allclose(energy, expected, atol=1e-3 * scale)
+    assert TwoPortEnergyBalance(recording).violation[-1] == 0
+
+
+def test_passivity_control_makes_no_more_than_its_allowance():
+    """Direct force makes more than E_0 on each axis; under passivity control it may
+    not, a horizon's worth of overdraft apart."""
+    task = "two_dof_collision"
+    overrides = {"duration": 2.4, "return_channel.delay": 0.2}
+    recording = RunWithTwoPortMeter(task, "time_domain_passivity", **overrides)
+    n = recording.scenario.num_axes
+    allowance = n * ResolveController(recording.scenario).initial_energy
+    assert TwoPortEnergyBalance(recording).violation[-1] < 1.1 * allowance
+    direct = RunWithTwoPortMeter(task, "direct_force", **overrides)
+    assert TwoPortEnergyBalance(direct).violation[-1] > 1.3 * allowance
+
+
+def test_no_teleoperator_no_meter():
+    with pytest.raises(RuntimeError, match="master"):
+        AddTwoPortEnergy(DiagramBuilder())
+
+
+def test_added_or_made_the_teleoperator_is_the_same():
+    scenario = LoadScenario("one_dof")
+    builder = DiagramBuilder()
+    AddTeleoperator(builder, scenario)
+    names = [system.get_name() for system in builder.Build().GetSystems()]
+    made = MakeTeleoperator(scenario)
+    assert names == [system.get_name() for system in made.GetSystems()]

@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from teleop_drake.analysis.linearization import (
     LinearizeLoop,
+    LinearizeTwoPort,
     OperatingPoint,
     OperatingPointAt,
     OperatingPointOfRun,
@@ -21,6 +22,7 @@ from teleop_drake.robots import InverseKinematics
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.systems.sampled_delay import SampledDelay
 from teleop_drake.systems.transport_delay import TransportDelay
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -251,11 +253,11 @@ def test_error_estimate_covers_a_curved_law():
     assert error < max(model.error, 1e-13) < 1e-8
 
 
-def test_delay_of_its_own_has_no_linear_model():
-    """What a system keeps in samples would be taken for constant."""
+def LawWith(late):
+    """Direct force whose haptic force goes through a system."""
     builder = DiagramBuilder()
     law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
-    late = builder.AddNamedSystem("late", TransportDelay(delay=0.1, size=1))
+    late = builder.AddNamedSystem("late", late)
     builder.ExportInput(late.get_input_port(), "haptic_force")
     builder.Connect(late.get_output_port(), law.GetInputPort("haptic_force"))
     for name in (
@@ -266,10 +268,124 @@ def test_delay_of_its_own_has_no_linear_model():
     ):
         builder.ExportInput(law.GetInputPort(name), name)
     builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
+    return builder.Build()
+
+
+def test_delay_of_its_own_is_one_more_cut():
+    """Of the slave: the delay's output acts as the haptic force did, and its input is
+    that force as received."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
-    diagram = MakeTeleoperator(scenario, control_law=builder.Build())
+    point = OperatingPoints(scenario)[0]
+    late = LawWith(TransportDelay(delay=0.1, size=1))
+    model = LinearizeLoop(
+        scenario, point, teleoperator=MakeTeleoperator(scenario, control_law=late)
+    )
+    plain = LinearizeLoop(scenario, point)
+    assert model.inner_delays == (0.1,) and plain.inner_delays == ()
+    assert model.packet_sizes == plain.packet_sizes == (2, 2)
+    np.testing.assert_allclose(model.slave.A, plain.slave.A, atol=1e-12)
+    np.testing.assert_allclose(model.slave.B[:, [2, 1]], plain.slave.B, atol=1e-12)
+    assert np.all(model.slave.B[:, 0] == 0)
+    np.testing.assert_allclose(model.slave.D[2], [1, 0, 0], atol=1e-12)
+    assert model.trim_residual < 1e-12
+
+
+def test_samples_have_no_linear_model():
+    """What a system keeps in samples would be taken for constant."""
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    late = LawWith(SampledDelay(delay=0.1, sample_period=0.01, size=1))
+    diagram = MakeTeleoperator(scenario, control_law=late)
     with pytest.raises(ValueError, match="controller: 'late' has a state that is not"):
         LinearizeLoop(scenario, OperatingPoints(scenario)[0], teleoperator=diagram)
+
+
+def test_predictor_is_its_equation():
+    """v_felt = v_ret + v_model - d, M dv_model/dt = F_h - B v_model - K y."""
+    scenario = LoadScenario("one_dof", {"controller.kind": "smith_predictor"})
+    model = LinearizeTwoPort(scenario, OperatingPoints(scenario)[0])
+    m, c, k = 0.5, 0.6, 0.01
+    G = model.master.FrequencyResponse(W)
+    v_model = 1 / (m * S + c + k / S)
+    one, zero = np.ones_like(S), np.zeros_like(S)
+    # From [F_h, p, v_ret, d] to [v_felt, F_h, v_d, v_model].
+    expected = np.array(
+        [
+            [v_model, zero, one, -one],
+            [one, zero, zero, zero],
+            [zero, zero, zero, zero],
+            [v_model, zero, zero, zero],
+        ]
+    )
+    np.testing.assert_allclose(G, np.moveaxis(expected, -1, 0), atol=1e-9)
+    assert model.inner_delays == (0.2,)
+
+
+def test_idle_passivity_controllers_are_direct_force():
+    for name in ("one_dof", "two_dof_combined"):
+        model = Model(name, "time_domain_passivity")
+        direct = Model(name)
+        assert model.idle_passivity and not direct.idle_passivity
+        n = len(model.point.position)
+        v = slice(n, 2 * n)
+        np.testing.assert_allclose(
+            model.slave.FrequencyResponse(W)[:, v, :n],
+            direct.slave.FrequencyResponse(W)[:, v, :n],
+            rtol=1e-7,
+            atol=1e-9,
+        )
+        np.testing.assert_allclose(
+            model.master.FrequencyResponse(W)[:, :n, v],
+            direct.master.FrequencyResponse(W)[:, :n, v],
+            rtol=1e-7,
+        )
+
+
+class Bent(LeafSystem):
+    """F = F_hd + share |v - v_bend|."""
+
+    def __init__(self, v_bend, share=0.1):
+        LeafSystem.__init__(self)
+        inputs = [
+            self.DeclareVectorInputPort(name, 1)
+            for name in (
+                "haptic_force",
+                "velocity_command",
+                "tool_position",
+                "tool_velocity",
+                "environment_force",
+            )
+        ]
+
+        def Calc(context, output: BasicVector):
+            v = inputs[3].Eval(context)
+            output.SetFromVector(inputs[0].Eval(context) + share * np.abs(v - v_bend))
+
+        self.DeclareVectorOutputPort("control_force", 1, Calc)
+
+
+def test_law_that_bends_at_the_point_has_no_linear_model():
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    point = OperatingPoints(scenario)[0]
+    diagram = MakeTeleoperator(scenario, control_law=Bent(0.001))
+    with pytest.raises(ValueError, match="its law bends at the operating point 'tis"):
+        LinearizeLoop(scenario, point, teleoperator=diagram)
+    # On either side of the bend it has one.
+    for v_bend, sign in ((-0.1, 1), (0.1, -1)):
+        model = LinearizeLoop(
+            scenario,
+            point,
+            teleoperator=MakeTeleoperator(scenario, control_law=Bent(v_bend)),
+        )
+        assert model.slave.A[1, 1] == pytest.approx((-0.6 + sign * 0.1) / 0.5)
+
+
+def test_drift_correction_has_no_linear_model():
+    with pytest.raises(ValueError, match=r"controller: drift_correction = 2: must be"):
+        Model(
+            "one_dof",
+            "wave_variables",
+            **{"controller.wave_variables.drift_correction": 2.0},
+        )
 
 
 def test_surgeon_is_in_velocity_mode_also_on_bone():

@@ -20,6 +20,13 @@ from teleop_drake.simulation import simulate
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 KINDS = ("direct_force", "adaptive_backstepping")
+OTHERS = (
+    "wave_variables",
+    "time_domain_passivity",
+    "proportional_damping",
+    "four_channel",
+    "smith_predictor",
+)
 
 # One layer that is everywhere, so that a run stays at its operating point.
 EVERYWHERE = {
@@ -108,6 +115,17 @@ def test_collocation_agrees_at_every_border(name, kind):
         assert point.stable_delays[0] == (0.0, min(margin, point.max_delay))
         if point.margin:
             assert point.RightmostRoot(1.02 * margin).real > 0
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+def test_collocation_and_counting_agree_for_all_architectures(name, kind):
+    for point in Analyze(name, kind).points:
+        for T in (0.05, 0.2, 0.45):
+            root = point.RightmostRoot(T)
+            # It is None where the two do not agree.
+            assert root is not None
+            assert (root.real < 0) == point.IsStableWith(T)
 
 
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
@@ -235,6 +253,206 @@ def test_runs_in_the_second_window(delay, grows):
     assert (rate > 0) == grows
     assert rate == pytest.approx(root.real, rel=1e-2)
     assert frequency == pytest.approx(root.imag, rel=1e-2)
+
+
+def PredictorDeterminant(s, T, model_mass, k, d):
+    """The characteristic function of the slider behind a Smith predictor, by hand.
+
+    With tool P = 1/(m s + c + d + k/s), model Q = 1/(m' s + ...) and the device's H:
+    1 + H [P z + Q (1 - z)], z = e^(-s T).
+    """
+    H = (25 * s + 50) / (s**2 + 25 * s)
+    P = 1 / (0.5 * s + 0.1 + d + k / s)
+    Q = 1 / (model_mass * s + 0.1 + 0.5 + 0.01 / s)
+    z = np.exp(-s * T)
+    return 1 + H * (P * z + Q * (1 - z))
+
+
+@pytest.mark.parametrize("T", [0.05, 0.3, 1.3])
+@pytest.mark.parametrize(
+    ("layer", "k", "d"), [("tissue", 0.01, 0.5), ("free", 0, 0), ("bone", 150, 0)]
+)
+def test_roots_of_a_predictor_by_hand(layer, k, d, T):
+    """Its delay follows the channels, and every root that is found is one."""
+    point = Analyze(
+        "one_dof",
+        "smith_predictor",
+        **{
+            "controller.smith_predictor.mass": 0.7,
+            "forward_channel.delay": T / 2,
+            "return_channel.delay": T / 2,
+        },
+    )[layer]
+    roots = point.Roots(T, count=6)
+    assert len(roots) >= 4
+    for s in roots:
+        # A simple root: its Newton step is small.
+        h = 1e-6 * max(abs(s), 1e-3)
+        low, middle, high = (
+            PredictorDeterminant(s + x, T, 0.7, k, d) for x in (-h, 0, h)
+        )
+        step = middle / ((high - low) / (2 * h))
+        assert abs(step) < 1e-5 * max(abs(s), 0.1)
+
+
+def test_exact_predictor_has_the_roots_without_delay():
+    """As many as there are, at every delay, and no crossing."""
+    tissue = Analyze("one_dof", "smith_predictor")["tissue"]
+    assert tissue.margin is None
+    assert [x for x in tissue.crossings if x.frequency > 0] == []
+    assert tissue.stable_delays == [(0.0, tissue.max_delay)]
+    direct = Analyze("one_dof")["tissue"].Roots(0.0)
+    assert sum(direct.real > -5) == 2
+    for T in (0.2, 2.0):
+        found = tissue.Roots(T)
+        for s in direct[direct.real > -5]:
+            assert np.min(np.abs(found - s)) < 1e-6
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_runs_with_a_predictor_on_either_side_of_its_margin(share):
+    """In free space, of which its model of the tissue is wrong."""
+    overrides = {
+        "controller.kind": "smith_predictor",
+        "controller.smith_predictor.damping": 0.6,
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+    }
+
+    def Scenario(delay, duration):
+        return LoadScenario(
+            "one_dof",
+            overrides
+            | {
+                "duration": duration,
+                "forward_channel.delay": 0.3 * delay,
+                "return_channel.delay": 0.7 * delay,
+            },
+        )
+
+    point = OperatingPointAt(Scenario(0.2, 60.0), 0.01)
+    (stability,) = AnalyzeStability(Scenario(0.2, 60.0), points=[point]).points
+    delay = share * stability.margin.delay
+    # A run with a margin of its own: the predictor knows its delay.
+    (own,) = AnalyzeStability(Scenario(delay, 60.0), points=[point]).points
+    assert own.margin.delay == pytest.approx(stability.margin.delay, rel=1e-9)
+    rate, frequency = Growth(simulate(Scenario(delay, 60.0)), 30.0)
+    root = own.RightmostRoot(delay)
+    pair = next(s for s in own.Roots(delay) if s.imag > 0)
+    assert (rate > 0) == (share > 1) == (not own.is_stable)
+    assert rate == pytest.approx(pair.real, rel=5e-2)
+    assert frequency == pytest.approx(pair.imag, rel=1e-2)
+    assert (root.real > 0) == (share > 1)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+@pytest.mark.parametrize(
+    ("kind", "overrides"),
+    [
+        ("proportional_damping", {"stiffness": 10.0}),
+        ("four_channel", {"variant": "position_position", "bandwidth": 5.0}),
+    ],
+)
+def test_runs_of_other_architectures_on_either_side(kind, overrides, share):
+    """In free space, with gains that do not derive from the delay."""
+    overrides = {f"controller.{kind}.{key}": x for key, x in overrides.items()} | {
+        "controller.kind": kind,
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+        "duration": 40.0,
+    }
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    analysis = AnalyzeStability(scenario, points=[point])
+    assert analysis.notes == []
+    (stability,) = analysis.points
+    delay = share * stability.margin.delay
+    channels = {
+        "forward_channel.delay": 0.3 * delay,
+        "return_channel.delay": 0.7 * delay,
+    }
+    recording = simulate(LoadScenario("one_dof", overrides | channels))
+    rate, frequency = Growth(recording, 25.0)
+    pair = next(s for s in stability.Roots(delay) if s.imag > 0)
+    assert (rate > 0) == (share > 1)
+    assert rate == pytest.approx(pair.real, rel=5e-2)
+    assert frequency == pytest.approx(pair.imag, rel=1e-2)
+
+
+def test_gains_that_derive_from_the_delay_are_held():
+    for kind in ("proportional_damping", "four_channel"):
+        (note,) = Analyze("one_dof", kind).notes
+        assert note.startswith("Gains that derive from the delay keep the values")
+        assert "for 0.2 s" in note
+
+
+def test_bare_wave_line_is_not_robust():
+    """Without a damper the wave is reflected whole at both ends."""
+    analysis = Analyze(
+        "one_dof",
+        "wave_variables",
+        **{"controller.wave_variables.master_damping": 0.0},
+    )
+    (note,) = analysis.notes
+    assert note.startswith("What goes round without any dynamics is not weakened")
+    for point in analysis.points:
+        assert not is_delay_robust(point.loop)
+        assert point.stable_delays == [] and point.margin is None
+
+
+def test_a_second_delay_is_refused():
+    with pytest.raises(ValueError, match=r"0\.1 s inside of a station: must be the ro"):
+        Analyze(
+            "one_dof",
+            "smith_predictor",
+            **{"controller.smith_predictor.delay": 0.1},
+        )
+
+
+@pytest.mark.parametrize("share", [0.93, 1.07])
+def test_runs_with_held_samples_on_either_side_of_the_margin(share):
+    """The delay of a hold, half a period, is part of the delay that fails."""
+    overrides = {
+        "controller.kind": "direct_force",
+        "environment.layers": [],
+        "divergence_speed_ratio": 1000.0,
+        "duration": 30.0,
+    }
+    period = 0.05
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    margin = AnalyzeStability(scenario, points=[point]).points[0].margin.delay
+    channel = {
+        "kind": "sampled",
+        "delay": (share * margin - period) / 2,
+        "sample_period": period,
+    }
+    scenario = LoadScenario(
+        "one_dof",
+        overrides | {"forward_channel": channel, "return_channel": channel},
+    )
+    analysis = AnalyzeStability(scenario, points=[point])
+    (stability,) = analysis.points
+    assert stability.delay == pytest.approx(share * margin)
+    assert len(analysis.notes) == 2 and "on average half" in analysis.notes[0]
+    rate, frequency = Growth(simulate(scenario), 12.0)
+    root = stability.RightmostRoot(stability.delay)
+    assert (rate > 0) == (share > 1) == (not stability.is_stable)
+    assert rate == pytest.approx(root.real, rel=0.05)
+    assert frequency == pytest.approx(root.imag, rel=1e-2)
+
+
+def test_idle_passivity_is_said():
+    analysis = Analyze("two_dof_combined", "time_domain_passivity")
+    direct = Analyze("two_dof_combined")
+    for point, other in zip(analysis.points, direct.points, strict=True):
+        assert point.margin.delay == pytest.approx(other.margin.delay, rel=1e-7)
+        assert point.ToRecord()["idle_passivity"] is True
+        assert other.ToRecord()["idle_passivity"] is False
+    (note,) = analysis.notes
+    assert "passivity controllers are taken to inject nothing" in note
+    assert direct.notes == []
+    assert analysis.ToRecord()["notes"] == [note]
 
 
 def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
@@ -367,9 +585,41 @@ def test_chart_along_the_path():
     assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
 
 
+def test_chart_across_the_borders():
+    """1.0 and 1.1 are where free space and bone begin."""
+    chart = ChartStability(
+        "two_dof_combined",
+        POSITION,
+        np.linspace(0.9, 1.12, 12),
+        overrides={"controller.kind": "direct_force"},
+    )
+    names = [analysis.points[0].model.point.name for analysis in chart.analyses]
+    assert names == ["tissue"] * 5 + ["free"] * 5 + ["bone"] * 2
+    assert chart.values[5] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("controller.G1", [1.0, 4.0]),
+        ("robot.start.0", [0.85, 0.95]),
+        ("surgeon.velocity.0", [0.05, 0.1]),
+        ("environment.layers.tissue.damping", [0.2, 0.5]),
+        ("haptic_device.numerator.0", [10.0, 25.0]),
+    ],
+)
+def test_any_number_can_vary(key, values):
+    chart = ChartStability("two_dof_combined", key, values)
+    assert chart.values.tolist() == values
+    low, high = (intervals[0][1] for intervals in chart.StableDelays("tissue"))
+    assert abs(high / low - 1) > 1e-3
+
+
 def test_chart_refuses():
     with pytest.raises(ScenarioError, match=r"robot\.mass"):
         ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
+    with pytest.raises(ScenarioError, match=r"robot\.model = 1.0: must be text"):
+        ChartStability("one_dof", "robot.model", [1.0, 2.0])
     with pytest.raises(ValueError, match=r"robot\.mass: no value"):
         ChartStability("one_dof", "robot.mass", [])
     with pytest.raises(ValueError, match="on the tool's path"):
@@ -382,9 +632,15 @@ def test_chart_refuses():
         (
             LoadScenario(
                 "one_dof",
-                {"forward_channel": {"kind": "sampled", "sample_period": 0.01}},
+                {
+                    "forward_channel": {
+                        "kind": "network",
+                        "sample_period": 0.01,
+                        "receiver": {"policy": "extrapolate"},
+                    }
+                },
             ),
-            "forward_channel.kind = 'sampled': must be transport",
+            "forward_channel.receiver.policy = 'extrapolate': must be newest",
         ),
         (LoadScenario("network_tracking_linear"), "must be a teleoperation"),
     ],

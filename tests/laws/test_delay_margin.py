@@ -76,12 +76,11 @@ def test_first_order_at_every_delay():
 
 
 def test_benchmark_of_two_states():
-    """Delay margin 6.1725.
+    """Delay margin acos(-0.9)/sqrt(0.19) = 6.1725..., in closed form.
 
-    The standard benchmark of delay-dependent criteria, in K. Gu, V. L. Kharitonov and
-    J. Chen, "Stability of Time-Delay Systems", Birkhauser (2003). The matrices
-    are triangular: s + 2 + e^(-s T) never crosses, s + 0.9 + e^(-s T) does, at
-    w = sqrt(1 - 0.81).
+    The matrices are those that criteria for delay-dependent stability are commonly
+    compared on. They are triangular: s + 2 + e^(-s T) never crosses the axis, and
+    s + 0.9 + e^(-s T) does, at w = sqrt(1 - 0.81), where cos w T = -0.9.
     """
     loop = Retarded([[-2, 0], [0, -0.9]], [[-1, 0], [-1, -1]])
     margin = delay_margin(loop)
@@ -92,11 +91,10 @@ def test_benchmark_of_two_states():
 
 
 def test_delay_that_stabilises():
-    """Stable from 0.10016826 to 1.7178 only.
+    """s^2 - 0.1 s + 2 = e^(-s T): stable from 0.1002 to 1.7179 only, in closed form.
 
-    The other benchmark of Gu, Kharitonov and Chen (2003).
-    s^2 - 0.1 s + 2 = e^(-s T): (2 - w^2)^2 + 0.01 w^2 = 1, and the delays from real
-    and imaginary part: cos w T = 2 - w^2, sin w T = 0.1 w.
+    (2 - w^2)^2 + 0.01 w^2 = 1, and the delays from real and imaginary part:
+    cos w T = 2 - w^2, sin w T = 0.1 w.
     """
     loop = Retarded([[0, 1], [-2, 0.1]], [[0, 0], [1, 0]])
     crossings = find_crossings(loop)
@@ -110,8 +108,9 @@ def test_delay_that_stabilises():
     assert [c.direction for c in crossings] == [-1, 1]
     assert delay_margin(loop) is None
     ((begin, end),) = stable_delays(loop, 50.0)
-    assert begin == pytest.approx(0.10016826, abs=1e-8)
-    assert end == pytest.approx(1.7178, abs=1e-4)
+    assert begin == pytest.approx(expected[0][1], rel=1e-11)
+    assert end == pytest.approx(expected[1][1], rel=1e-11)
+    assert (begin, end) == (pytest.approx(0.1002, abs=1e-4), pytest.approx(1.718, 1e-3))
 
 
 def test_oscillator_with_delayed_positive_feedback():
@@ -319,6 +318,23 @@ def test_roots_that_pass_two_neutral_ones():
     passages = find_crossings(loop)
     assert sorted(x.delay for x in passages) == pytest.approx([0.5, 1.0], rel=1e-9)
     assert unstable_roots(loop, 2.0)[1].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("c", "direction"), [(0.1, -1), (-0.1, 1)])
+def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
+    """s^2 + c (1 - e^(-s T)) = s [s + c T - ...]: a double root 0 at T = 0, of which
+    one stays and one goes to -c T."""
+    loop = Scalar([-c], [1, 0, c])
+    delays, counts = unstable_roots(loop, 0.5)
+    passage = find_crossings(loop)[0]
+    assert (passage.frequency, passage.delay) == (0.0, 0.0)
+    assert passage.direction == direction
+    assert counts[0] == (direction > 0)
+    roots = characteristic_roots(loop.A, loop.B, -loop.C, -loop.D, delay=0.3, count=6)
+    slow = roots[(np.abs(roots) < 0.1) & (np.abs(roots) > 1e-7)]
+    assert len(slow) == 1
+    assert slow[0].real == pytest.approx(-0.3 * c, rel=0.05)
+    assert len(delays) == len(counts)
 
 
 def test_unstable_without_delay_and_with():

@@ -21,15 +21,32 @@ def test_ports_and_feedthrough():
     }
     for name, value in values.items():
         system.GetInputPort(name).FixValue(context, value)
-    # 1*3 - 2*1 - 0.5*2 - 4*0.25
-    assert system.GetOutputPort("power").Eval(context) == [-1.0]
-    assert system.GetOutputPort("energy").Eval(context) == [0.0]
-    assert system.EvalTimeDerivatives(context).CopyToVector() == [-1.0]
-    for i in range(4):
-        assert system.HasDirectFeedthrough(i, system.GetOutputPort("power").get_index())
-        assert not system.HasDirectFeedthrough(
-            i, system.GetOutputPort("energy").get_index()
-        )
+    # 1*3 - 2*1 and 0.5*2 + 4*0.25
+    for name, value in {
+        "power_in": 1.0,
+        "power_out": 2.0,
+        "power": -1.0,
+        "energy": 0.0,
+        "energy_in": 0.0,
+        "energy_out": 0.0,
+    }.items():
+        assert system.GetOutputPort(name).Eval(context) == [value]
+    assert system.EvalTimeDerivatives(context).CopyToVector().tolist() == [1.0, 2.0]
+    context.SetContinuousState([7.0, 5.0])
+    for name, value in {"energy": 2.0, "energy_in": 7.0, "energy_out": 5.0}.items():
+        assert system.GetOutputPort(name).Eval(context) == [value]
+    feedthrough = {
+        "power": {0, 1, 2, 3},
+        "power_in": {0, 1},
+        "power_out": {2, 3},
+        "energy": set(),
+        "energy_in": set(),
+        "energy_out": set(),
+    }
+    for name, expected in feedthrough.items():
+        index = system.GetOutputPort(name).get_index()
+        found = {i for i in range(4) if system.HasDirectFeedthrough(i, index)}
+        assert found == expected, name
 
 
 def test_num_axes():

@@ -1,0 +1,239 @@
+"""What the surgeon feels through the channels, and whether it can become unstable.
+
+The teleoperator is a two-port between the surgeon's hand and the environment. Its
+admittance matrix y(j w), (2n, 2n), is put together from both sides, linearised, and
+the exact delays between them:
+
+    [v_m; -v_s] = y [F_h; F_e]                                                   (1)
+
+F_h is applied at the hand, where v_m is felt; F_e is what the tool exerts on the
+environment, where it moves with v_s. F_h . v_m and -F_e . v_s are the powers that go
+in. Behind it an environment with F_e = Z_e v_s makes it the one-port that the surgeon
+feels, F_h = Z_to v_m.
+
+The tool is at rest here: the model of an arm in motion, at an instant, is not passive,
+even if the arm is.
+
+Sources: B. Hannaford, "A design framework for teleoperators with kinesthetic
+feedback", IEEE Trans. Robot. Autom. 5 (1989); D. A. Lawrence, "Stability and
+transparency in bilateral teleoperation", IEEE Trans. Robot. Autom. 9 (1993).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from teleop_drake.analysis.linearization import (
+    EMPTY,
+    LinearizeTwoPort,
+    OperatingPoint,
+    TwoPortModel,
+)
+from teleop_drake.laws.two_port import llewellyn
+from teleop_drake.scenario import LayerConfig, Scenario
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def AdmittanceMatrix(
+    model: TwoPortModel,
+    frequencies: ArrayLike,
+    *,
+    forward_delay: float = 0.0,
+    return_delay: float = 0.0,
+) -> ComplexArray:
+    """Returns y(j w) of (1) (K, 2n, 2n).
+
+    Delays inside of the stations are the round trip, T_f + T_r.
+
+    Args:
+        model: Both sides at an operating point.
+        frequencies: w in rad/s (K), > 0.
+        forward_delay: T_f in s, >= 0.
+        return_delay: T_r in s, >= 0.
+    """
+    w = np.asarray(frequencies, dtype=float).reshape(-1)
+    n = len(model.point.position)
+    num_sent, num_returned = model.packet_sizes
+    M, S = (side.FrequencyResponse(w) for side in (model.master, model.slave))
+
+    def Turned(side: ComplexArray, num_packet: int, delay: float) -> ComplexArray:
+        """Returns a side with the delays of what it receives before it."""
+        turned = side.copy()
+        turned[:, :, n : n + num_packet] *= np.exp(-1j * w * delay)[:, None, None]
+        round_trip = np.exp(-1j * w * (forward_delay + return_delay))
+        turned[:, :, n + num_packet :] *= round_trip[:, None, None]
+        # What comes out of the delays inside goes back into them.
+        begin = n + num_packet
+        inner = turned.shape[2] - begin
+        end = turned.shape[1] - inner
+        loop = np.eye(inner) - turned[:, end:, begin:]
+        closed = turned[:, :end, begin:] @ np.linalg.solve(
+            loop, turned[:, end:, :begin]
+        )
+        result: ComplexArray = turned[:, :end, :begin] + closed
+        return result
+
+    M = Turned(M, num_returned, return_delay)
+    S = Turned(S, num_sent, forward_delay)
+    # [v; packet] = side [F; packet received]: the packets go round.
+    loop = np.eye(num_sent) - M[:, n:, n:] @ S[:, n:, n:]
+    sent = np.linalg.solve(
+        loop, np.concatenate([M[:, n:, :n], M[:, n:, n:] @ S[:, n:, :n]], axis=2)
+    )
+    returned = S[:, n:, n:] @ sent
+    returned[:, :, n:] += S[:, n:, :n]
+    felt = M[:, :n, n:] @ returned
+    felt[:, :, :n] += M[:, :n, :n]
+    tool = S[:, :n, n:] @ sent
+    tool[:, :, n:] += S[:, :n, :n]
+    return np.concatenate([felt, -tool], axis=1).astype(complex)
+
+
+def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray:
+    """Returns the impedance Z_to(j w) that the surgeon feels (K, n, n).
+
+        Z_to = [y11 - y12 Z_e (1 + y22 Z_e)^-1 y21]^-1
+
+    It is infinite where a motion cannot be felt at all; Re Z_to < 0 where the surgeon
+    is given energy.
+
+    Args:
+        admittance: y of (1) (K, 2n, 2n).
+        load: Z_e in N s/m at the same frequencies (K, n, n).
+    """
+    y, Z_e = np.asarray(admittance), np.asarray(load)
+    n = y.shape[1] // 2
+    loaded = np.eye(n) + y[:, n:, n:] @ Z_e
+    felt = y[:, :n, :n] - y[:, :n, n:] @ Z_e @ np.linalg.solve(loaded, y[:, n:, :n])
+    return np.linalg.inv(felt).astype(complex)
+
+
+def EnvironmentImpedance(
+    scenario: Scenario, point: OperatingPoint, frequencies: ArrayLike
+) -> ComplexArray:
+    """Returns Z_e(j w) = d_e + k_e/(j w) of the layer, along x (K, n, n), (2.14).
+
+    Args:
+        scenario: With the layers.
+        point: The operating point, which says the layer.
+        frequencies: w in rad/s (K), > 0.
+    """
+    w = np.asarray(frequencies, dtype=float).reshape(-1)
+    n = len(point.position)
+    layer = LayerConfig(name=EMPTY, start=-np.inf)
+    if point.layer != EMPTY:
+        (layer,) = [x for x in scenario.environment.layers if x.name == point.layer]
+    impedance = np.zeros((len(w), n, n), dtype=complex)
+    impedance[:, 0, 0] = layer.damping + layer.stiffness / (1j * w)
+    return impedance
+
+
+def AxisTwoPort(admittance: ArrayLike, axis: int = 0) -> ComplexArray:
+    """Returns the admittance matrix of one axis (K, 2, 2), no force on the others.
+
+    Args:
+        admittance: y of (1) (K, 2n, 2n).
+        axis: 0 to n - 1.
+    """
+    y = np.asarray(admittance, dtype=complex)
+    ports = [axis, axis + y.shape[1] // 2]
+    return y[:, ports][:, :, ports]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Transparency:
+    """What the surgeon feels at an operating point.
+
+    Attributes:
+        point: The operating point.
+        frequencies: w in rad/s (K).
+        transmitted: Z_to with the scenario's delays, N s/m (K, n, n).
+        undelayed: Z_to without delay, N s/m (K, n, n).
+        environment: Z_e, N s/m (K, n, n).
+        llewellyn: Llewellyn's parameter of each axis with the scenario's delays, no
+            force on the others (K, n): absolute stability takes 1 or more at every
+            frequency.
+        idle_passivity: Whether it is that of passivity controllers that inject nothing,
+            which says nothing of the architecture's passivity.
+    """
+
+    point: OperatingPoint
+    frequencies: Array
+    transmitted: ComplexArray
+    undelayed: ComplexArray
+    environment: ComplexArray
+    llewellyn: Array
+    idle_passivity: bool
+
+    def ToRecord(self) -> dict[str, Any]:
+        """Returns where each axis is farthest from absolute stability, plain."""
+        least = self.llewellyn.argmin(axis=0)
+        eta = self.llewellyn.min(axis=0)
+        return {
+            "name": self.point.name,
+            # JSON knows no infinity. Null: a port gives energy by itself.
+            "least_llewellyn": [x if np.isfinite(x) else None for x in eta.tolist()],
+            "at_frequency": self.frequencies[least].tolist(),
+            # Passivity controllers are there for where this parameter is not.
+            "absolutely_stable": (
+                None if self.idle_passivity else bool(eta.min() >= 1 - _ROUNDING)
+            ),
+        }
+
+
+# How much less than 1 Llewellyn's parameter may be by rounding.
+_ROUNDING = 1e-6
+
+FREQUENCIES = np.geomspace(0.01, 100.0, 600)
+"""Where transparency is looked at unless said otherwise, in rad/s."""
+
+
+def AnalyzeTransparency(
+    scenario: Scenario,
+    point: OperatingPoint,
+    *,
+    forward_delay: float,
+    return_delay: float,
+    frequencies: ArrayLike = FREQUENCIES,
+) -> Transparency:
+    """Analyses what the surgeon feels at an operating point.
+
+    Args:
+        scenario: A valid one.
+        point: The operating point, of which the position is used, at rest.
+        forward_delay: T_f in s, >= 0.
+        return_delay: T_r in s, >= 0.
+        frequencies: w in rad/s (K), > 0.
+
+    Raises:
+        ValueError: As LinearizeTwoPort.
+    """
+    point = OperatingPoint(
+        name=point.name,
+        layer=point.layer,
+        position=point.position,
+        velocity=0 * point.velocity,
+        estimates=point.estimates,
+    )
+    w = np.asarray(frequencies, dtype=float).reshape(-1)
+    model = LinearizeTwoPort(scenario, point)
+    delayed = AdmittanceMatrix(
+        model, w, forward_delay=forward_delay, return_delay=return_delay
+    )
+    Z_e = EnvironmentImpedance(scenario, point, w)
+    n = len(point.position)
+    return Transparency(
+        point=point,
+        frequencies=w,
+        transmitted=TransmittedImpedance(delayed, Z_e),
+        undelayed=TransmittedImpedance(AdmittanceMatrix(model, w), Z_e),
+        environment=Z_e,
+        llewellyn=np.stack(
+            [llewellyn(AxisTwoPort(delayed, axis)) for axis in range(n)], axis=1
+        ),
+        idle_passivity=model.idle_passivity,
+    )
