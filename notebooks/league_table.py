@@ -124,9 +124,9 @@ def Overrides(task: str, surgeon: str, channel: str, round_trip: float) -> dict:
     """Returns what makes a configuration, as LoadScenario takes it.
 
     The solver is less accurate than by the scenarios' own settings, which moves no
-    number by more than 0.5 %, as tests say, but for one: under a surgeon who never
-    switches, time-domain passivity control brakes and lets go so often that its
-    control_variation is only known to within a factor of 1.5.
+    number by more than 0.5 % in the rows that tests compare. An exception: time-domain
+    passivity control brakes and lets go so often that its control_variation is known
+    to 3 %, and under a surgeon who never switches to within a factor of 1.5 only.
 
     Args:
         task: One of DURATIONS.
