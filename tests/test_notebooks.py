@@ -1,12 +1,14 @@
 """The notebooks: they run in a kernel of their own, and are committed clean.
 
-Every cell runs, with deprecation warnings as errors and in an empty directory. Where
-there is a live slider it is moved, and its cell runs again without ipywidgets.
+Every cell runs, with deprecation warnings as errors and in a directory with nothing but
+the league table. Where there is a live slider it is moved, and its cell runs again
+without ipywidgets.
 """
 
 import ast
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -76,6 +78,8 @@ def Execute(notebook, directory):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs(path, tmp_path):
     notebook = Read(path)
+    for file in path.parent.glob("league_table.*"):
+        shutil.copy(file, tmp_path)
     if path in WITH_SLIDER:
         (slider,) = [
             cell for cell in CodeCells(notebook) if "ipywidgets" in cell.source

@@ -9,6 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from league_table import (
+    HasBone,
+    IsBounded,
+    Medians,
+    NetworkTable,
+    ReadTable,
+    Select,
+    Settles,
+)
 from matplotlib.image import imread
 from runs import Run
 
@@ -113,23 +122,85 @@ def test_delay_margins(task):
                 assert margins[layer] == pytest.approx(float(cell), rel=3e-3)
 
 
+LEAGUE = ReadTable()
+EXACT = Select(LEAGUE, channel="exact")
+
+
 @pytest.mark.parametrize("kind", ARCHITECTURES)
-def test_architectures(kind):
+def test_league_table(kind):
     (cells,) = re.findall(rf"^\| `{kind}` \|(.*)\|$", TEXT, re.MULTILINE)
-    metrics = RunMetrics(Run("two_dof_combined", kind))
-    puncture, collision = metrics["puncture"], metrics["collision"]
-    values = [
-        metrics["start_velocity_overshoot"],
-        puncture["velocity_overshoot"],
-        *(collision[key] for key in ("initial_impact_force", "peak_force")),
-        collision["settling_time"],
-        collision["time"],
+    mine = Select(EXACT, controller=kind)
+    bones = [row for row in mine if HasBone(row["task"])]
+    assert (len(mine), len(bones)) == (35, 30)
+    trips = [row["round_trip"] for row in mine if not IsBounded(row)]
+    medians = Medians(LEAGUE, 0.2)[kind]
+    columns = ("puncture overshoot", "first impact", "settles after", "contact at")
+    values = (medians[name] for name in (*columns, "felt stiffness"))
+    assert [cell.strip() for cell in cells.split("|")] == [
+        str(sum(map(IsBounded, mine))),
+        str(sum(map(Settles, bones))),
+        f"{min(trips):g}" if trips else "never",
+        *("-" if value is None else f"{value:.3g}" for value in values),
     ]
-    for cell, value in zip(cells.split("|"), values, strict=True):
-        if value is None:
-            assert cell.strip() == "never"
-        else:
-            assert value == pytest.approx(float(cell), rel=5e-3, abs=1e-5)
+
+
+def test_what_the_league_says():
+    """Each number and each claim of the conclusions, from the table."""
+    said = " ".join(TEXT.split())
+    safe = ("wave_variables", "proportional_damping")
+    for kind in safe:
+        mine = Select(EXACT, controller=kind)
+        assert all(map(IsBounded, mine))
+        assert all(Settles(row) for row in mine if HasBone(row["task"]))
+    slow, medians = Medians(LEAGUE, 1.0), Medians(LEAGUE, 0.2)
+    waves, damped = (slow[kind]["felt stiffness"] for kind in safe)
+    assert f"like a spring of {waves:.3g} and {damped:.3g} N/m" in said
+    assert all(medians[kind]["contact at"] > 1.1 for kind in safe)
+
+    at_rest = {
+        kind
+        for kind in ARCHITECTURES
+        if medians[kind]["settles after"] and medians[kind]["felt stiffness"] > 100
+    }
+    assert at_rest == {"adaptive_backstepping"}
+    adaptive = slow["adaptive_backstepping"]
+    assert f"overshoots by {adaptive['start overshoot']:.3g} %" in said
+    first, second = adaptive["first impact"], slow["wave_variables"]["first impact"]
+    assert f"hits the bone {first:.3g} times as hard (waves: {second:.3g})" in said
+    lost = {
+        (row["task"], row["surgeon"], row["round_trip"])
+        for row in Select(EXACT, controller="adaptive_backstepping")
+        if not IsBounded(row)
+    }
+    assert lost == {
+        (task, "never", 1.0) for task in ("two_dof_collision", "two_dof_combined")
+    }
+
+    four = medians["four_channel"]
+    assert f"at 0.2 s is {four['control effort']:.3g} times" in said
+    assert Medians(LEAGUE, 0.1)["four_channel"]["felt stiffness"] > 140
+    assert four["felt stiffness"] < 75
+
+    passive = Select(EXACT, controller="time_domain_passivity", surgeon="switches")
+    without_delay = Select(passive, round_trip=0.0)
+    assert len(without_delay) == 3 and not any(map(Settles, without_delay))
+    for row in Select(EXACT, controller="smith_predictor"):
+        case = {key: row[key] for key in ("task", "surgeon")} | {"round_trip": 0.0}
+        (ideal,) = Select(EXACT, controller="direct_force", **case)
+        assert row["start_overshoot"] < 1.1 * ideal["start_overshoot"]
+        assert not Settles(row) or row["round_trip"] == 0
+
+    always = [
+        kind
+        for kind in ARCHITECTURES
+        if all(map(IsBounded, Select(EXACT, controller=kind)))
+    ]
+    assert len(always) == 4
+    for kind in always:
+        assert all(map(IsBounded, Select(LEAGUE, controller=kind)))
+    head, *body = NetworkTable(LEAGUE)
+    efforts = {kind: cells[head[1:].index("both: effort")] for kind, *cells in body}
+    assert f"P+d with {efforts['proportional_damping']} times as much" in said
 
 
 def test_channel_example_is_valid():

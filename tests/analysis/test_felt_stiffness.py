@@ -1,0 +1,149 @@
+"""What the hand feels of the bone: closed forms, a second method, and runs."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from phasors import FeltImpedance
+
+from teleop_drake.analysis.felt_stiffness import FeltAdmittance, FeltStiffness
+from teleop_drake.analysis.linearization import OperatingPoints
+from teleop_drake.architectures import MakeArchitecture, ResolveController
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.simulation import simulate
+
+BONE = 150.0
+MASS, DAMPING = 0.5, 0.1  # Of the slider.
+RESISTANCE = 0.92  # b of H(s) = 2/s + 0.92 + ...
+
+# The delays are not equal, because only their sum shows.
+SHARES = (0.3, 0.7)
+
+
+def Scenario(kind, round_trip, name="one_dof", **overrides):
+    delays = {
+        f"{way}_channel.delay": share * round_trip
+        for way, share in zip(("forward", "return"), SHARES, strict=True)
+    }
+    return LoadScenario(name, {"controller.kind": kind, **delays, **overrides})
+
+
+def OnBone(scenario, *frequencies):
+    return FeltStiffness(scenario, OperatingPoints(scenario)[-1], frequencies)
+
+
+@pytest.mark.parametrize("round_trip", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_collision"])
+@pytest.mark.parametrize("kind", ARCHITECTURES)
+def test_slow_motions(kind, name, round_trip):
+    """The springs that stand in series with the bone, from each one's equations."""
+    scenario = Scenario(kind, round_trip, name)
+    series = 1 / BONE
+    if kind == "wave_variables":
+        series += round_trip / (2 * RESISTANCE)
+    elif kind == "proportional_damping":
+        series += 1 / ResolveController(scenario).stiffness[0, 0]
+    elif kind == "smith_predictor" and name == "two_dof_collision" and round_trip:
+        # The model has neither spring nor damper: it runs away from any force.
+        series = np.inf
+    # The spring of the Smith predictor's model gives in below 0.02 rad/s only.
+    omega = 1e-6 if kind == "smith_predictor" and name == "one_dof" else 1e-4
+    assert OnBone(scenario, omega)[0] == pytest.approx(1 / series, rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("round_trip", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("omega", [0.3, 1.0, 20.0])
+def test_direct_force_and_smith_predictor(omega, round_trip):
+    s = 1j * omega
+    z = np.exp(-s * round_trip)
+    tool = z / (MASS * s**2 + DAMPING * s + BONE)
+    # The model is that of the tissue: 0.01 N/m and 0.5 N s/m beside the rail's damping.
+    model = (1 - z) / (MASS * s**2 + (DAMPING + 0.5) * s + 0.01)
+    for kind, expected in (
+        ("direct_force", tool),
+        ("time_domain_passivity", tool),
+        ("smith_predictor", tool + model),
+    ):
+        scenario = Scenario(kind, round_trip)
+        point = OperatingPoints(scenario)[-1]
+        assert FeltAdmittance(scenario, point, [omega])[0, 0, 0] == pytest.approx(
+            expected, rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("round_trip", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("omega", [0.3, 1.0, 20.0])
+def test_the_wave_line_is_a_transmission_line(omega, round_trip):
+    s, b = 1j * omega, RESISTANCE
+    load = MASS * s + DAMPING + BONE / s
+    tangent = np.tanh(s * round_trip / 2)
+    line = b * (load + b * tangent) / (b + load * tangent)
+    scenario = Scenario("wave_variables", round_trip)
+    # A damper D = b stands beside the line.
+    assert OnBone(scenario, omega)[0] == pytest.approx((s * (line + b)).real, rel=1e-6)
+
+
+@pytest.mark.parametrize("round_trip", [0.2, 1.0])
+@pytest.mark.parametrize("omega", [0.3, 1.0, 20.0])
+@pytest.mark.parametrize(
+    "kind", ["wave_variables", "proportional_damping", "four_channel"]
+)
+def test_the_blocks_alone_say_the_same(kind, omega, round_trip):
+    """A second method: phasors through the blocks, robot and bone on paper."""
+    scenario = Scenario(kind, round_trip)
+    sides = MakeArchitecture(scenario)
+    s = 1j * omega
+    impedance = FeltImpedance(
+        sides.master_side,
+        sides.slave_side,
+        s,
+        delays=(scenario.forward_channel.delay, scenario.return_channel.delay),
+        robot=MASS * s + DAMPING,
+        environment=BONE / s,
+    )
+    expected = (s * impedance).real
+    assert OnBone(scenario, omega)[0] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "kind", ["adaptive_backstepping", "wave_variables", "proportional_damping"]
+)
+def test_runs_say_the_same(kind):
+    """Twice the force on the bone, and how much farther the hand goes for it."""
+    ends = []
+    for force in (0.005, 0.01):
+        scenario = Scenario(
+            kind, 0.2, duration=35.0, **{"surgeon.contact_force": [force]}
+        )
+        scenario.controller.adaptation_rate = 0.0
+        scenario.simulator.accuracy = 1e-8
+        recording = simulate(scenario)
+        name = "tool_velocity" if kind == "adaptive_backstepping" else "felt_velocity"
+        v, t = recording[name][:, 0], recording.time
+        ends.append(np.sum(np.diff(t) * (v[1:] + v[:-1]) / 2))
+        assert recording["environment_force"][-1, 0] == pytest.approx(force, rel=1e-3)
+    stiffness = 0.005 / (ends[1] - ends[0])
+    slow = OnBone(Scenario(kind, 0.2), 1e-4)[0]
+    assert stiffness == pytest.approx(slow, rel=0.02)
+
+
+def test_what_the_surgeon_does_has_no_part_in_it():
+    scenario = Scenario("wave_variables", 0.2)
+    never = dataclasses.replace(
+        scenario, surgeon=dataclasses.replace(scenario.surgeon, contact_force=None)
+    )
+    weak = Scenario(
+        "wave_variables", 0.2, **{"controller.wave_variables.impedance": 0.92}
+    )
+    weak.haptic_device.numerator = [5.0, 10.0]
+    assert OnBone(never, 1.0) == pytest.approx(OnBone(scenario, 1.0))
+    assert OnBone(weak, 1.0) == pytest.approx(OnBone(scenario, 1.0))
+
+
+def test_a_border_is_refused():
+    scenario = Scenario("direct_force", 0.2)
+    point = dataclasses.replace(
+        OperatingPoints(scenario)[-1], position=np.array([0.015])
+    )
+    with pytest.raises(ValueError, match="border"):
+        FeltStiffness(scenario, point, [1.0])

@@ -1,0 +1,307 @@
+"""The league table: complete, what the runs give, and passive where it says so."""
+
+from pathlib import Path
+
+import league_table
+import numpy as np
+import pytest
+from league_table import (
+    CHANNELS,
+    COLUMNS,
+    DURATIONS,
+    KEYS,
+    METRICS,
+    NETWORK_ROUND_TRIPS,
+    ROUND_TRIPS,
+    SURGEONS,
+    Configurations,
+    HasBone,
+    IsBounded,
+    MakeTable,
+    Markdown,
+    Medians,
+    MedianTable,
+    Overrides,
+    ReadTable,
+    Select,
+    Settles,
+    Summary,
+    WriteTable,
+)
+from runs import Run
+
+from teleop_drake.analysis.energy import ChannelEnergyBalance
+from teleop_drake.architectures import ResolveController
+from teleop_drake.metrics import RunMetrics
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioToYaml
+from teleop_drake.simulation import simulate
+from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.worker_processes import WorkerProcesses
+
+TABLE = ReadTable()
+
+
+def Key(row):
+    return tuple(row[key] for key in KEYS)
+
+
+def AssertSame(row, expected, columns=tuple(METRICS), rel=0.02):
+    for column in columns:
+        value, wanted = row[column], expected[column]
+        if wanted is None:
+            assert value is None, (Key(row), column)
+        else:
+            # An overshoot can be next to nothing.
+            close = pytest.approx(wanted, rel=rel, abs=2e-5)
+            assert value == close, (Key(row), column)
+
+
+def test_every_cell_is_there():
+    expected = [
+        (*configuration, kind)
+        for configuration in Configurations()
+        for kind in ARCHITECTURES
+    ]
+    assert [Key(row) for row in TABLE] == expected
+    assert {row["channel"] for row in TABLE} == set(CHANNELS)
+    for task in DURATIONS:
+        assert (LoadScenario(task).surgeon.contact_force is not None) == HasBone(task)
+        for kind in ARCHITECTURES:
+            mine = Select(TABLE, task=task, controller=kind)
+            num_networks = (len(CHANNELS) - 1) * len(NETWORK_ROUND_TRIPS)
+            num_surgeons = len(SURGEONS) if HasBone(task) else 1
+            assert len(mine) == num_surgeons * (len(ROUND_TRIPS) + num_networks)
+
+
+def test_rows_are_consistent():
+    always = ("start_overshoot", "velocity_rms_error", "force_rms_error")
+    always += ("control_peak", "control_variation")
+    contact = ("contact_time", "first_impact", "peak_force", "rebound")
+    for row in TABLE:
+        assert row["status"] in ("completed", "diverged"), Key(row)
+        assert IsBounded(row) == (row["diverged_at"] is None)
+        assert all(row[name] is not None for name in always), Key(row)
+        assert (row["age"] is None) == (row["channel"] == "exact")
+        has_contact = row["contact_time"] is not None
+        assert has_contact or not (IsBounded(row) and HasBone(row["task"])), Key(row)
+        assert all((row[name] is not None) == has_contact for name in contact)
+        if Settles(row):
+            assert IsBounded(row) and row["settling_time"] < DURATIONS[row["task"]]
+        if has_contact:
+            assert row["peak_force"] >= row["first_impact"] > 0
+        has_stiffness = row["channel"] == "exact" and HasBone(row["task"])
+        assert (row["felt_stiffness"] is not None) == has_stiffness
+
+
+def test_without_delay_the_predictor_has_nothing_to_predict():
+    """Then it is direct force, in every number."""
+    rows = Select(TABLE, channel="exact", round_trip=0.0)
+    for row in Select(rows, controller="smith_predictor"):
+        (direct,) = Select(
+            rows,
+            controller="direct_force",
+            **{key: row[key] for key in ("task", "surgeon")},
+        )
+        AssertSame(row, direct, rel=2e-3)
+
+
+def test_until_the_contact_the_surgeons_are_the_same():
+    for row in Select(TABLE, surgeon="switches"):
+        case = {key: row[key] for key in KEYS} | {"surgeon": "never"}
+        (other,) = Select(TABLE, **case)
+        columns = ("start_overshoot", "puncture_overshoot", "contact_time")
+        if IsBounded(row) or row["contact_time"] is not None:
+            AssertSame(other, row, columns, rel=2e-3)
+
+
+def test_all_have_the_same_surgeon_device_robot_and_limits():
+    """A scenario's kind of controller is all that is different in a configuration."""
+    for task in DURATIONS:
+        for channel in CHANNELS:
+            overrides = Overrides(task, "never", channel, 0.2)
+            texts = set()
+            for kind in ARCHITECTURES:
+                scenario = LoadScenario(task, overrides | {"controller.kind": kind})
+                scenario.controller.kind = "direct_force"
+                texts.add(ScenarioToYaml(scenario))
+            assert len(texts) == 1
+            assert scenario.surgeon.contact_force is None
+            given = LoadScenario(task)
+            assert scenario.divergence_speed_ratio == given.divergence_speed_ratio
+            for part in ("robot", "haptic_device", "environment"):
+                assert repr(getattr(scenario, part)) == repr(getattr(given, part))
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """What --quick runs, and where it keeps it."""
+    out = tmp_path_factory.mktemp("league")
+    executor = WorkerProcesses(2)
+    try:
+        rows = MakeTable(Configurations(is_quick=True), out=out, executor=executor)
+    finally:
+        executor.shutdown()
+    return out, rows
+
+
+def test_runs_give_the_rows(quick):
+    _, rows = quick
+    assert len(rows) == 3 * len(ARCHITECTURES)
+    assert {row["status"] for row in rows} == {"completed", "diverged"}
+    for row in rows:
+        (committed,) = Select(TABLE, **{key: row[key] for key in KEYS})
+        assert row["status"] == committed["status"], Key(row)
+        assert Settles(row) == Settles(committed), Key(row)
+        AssertSame(row, committed, (*METRICS, "felt_stiffness"))
+
+
+def test_resuming_simulates_nothing_anew(quick, tmp_path):
+    out, rows = quick
+    done = []
+    again = MakeTable(
+        Configurations(is_quick=True),
+        out=out,
+        resume=True,
+        executor=None,
+        progress=lambda finished, total: done.append((finished, total)),
+    )
+    assert again == rows
+    # Each sweep reports once, that it has finished.
+    size = len(ARCHITECTURES)
+    assert done == [(size * (i + 1), size * 3) for i in range(3)]
+    with (tmp_path / "table.csv").open("w", encoding="utf-8") as file:
+        WriteTable(rows, file)
+    read = ReadTable(tmp_path / "table.csv")
+    assert [tuple(row) for row in read] == [COLUMNS] * len(rows)
+    for row, expected in zip(read, rows, strict=True):
+        AssertSame(row, expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["adaptive_backstepping", "wave_variables"])
+def test_the_tables_solver_is_accurate_enough(kind):
+    """Rows against the scenario's own settings, up to when the tool has settled."""
+    (row,) = Select(
+        TABLE,
+        task="two_dof_combined",
+        surgeon="switches",
+        channel="exact",
+        round_trip=0.2,
+        controller=kind,
+    )
+    metrics = FlattenMetrics(RunMetrics(Run("two_dof_combined", kind)))
+    columns = ("start_overshoot", "puncture_overshoot", "contact_time", "first_impact")
+    columns += ("peak_force", "rebound", "settling_time")
+    expected = {column: metrics[METRICS[column]] for column in columns}
+    AssertSame(row, expected, columns, rel=2e-3)
+
+
+def test_the_solver_of_networks_is_accurate_enough():
+    case = ("two_dof_puncture", "never", "both", 0.2)
+    overrides = Overrides(*case) | {"controller.kind": "wave_variables"}
+    for key in ("simulator.accuracy", "simulator.integration_scheme"):
+        del overrides[key]
+    metrics = FlattenMetrics(RunMetrics(simulate(LoadScenario(case[0], overrides))))
+    (row,) = Select(
+        TABLE, **dict(zip(KEYS, case, strict=False)), controller="wave_variables"
+    )
+    columns = ("start_overshoot", "puncture_overshoot", "velocity_rms_error")
+    columns += ("control_peak", "control_variation")
+    expected = {column: metrics[METRICS[column]] for column in columns}
+    AssertSame(row, expected, columns, rel=5e-3)
+
+
+def test_summary_is_markdown():
+    text = Summary(TABLE)
+    num_tables = 4 + 1 + len(ROUND_TRIPS) + 1
+    assert text.count("\n| ---") == num_tables
+    for kind in ARCHITECTURES:
+        assert text.count(f"\n| {kind} |") == num_tables
+    assert Markdown(MedianTable(TABLE, 0.2)) in text
+
+
+def test_what_the_notebook_says():
+    text = (Path(league_table.__file__).parent / "06_architectures.ipynb").read_text(
+        encoding="utf-8"
+    )
+    medians = {trip: Medians(TABLE, trip) for trip in ROUND_TRIPS}
+
+    def Said(kind, column, trip):
+        return medians[trip][kind][column]
+
+    start = [
+        Said("adaptive_backstepping", "start overshoot", trip) for trip in (0.2, 1.0)
+    ]
+    assert "{:.0f} % at 0.2 s, and {:.0f} % at 1 s".format(*start) in text
+    impacts = [Said("proportional_damping", "first impact", x) for x in ROUND_TRIPS[1:]]
+    assert "0.6 throughout" in text and impacts == pytest.approx([0.6] * 4, rel=0.02)
+    late = [Said("proportional_damping", "contact at", trip) for trip in (0.2, 1.0)]
+    assert late == pytest.approx([1.6, 2.0], rel=0.03)
+    late = [Said("wave_variables", "contact at", trip) for trip in ROUND_TRIPS]
+    assert (min(late), max(late)) == pytest.approx((1.2, 1.3), rel=0.02)
+    for column in ("first impact", "settles after"):
+        for trip in (0.1, 0.2, 0.5):
+            ours, theirs = (
+                Said(kind, column, trip)
+                for kind in ("wave_variables", "adaptive_backstepping")
+            )
+            assert ours == pytest.approx(theirs, rel=0.2)
+    # At 1 s the adaptive controller hits hardest of those that are bounded.
+    hardest = max(
+        (row["first impact"] or 0, kind) for kind, row in medians[1.0].items()
+    )
+    assert hardest[1] == "adaptive_backstepping"
+    # And it alone comes to rest in every run up to 0.5 s and lets the bone be felt.
+    for trip in (0.1, 0.2, 0.5):
+        mine = Select(TABLE, channel="exact", round_trip=trip)
+        for kind in ARCHITECTURES:
+            bones = [x for x in Select(mine, controller=kind) if HasBone(x["task"])]
+            is_both = all(map(Settles, bones)) and bones[0]["felt_stiffness"] > 100
+            assert is_both == (
+                kind == "adaptive_backstepping"
+                or (kind == "four_channel" and trip == 0.1)
+            )
+
+
+# Passivity over networks, for any of which neither was designed.
+
+
+def Energy(recording):
+    """What went into the channel and did not come out, at each sample, per axis (J)."""
+    time = recording.time
+    power = recording["master_power"] - recording["slave_power"]
+    steps = np.diff(time)[:, None] * (power[1:] + power[:-1]) / 2
+    return np.vstack([np.zeros(power.shape[1]), np.cumsum(steps, axis=0)])
+
+
+def OverNetwork(kind, channel, round_trip):
+    """Through tissue into free space, and a stop: nothing is left to be stored."""
+    overrides = Overrides("two_dof_puncture", "never", channel, round_trip)
+    overrides |= {"controller.kind": kind, "surgeon.stop_time": 3.0, "duration": 5.0}
+    return simulate(LoadScenario("two_dof_puncture", overrides))
+
+
+@pytest.mark.parametrize(("channel", "round_trip"), [("loss", 0.2), ("both", 1.0)])
+def test_waves_stay_passive_over_networks(channel, round_trip):
+    recording = OverNetwork("wave_variables", channel, round_trip)
+    energy = Energy(recording).sum(axis=1)
+    assert energy.max() > 0
+    assert energy.min() > -1e-6 * energy.max()
+
+
+@pytest.mark.parametrize(("channel", "round_trip"), [("loss", 0.2), ("both", 1.0)])
+def test_time_domain_passivity_holds_over_networks(channel, round_trip):
+    """No axis gives more than E_0, but for what the largest mobility lets through."""
+    recording = OverNetwork("time_domain_passivity", channel, round_trip)
+    E_0 = ResolveController(recording.scenario).initial_energy
+    assert recording["injected_mobility"].max() > 0
+    assert Energy(recording).min() > -1.35 * E_0
+    assert recording["slave_budget"].min() > -0.01 * E_0
+    assert recording["master_budget"].min() > -0.35 * E_0
+
+
+def test_the_same_network_is_not_passive_by_itself():
+    recording = OverNetwork("direct_force", "both", 0.2)
+    E_0 = ResolveController(
+        LoadScenario("two_dof_puncture", ["controller.kind=time_domain_passivity"])
+    ).initial_energy
+    assert ChannelEnergyBalance(recording).violation[-1] > 2 * E_0
