@@ -23,8 +23,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TextIO
 
-from teleop_drake.analysis.felt_stiffness import FeltStiffness
 from teleop_drake.analysis.linearization import OperatingPoints
+from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.sweep import Sweep, SweepResult
 from teleop_drake.worker_processes import WorkerProcesses

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.analysis.constant_delay import ConstantDelay
 from teleop_drake.analysis.linearization import (
     EMPTY,
     LinearizeTwoPort,
@@ -237,3 +238,48 @@ def AnalyzeTransparency(
         ),
         idle_passivity=model.idle_passivity,
     )
+
+
+def FeltStiffness(
+    scenario: Scenario, point: OperatingPoint, frequencies: ArrayLike
+) -> Array:
+    """Returns the stiffness along x that the surgeon feels (K) in N/m.
+
+        k(w) = Re j w / Y_xx(j w),   Y = Z_to^-1
+
+    The part of the force that is in phase with the motion of the hand, while no force
+    is applied along the other axes. A hand that holds a spring k_e feels k_e. For slow
+    motions, on a layer of stiffness k_e, the stiffness is
+
+        direct force                    k_e, and so with every other law whose slave
+                                        ends up with the force that the hand applies
+                                        and whose hand goes where the tool goes
+        wave variables                  k_e in series with 2 b / T: a line that is T
+                                        long, there and back, is a spring itself
+        proportional damping            k_e in series with K
+
+    At higher frequencies the delay turns the phase; k(w) < 0 is felt as being pushed
+    away from the layer while pushing into it no further.
+
+    Args:
+        scenario: A valid one; see ConstantDelay for its channels.
+        point: Where the tool is, taken at rest.
+        frequencies: w in rad/s (K), > 0.
+
+    Raises:
+        ScenarioError: As ConstantDelay.
+        ValueError: As LinearizeTwoPort.
+    """
+    forward, back = (
+        ConstantDelay(scenario, path).delay
+        for path in ("forward_channel", "return_channel")
+    )
+    felt = AnalyzeTransparency(
+        scenario,
+        point,
+        forward_delay=forward,
+        return_delay=back,
+        frequencies=frequencies,
+    )
+    admittance = np.linalg.inv(felt.transmitted)[:, 0, 0]
+    return np.asarray((1j * felt.frequencies / admittance).real)
