@@ -865,8 +865,9 @@ def _DrawSweep(
     """
     import numpy as np
 
-    from teleop_drake.plotting import PlotStability, PlotSweep, SaveFigure
+    from teleop_drake.plotting import SaveFigure
     from teleop_drake.sweep import SelectMetrics
+    from teleop_drake.sweep_plotting import PlotStability, PlotSweep
 
     metrics = list(names) or [
         metric

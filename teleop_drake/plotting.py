@@ -5,7 +5,6 @@ involved and no global setting changes. Colours are those of Okabe and Ito, whic
 colour-blind people can tell apart; line styles tell the runs apart in grey print.
 """
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,29 +13,30 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from teleop_drake.files import Replacing
+from teleop_drake.plot_style import (
+    BORDER_STYLE,
+    COLORS,
+    FONT_SIZE,
+    GREY,
+    LINES,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    AxisName,
+    FormatAxes,
+    RunStyle,
+    ScaleAndUnit,
+    Widen,
+)
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import Scenario, TrackingScenario
-from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.scenario import TrackingScenario
 
-# Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines.
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-_LINES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-_GREY = "#808080"
-
-# Sizes for print: two panels across the width of a text block.
-_WIDTH = 7.0  # inches
 _ROW_HEIGHT = 1.2  # inches
-_FONT_SIZE = 8  # points
-_SMALL_FONT_SIZE = 7  # points
 
 # Points across a panel: enough that no corner shows.
 _NUM_POINTS = 1500
@@ -47,12 +47,6 @@ _DIVERGED_SHARE = 1.0
 # Up to this many components of a signal have a name in a legend.
 _MAX_NAMED_COMPONENTS = 4
 
-_BORDER_STYLE: dict[str, Any] = {
-    "color": _GREY,
-    "linestyle": (0, (1, 2)),
-    "linewidth": 0.8,
-    "zorder": 0,
-}
 _EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
 
 # Suffixes that SaveFigure knows, and the metadata that would change with each file.
@@ -64,7 +58,7 @@ _METADATA: dict[str, dict[str, None]] = {
 
 
 @dataclass(kw_only=True)
-class _Row:
+class SignalRow:
     """One signal: a panel against time and one against position.
 
     Attributes:
@@ -125,7 +119,7 @@ def PlotComparison(recordings: Mapping[str, Recording]) -> Figure:
         raise ValueError(
             f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
         )
-    return _Plot(recordings, _MotionRows(list(recordings.values())))
+    return PlotRows(recordings, _MotionRows(list(recordings.values())))
 
 
 def PlotRun(recording: Recording) -> Figure:
@@ -139,7 +133,7 @@ def PlotRun(recording: Recording) -> Figure:
     """
     if isinstance(recording.scenario, TrackingScenario):
         return _PlotTracking(recording)
-    return _Plot(
+    return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording},
         [*_MotionRows([recording]), *_TelemetryRows(recording)],
     )
@@ -160,7 +154,7 @@ def PlotWeights(recording: Recording) -> Figure:
             "recording: no signal psi, weights_1 or weights_3; allowed: a run of an "
             "adaptive controller"
         )
-    return _Plot(
+    return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording}, rows
     )
 
@@ -191,16 +185,12 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
         )
 
 
-def _AxisName(axis: int) -> str:
-    return "xyz"[axis] if axis < 3 else str(axis + 1)
-
-
-def _MotionRows(recordings: Sequence[Recording]) -> list[_Row]:
+def _MotionRows(recordings: Sequence[Recording]) -> list[SignalRow]:
     n = recordings[0]["tool_position"].shape[1]
     rows = []
     for k in range(n):
-        row = _Row(
-            label=f"velocity $v_{_AxisName(k)}$",
+        row = SignalRow(
+            label=f"velocity $v_{AxisName(k)}$",
             unit="m/s",
             signal="tool_velocity",
             components=[k],
@@ -208,8 +198,8 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[_Row]:
         )
         rows.append(row)
     for k in range(n):
-        row = _Row(
-            label=f"sensed force $F_{{e,{_AxisName(k)}}}$",
+        row = SignalRow(
+            label=f"sensed force $F_{{e,{AxisName(k)}}}$",
             unit="N",
             signal="environment_force",
             components=[k],
@@ -218,8 +208,8 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[_Row]:
         if k == 0 or any(x["environment_force"][:, k].any() for x in recordings):
             rows.append(row)
     for k in range(n):
-        row = _Row(
-            label=f"position ${_AxisName(k)}$",
+        row = SignalRow(
+            label=f"position ${AxisName(k)}$",
             unit="m",
             signal="tool_position",
             components=[k],
@@ -227,8 +217,8 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[_Row]:
         )
         rows.append(row)
     for k in range(n):
-        row = _Row(
-            label=f"control force $F_{{c,{_AxisName(k)}}}$",
+        row = SignalRow(
+            label=f"control force $F_{{c,{AxisName(k)}}}$",
             unit="N",
             signal="control_force",
             components=[k],
@@ -237,9 +227,9 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[_Row]:
     return rows
 
 
-def _TelemetryRows(recording: Recording) -> list[_Row]:
+def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     return [
-        _Row(
+        SignalRow(
             label=label,
             unit=unit,
             signal=signal,
@@ -255,44 +245,50 @@ def _TelemetryRows(recording: Recording) -> list[_Row]:
     ]
 
 
-def _Plot(recordings: Mapping[str, Recording], rows: Sequence[_Row]) -> Figure:
+def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> Figure:
+    """Plots signals of runs together, one row of panels each.
+
+    Args:
+        recordings: Runs by the name that the legend gives them.
+        rows: The signals, from top to bottom.
+    """
     figure = Figure(
-        figsize=(_WIDTH, _ROW_HEIGHT * len(rows) + 0.7),
+        figsize=(WIDTH, _ROW_HEIGHT * len(rows) + 0.7),
         # Aligned labels may end up a little further out than the layout reckons.
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
     axes = figure.subplots(len(rows), 2, sharex="col", sharey="row", squeeze=False)
     runs = list(recordings.values())
     x_range = _Range(runs, [_Sample(run, "tool_position", [0]) for run in runs])
-    x_scale, x_unit = _Unit(x_range, "m")
+    x_scale, x_unit = ScaleAndUnit(x_range, "m")
     borders = _Borders(runs, x_range)
     # These hold for the whole column.
     axes[0, 0].set_xlim(0.0, max(float(run.time[-1]) for run in runs) or 1.0)
-    axes[0, 1].set_xlim(_Widen(x_range, x_scale))
+    axes[0, 1].set_xlim(Widen(x_range, x_scale))
 
     for row, (left, right) in zip(rows, axes, strict=True):
         curves = [_Sample(run, row.signal, row.components) for run in runs]
         commands = [] if row.command is None else [_Command(run, row) for run in runs]
         y_range = _Range(runs, curves, commands)
-        scale, unit = _Unit(y_range, row.unit)
-        left.set_ylim(_Widen(y_range, scale))
+        scale, unit = ScaleAndUnit(y_range, row.unit)
+        left.set_ylim(Widen(y_range, scale))
         left.set_ylabel(
-            f"{row.label}\n[{unit}]" if unit else row.label, fontsize=_FONT_SIZE
+            f"{row.label}\n[{unit}]" if unit else row.label, fontsize=FONT_SIZE
         )
         for ax, x_axis_scale in ((left, None), (right, x_scale)):
-            _Format(ax)
+            FormatAxes(ax)
             _DrawPanel(ax, row, runs, curves, commands, scale, x_axis_scale)
         for border in borders:
-            right.axvline(border * x_scale, **_BORDER_STYLE)
+            right.axvline(border * x_scale, **BORDER_STYLE)
             if row.is_x:
-                left.axhline(border * scale, **_BORDER_STYLE)
+                left.axhline(border * scale, **BORDER_STYLE)
         right.set_visible(not row.is_x)
         if 1 < len(row.components) <= _MAX_NAMED_COMPONENTS:
             _AddComponentLegend(left, row)
 
     left, right = axes[-1]
-    left.set_xlabel("time [s]", fontsize=_FONT_SIZE)
-    right.set_xlabel(f"position $x$ [{x_unit}]", fontsize=_FONT_SIZE)
+    left.set_xlabel("time [s]", fontsize=FONT_SIZE)
+    right.set_xlabel(f"position $x$ [{x_unit}]", fontsize=FONT_SIZE)
     for border, names in borders.items():
         axes[0, 1].annotate(
             "\n".join(names),
@@ -302,7 +298,7 @@ def _Plot(recordings: Mapping[str, Recording], rows: Sequence[_Row]) -> Figure:
             textcoords="offset points",
             ha="center",
             va="bottom",
-            fontsize=_SMALL_FONT_SIZE,
+            fontsize=SMALL_FONT_SIZE,
         )
     figure.align_ylabels(axes[:, 0])
     _AddLegend(figure, recordings, rows)
@@ -317,7 +313,7 @@ def _PlotTracking(recording: Recording) -> Figure:
         ("disturbance", "N", ["environment_force", "disturbance_estimate"]),
     )
     figure = Figure(
-        figsize=(_WIDTH, _ROW_HEIGHT * len(rows) + 0.7), layout="constrained"
+        figsize=(WIDTH, _ROW_HEIGHT * len(rows) + 0.7), layout="constrained"
     )
     axes = figure.subplots(len(rows), n, sharex=True, squeeze=False)
     for (label, unit, signals), panels in zip(rows, axes, strict=True):
@@ -327,26 +323,26 @@ def _PlotTracking(recording: Recording) -> Figure:
                 desired = recording.Interpolate("desired_position", curves[0].time)
                 curves[0].y = curves[0].y - desired[:, [k]]
             y_range = _Range([recording] * len(curves), curves)
-            scale, shown_unit = _Unit(y_range, unit)
-            _Format(ax)
-            ax.set_ylim(_Widen(y_range, scale))
+            scale, shown_unit = ScaleAndUnit(y_range, unit)
+            FormatAxes(ax)
+            ax.set_ylim(Widen(y_range, scale))
             ax.set_ylabel(
-                f"{label} ${_AxisName(k)}$\n[{shown_unit}]", fontsize=_FONT_SIZE
+                f"{label} ${AxisName(k)}$\n[{shown_unit}]", fontsize=FONT_SIZE
             )
             for i, curve in enumerate(curves):
-                ax.plot(curve.time, curve.y * scale, **_RunStyle(i))
+                ax.plot(curve.time, curve.y * scale, **RunStyle(i))
     for ax in axes[-1]:
         ax.set_xlim(0.0, float(recording.time[-1]) or 1.0)
-        ax.set_xlabel("time [s]", fontsize=_FONT_SIZE)
+        ax.set_xlabel("time [s]", fontsize=FONT_SIZE)
     figure.align_ylabels(axes)
     figure.legend(
         handles=[
-            Line2D([], [], label=label, **_RunStyle(i))
+            Line2D([], [], label=label, **RunStyle(i))
             for i, label in enumerate(["actual", "desired, estimated"])
         ],
         loc="outside upper center",
         ncols=2,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     return figure
@@ -354,7 +350,7 @@ def _PlotTracking(recording: Recording) -> Figure:
 
 def _DrawPanel(
     ax: Axes,
-    row: _Row,
+    row: SignalRow,
     runs: Sequence[Recording],
     curves: Sequence[_Curves],
     commands: Sequence[_Curves],
@@ -364,12 +360,12 @@ def _DrawPanel(
     """Draws all runs against time or, if x_scale is not None, against position."""
     for command in commands:
         x = command.time if x_scale is None else command.x * x_scale
-        ax.plot(x, command.y * scale, color=_GREY, linewidth=0.8, zorder=1)
+        ax.plot(x, command.y * scale, color=GREY, linewidth=0.8, zorder=1)
     count = len(row.components)
     for i, (run, curve) in enumerate(zip(runs, curves, strict=True)):
         x = curve.time if x_scale is None else curve.x * x_scale
         for k in range(count):
-            style = _RunStyle(i) if count == 1 else _ComponentStyle(k, count)
+            style = RunStyle(i) if count == 1 else _ComponentStyle(k, count)
             ax.plot(x, curve.y[:, k] * scale, **style)
         if count > 1:
             continue
@@ -420,7 +416,7 @@ def _Sample(recording: Recording, signal: str, components: Sequence[int]) -> _Cu
     return _Curves(time=time, x=x, y=y)
 
 
-def _Command(recording: Recording, row: _Row) -> _Curves:
+def _Command(recording: Recording, row: SignalRow) -> _Curves:
     """Returns the velocity which the surgeon commands, as it is sent."""
     command = recording.commands[:, row.command]
     x = recording["tool_position"][:, 0]
@@ -456,46 +452,18 @@ def _Range(
     )
 
 
-def _Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
-    """Returns the range in the unit shown, with a margin."""
-    low, high = (limit * scale for limit in limits)
-    # A constant stays a line, however little it varies; so does zero.
-    margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
-    return low - margin, high + margin
-
-
-def _Unit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
-    """Returns the scale and the unit with an SI prefix that suit a range."""
-    largest = max(abs(limit) for limit in limits)
-    if unit not in ("m", "m/s", "N") or largest == 0:
-        return 1.0, unit
-    # From 0.1 to 100 of the unit shown.
-    exponent = min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
-    prefix = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}[exponent]
-    return 10.0 ** (-3 * exponent), prefix + unit
-
-
-def _RunStyle(i: int) -> dict[str, Any]:
-    return {
-        "color": _COLORS[i % len(_COLORS)],
-        "linestyle": _LINES[i % len(_LINES)],
-        "linewidth": 1.1,
-        "zorder": 2 + i,
-    }
-
-
 def _ComponentStyle(k: int, count: int) -> dict[str, Any]:
     is_named = count <= _MAX_NAMED_COMPONENTS
     return {
-        "color": _COLORS[k % len(_COLORS)],
-        "linestyle": _LINES[k % len(_LINES)] if is_named else "-",
+        "color": COLORS[k % len(COLORS)],
+        "linestyle": LINES[k % len(LINES)] if is_named else "-",
         "linewidth": 1.1 if is_named else 0.6,
     }
 
 
 def _EndStyle(i: int) -> dict[str, Any]:
     return {
-        "color": _COLORS[i % len(_COLORS)],
+        "color": COLORS[i % len(COLORS)],
         "marker": "x",
         "markersize": 5,
         "linestyle": "none",
@@ -516,7 +484,12 @@ def _EventStyle(marker: str, color: str) -> dict[str, Any]:
 
 
 def _MarkEvents(
-    ax: Axes, run: Recording, row: _Row, i: int, scale: float, x_scale: float | None
+    ax: Axes,
+    run: Recording,
+    row: SignalRow,
+    i: int,
+    scale: float,
+    x_scale: float | None,
 ) -> None:
     """Marks the puncture and the first contact on a curve of run i."""
     for name, (marker, _) in _EVENTS.items():
@@ -527,19 +500,10 @@ def _MarkEvents(
         x = time
         if x_scale is not None:
             x = run.Interpolate("tool_position", time)[:, 0] * x_scale
-        ax.plot(x, y, **_EventStyle(marker, _RunStyle(i)["color"]))
+        ax.plot(x, y, **_EventStyle(marker, RunStyle(i)["color"]))
 
 
-def _Format(ax: Axes) -> None:
-    ax.tick_params(labelsize=_SMALL_FONT_SIZE, width=0.6, length=2.5)
-    ax.ticklabel_format(axis="y", scilimits=(-3, 4), useOffset=False, useMathText=True)
-    ax.yaxis.get_offset_text().set_fontsize(_SMALL_FONT_SIZE)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.spines[["left", "bottom"]].set_linewidth(0.6)
-    ax.axhline(0.0, color=_GREY, linewidth=0.4, zorder=0)
-
-
-def _AddComponentLegend(ax: Axes, row: _Row) -> None:
+def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
     count = len(row.components)
     size = math.isqrt(count)  # Matrices are recorded row by row.
     names = (
@@ -555,368 +519,38 @@ def _AddComponentLegend(ax: Axes, row: _Row) -> None:
             for k, name in enumerate(names)
         ],
         ncols=2,
-        fontsize=_SMALL_FONT_SIZE,
+        fontsize=SMALL_FONT_SIZE,
         frameon=False,
     )
 
 
 def _AddLegend(
-    figure: Figure, recordings: Mapping[str, Recording], rows: Sequence[_Row]
+    figure: Figure, recordings: Mapping[str, Recording], rows: Sequence[SignalRow]
 ) -> None:
     if all(len(row.components) > 1 for row in rows):
         return  # Every panel tells its own lines apart.
     handles = []
     for i, (name, run) in enumerate(recordings.items()):
-        style = _RunStyle(i)
+        style = RunStyle(i)
         if run.termination == "diverged":
             style |= {**_EndStyle(i), "linestyle": style["linestyle"]}
             name = f"{name} (diverges at {run.time[-1]:.3g} s)"
         handles.append(Line2D([], [], label=name, **style))
     if any(row.command is not None for row in rows):
         handles.append(
-            Line2D([], [], label="commanded velocity", color=_GREY, linewidth=0.8)
+            Line2D([], [], label="commanded velocity", color=GREY, linewidth=0.8)
         )
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(Line2D([], [], label=label, **_EventStyle(marker, _GREY)))
+            handles.append(Line2D([], [], label=label, **_EventStyle(marker, GREY)))
     # One line if it fits, by the width of an average letter.
     widths = [0.5 + 0.058 * len(str(handle.get_label())) for handle in handles]
     figure.legend(
         handles=handles,
         loc="outside upper center",
         ncols=(
-            len(handles) if sum(widths) <= _WIDTH else max(int(_WIDTH / max(widths)), 1)
+            len(handles) if sum(widths) <= WIDTH else max(int(WIDTH / max(widths)), 1)
         ),
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
-
-
-def PlotSweep(result: SweepResult, metric: str) -> Figure:
-    """Plots a metric of a sweep against the delay.
-
-    A line for each controller; or, where more is varied, a panel for each and a line
-    for each of the other values. A line is the median over the seeds, and the band
-    around it reaches from the smallest to the largest. Runs that diverged or have no
-    such number (a tool that never settles, for instance) are marked above the panel
-    instead.
-
-    If no delay is varied, the first numbers that are take its place.
-
-    Args:
-        result: The sweep.
-        metric: One of MetricUnits(result.scenario), for example
-            "collision.peak_force".
-
-    Raises:
-        ValueError: If there is no such metric, no number is varied, or it would take
-            too many panels.
-    """
-    grid = _SweepGrid(result)
-    values, status = grid.Arrange(result.Values(metric)), grid.Arrange(result.Status())
-    is_diverged = status == "diverged"
-    # What a run did until it was stopped says little.
-    is_shown = ~is_diverged | metric.startswith("diverged")
-    values = np.where(is_shown, values, np.nan)
-    is_missing = (status == "completed") & np.isnan(values)
-    finite = values[np.isfinite(values)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    scale, unit = _Unit(limits, MetricUnits(result.scenario)[metric])
-
-    has_marks = values.shape[2] <= _MAX_NAMED_LINES
-    figure, axes = grid.MakePanels()
-    for index, ax in np.ndenumerate(axes):
-        _Format(ax)
-        marks = [
-            (is_diverged, "x", "diverges"),
-            (status == "failed", "^", "fails"),
-        ]
-        if not metric.startswith("diverged"):
-            marks.append((is_missing, "o", "has none"))
-        for i in range(values.shape[2]):
-            style = grid.LineStyle(i)
-            y = values[(*index, i)] * scale
-            middle, low, high = np.full((3, len(y)), np.nan)
-            has_any = np.isfinite(y).any(axis=1)
-            middle[has_any] = np.nanmedian(y[has_any], axis=1)
-            low[has_any] = np.nanmin(y[has_any], axis=1)
-            high[has_any] = np.nanmax(y[has_any], axis=1)
-            ax.plot(grid.x, middle, marker=".", markersize=3, **style)
-            if y.shape[1] > 1:
-                ax.fill_between(
-                    grid.x, low, high, color=style["color"], alpha=0.2, linewidth=0
-                )
-            # For more, there is the stability map.
-            for where, marker, _ in marks if has_marks else []:
-                x = grid.x[where[(*index, i)].any(axis=1)]
-                ax.plot(
-                    x,
-                    np.full(len(x), 1.03 + 0.035 * i),
-                    transform=ax.get_xaxis_transform(),
-                    clip_on=False,
-                    in_layout=False,
-                    **_SweepMark(marker, style["color"]),
-                )
-    for ax in axes[:, 0]:
-        label = metric.replace("_", " ").replace(".", " ")
-        ax.set_ylabel(f"{label} [{unit}]" if unit else label, fontsize=_FONT_SIZE)
-    handles = [
-        Line2D([], [], label=label, **_SweepMark(marker, _GREY))
-        for where, marker, label in marks
-        if has_marks and where.any()
-    ]
-    grid.AddTitles(axes, num_marks=values.shape[2] if handles else 0)
-    grid.AddLegend(figure, handles)
-    return figure
-
-
-def PlotStability(result: SweepResult) -> Figure:
-    """Maps how the runs of a sweep end, over the delay and another varied key.
-
-    A cell has the worst of its seeds. What else is varied gets panels of its own.
-
-    Args:
-        result: The sweep.
-
-    Raises:
-        ValueError: If fewer than two keys beside the controller and the seed are
-            varied, or it would take too many panels.
-    """
-    grid = _SweepGrid(result)
-    if not grid.line_values or grid.lines_are_controllers:
-        raise ValueError("result: no second key that is varied; allowed: two or more")
-    status = grid.Arrange(result.Status())
-    rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
-    if isinstance(result.scenario, Scenario):
-        has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
-        settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
-        is_completed = status == "completed"
-        rank[is_completed & has_contact & settles] = 1
-        rank[is_completed & has_contact & ~settles] = 2
-    worst = rank.max(axis=-1)
-
-    figure, axes = grid.MakePanels()
-    y, y_labels = grid.LineCoordinates()
-    for index, ax in np.ndenumerate(axes):
-        ax.pcolormesh(
-            _CellEdges(grid.x),
-            _CellEdges(y),
-            worst[index],
-            cmap=ListedColormap([color for _, color in _OUTCOMES]),
-            vmin=-0.5,
-            vmax=len(_OUTCOMES) - 0.5,
-            edgecolor="white",
-            linewidth=0.3,
-        )
-        ax.tick_params(labelsize=_SMALL_FONT_SIZE, width=0.6, length=2.5)
-        if y_labels is not None:
-            ax.set_yticks(y, y_labels)
-    for ax in axes[:, 0]:
-        ax.set_ylabel(_AxisLabel(grid.line_key), fontsize=_FONT_SIZE)
-    grid.AddTitles(axes)
-    figure.legend(
-        handles=[
-            Patch(color=color, label=label)
-            for i, (label, color) in enumerate(_OUTCOMES)
-            if (worst == i).any()
-        ],
-        loc="outside upper center",
-        ncols=len(_OUTCOMES),
-        fontsize=_FONT_SIZE,
-        frameon=False,
-    )
-    return figure
-
-
-# How a run ends, from good to bad, and the colour of it.
-_OUTCOMES = (
-    ("completes", "#56B4E9"),
-    ("settles", "#009E73"),
-    ("never settles", "#E69F00"),
-    ("diverges", "#D55E00"),
-    ("fails", _GREY),
-)
-
-# More would be too small to read.
-_MAX_PANELS = 24
-_MAX_NAMED_LINES = 8
-
-# Colours of values that have an order.
-_SEQUENCE = colormaps["viridis"]
-
-_DELAYS = ("delay", "forward_delay", "return_delay")
-
-
-class _SweepGrid:
-    """Who is who among the axes of a sweep.
-
-    `Arrange` brings an array of the grid's shape into (rows, columns, lines, x,
-    seeds). Columns are controllers and lines the values of `line_key`, the last key
-    that is neither of these; where there is none, lines are controllers.
-    """
-
-    def __init__(self, result: SweepResult) -> None:
-        axes = result.axes
-        varied = [key for key, values in axes.items() if len(values) > 1]
-        controller = [k for k in axes if k in ("controller", "controller.kind")][:1]
-        seed = [k for k in axes if k == "seed"]
-        numeric = [
-            key
-            for key, values in axes.items()
-            if key not in seed and all(_IsNumber(value) for value in values)
-        ]
-        candidates = [
-            *(k for k in _DELAYS if k in varied),
-            *(k for k in numeric if k in varied),
-            *numeric,
-        ]
-        x_key = next((key for key in candidates if key in numeric), None)
-        if x_key is None:
-            raise ValueError("result: no key with numbers; allowed: at least one")
-        others = [k for k in varied if k not in (x_key, *controller, *seed)]
-        self.lines_are_controllers = not others
-        self.x_key = x_key
-        row_keys = others[:-1]
-        if others:
-            self.line_key, columns = others[-1], controller
-        else:
-            self.line_key, columns = (controller[0] if controller else ""), []
-        self.line_values = axes.get(self.line_key, [])
-        self.column_values = [value for key in columns for value in axes[key]]
-        rows = list(itertools.product(*(axes[key] for key in row_keys)))
-        self.row_titles = [
-            ", ".join(
-                f"{_AxisLabel(key)} = {_ValueLabel(value)}"
-                for key, value in zip(row_keys, row, strict=True)
-            )
-            for row in rows
-        ]
-        num_columns = max(len(self.column_values), 1)
-        if len(rows) * num_columns > _MAX_PANELS:
-            raise ValueError(
-                f"result: needs {len(rows)} x {num_columns} panels; allowed: at most "
-                f"{_MAX_PANELS}"
-            )
-        keys = [*row_keys, *columns, self.line_key, x_key, *seed]
-        names = list(axes)
-        rest = [key for key in names if key not in keys]  # One value each.
-        self._order = [names.index(key) for key in [*rest, *keys] if key in names]
-        self.shape = (
-            len(rows),
-            num_columns,
-            max(len(self.line_values), 1),
-            len(axes[x_key]),
-            len(axes[seed[0]]) if seed else 1,
-        )
-        x = np.array(axes[x_key], dtype=float)
-        self._x_order = np.argsort(x)
-        self.x = x[self._x_order]
-
-    def Arrange(self, values: np.ndarray) -> np.ndarray:
-        """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
-        return values.transpose(self._order).reshape(self.shape)[..., self._x_order, :]
-
-    def MakePanels(self) -> tuple[Figure, np.ndarray]:
-        """Returns a figure and its panels (rows, columns)."""
-        num_rows, num_columns = self.shape[:2]
-        figure = Figure(
-            figsize=(_WIDTH, 0.8 + (2.6 if num_rows == 1 else 1.7) * num_rows),
-            layout=ConstrainedLayoutEngine(w_pad=0.1),
-        )
-        panels = figure.subplots(
-            num_rows, num_columns, sharex=True, sharey=True, squeeze=False
-        )
-        for ax in panels[-1]:
-            ax.set_xlabel(_AxisLabel(self.x_key), fontsize=_FONT_SIZE)
-        return figure, panels
-
-    def AddTitles(self, panels: np.ndarray, num_marks: int = 0) -> None:
-        """Names the controllers, and the rows, above marks on as many levels."""
-        for i, row in enumerate(panels):
-            for j, ax in enumerate(row):
-                names = [self.row_titles[i]] if self.row_titles[i] else []
-                if self.column_values:
-                    names.insert(0, _ValueLabel(self.column_values[j]))
-                ax.set_title(
-                    ", ".join(names) or " ",  # Also that makes room for the marks.
-                    fontsize=_FONT_SIZE,
-                    y=1.03 + 0.035 * num_marks,
-                    pad=2,
-                )
-
-    def LineStyle(self, i: int) -> dict[str, Any]:
-        """Returns how line i is drawn."""
-        if self.lines_are_controllers:
-            return _RunStyle(i)
-        share = i / max(len(self.line_values) - 1, 1)
-        return {"color": _SEQUENCE(0.92 * share), "linewidth": 1.1}
-
-    def LineCoordinates(self) -> tuple[np.ndarray, list[str] | None]:
-        """Returns where the lines are on an axis, and their names if not numbers."""
-        values = self.line_values
-        if all(map(_IsNumber, values)) and list(values) == sorted(values):
-            return np.array(values, dtype=float), None
-        return np.arange(len(values)), [_ValueLabel(value) for value in values]
-
-    def AddLegend(self, figure: Figure, handles: list[Line2D]) -> None:
-        """Names the lines, and what the handles stand for."""
-        values = self.line_values
-        step = math.ceil(len(values) / _MAX_NAMED_LINES)
-        lines = [
-            Line2D(
-                [],
-                [],
-                label=_ValueLabel(value)
-                if self.lines_are_controllers
-                else f"{_AxisLabel(self.line_key)} = {_ValueLabel(value)}",
-                **self.LineStyle(i),
-            )
-            for i, value in enumerate(values)
-            # Some of many are enough to tell which way they go.
-            if i % step == 0 or i == len(values) - 1
-        ]
-        if lines or handles:
-            figure.legend(
-                handles=[*lines, *handles],
-                loc="outside upper center",
-                ncols=4 if len(lines) > 3 else len(lines) + len(handles),
-                fontsize=_SMALL_FONT_SIZE,
-                frameon=False,
-            )
-
-
-def _SweepMark(marker: str, color: Any) -> dict[str, Any]:
-    return {
-        "marker": marker,
-        "markersize": 3.5,
-        "color": color,
-        "markerfacecolor": "none",
-        "markeredgewidth": 0.8,
-        "linestyle": "none",
-    }
-
-
-def _IsNumber(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _AxisLabel(key: str) -> str:
-    if key in _DELAYS:
-        name = "delay each way" if key == "delay" else key.replace("_", " ")
-        return f"{name} [s]"
-    return ".".join(key.split(".")[-2:])
-
-
-def _ValueLabel(value: Any) -> str:
-    if _IsNumber(value):
-        return f"{value:g}"
-    return value.replace("_", " ") if isinstance(value, str) else str(value)
-
-
-def _CellEdges(centres: np.ndarray) -> np.ndarray:
-    """Returns the borders (N + 1) of cells around ascending centres (N)."""
-    if len(centres) == 1:
-        return centres[0] + np.array([-0.5, 0.5])
-    inner = (centres[1:] + centres[:-1]) / 2
-    first, last = 2 * centres[0] - inner[0], 2 * centres[-1] - inner[-1]
-    return np.concatenate([[first], inner, [last]])

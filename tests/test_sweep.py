@@ -23,7 +23,7 @@ from runs import Run
 
 from teleop_drake.cli import main
 from teleop_drake.metrics import RunSummary
-from teleop_drake.plotting import PlotStability, PlotSweep, SaveFigure
+from teleop_drake.plotting import SaveFigure
 from teleop_drake.scenario import (
     ARCHITECTURES,
     CONTROLLERS,
@@ -42,6 +42,7 @@ from teleop_drake.sweep import (
     SweepError,
     SweepResult,
 )
+from teleop_drake.sweep_plotting import PlotStability, PlotSweep
 from teleop_drake.worker_processes import WorkerProcesses
 
 SHORT = {"duration": 0.2, "simulator.accuracy": 1e-5}

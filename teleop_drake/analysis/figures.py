@@ -23,15 +23,15 @@ from teleop_drake.analysis.stability import (
 )
 from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.laws.delay_margin import eigenloci, sweep_frequencies
-from teleop_drake.plotting import (
-    _COLORS,
-    _FONT_SIZE,
-    _GREY,
-    _LINES,
-    _SMALL_FONT_SIZE,
-    _WIDTH,
-    _AxisLabel,
-    _CellEdges,
+from teleop_drake.plot_style import (
+    COLORS,
+    FONT_SIZE,
+    GREY,
+    LINES,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    AxisLabel,
+    CellEdges,
 )
 
 _ROW_HEIGHT = 1.9  # inches
@@ -69,7 +69,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points = _WithLoop(analysis)
-    figure = Figure(figsize=(_WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
     axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
     limits = [math.inf, 0.0]
     for (top, bottom), point in zip(axes.T, points, strict=True):
@@ -95,20 +95,20 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
                 min([limits[0], -200.0, *delayed[k]]),
                 max([limits[1], *phase[k]]),
             ]
-        top.axhline(1, color=_GREY, linewidth=0.6, zorder=0)
-        bottom.axhline(-180, color=_GREY, linewidth=0.6, zorder=0)
-        top.set_title(_Title(point), fontsize=_FONT_SIZE)
+        top.axhline(1, color=GREY, linewidth=0.6, zorder=0)
+        bottom.axhline(-180, color=GREY, linewidth=0.6, zorder=0)
+        top.set_title(_Title(point), fontsize=FONT_SIZE)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(*_MAGNITUDES)
-        bottom.set_xlabel("frequency [rad/s]", fontsize=_FONT_SIZE)
+        bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
         for ax in (top, bottom):
             _Format(ax)
     bottom.set_ylim(
         math.floor(limits[0] / 90) * 90, math.ceil(limits[1] / 90 + 0.5) * 90
     )
     bottom.yaxis.set_major_locator(_Multiple(90))
-    axes[0, 0].set_ylabel("|eigenlocus of L|", fontsize=_FONT_SIZE)
-    axes[1, 0].set_ylabel("phase [°]", fontsize=_FONT_SIZE)
+    axes[0, 0].set_ylabel("|eigenlocus of L|", fontsize=FONT_SIZE)
+    axes[1, 0].set_ylabel("phase [°]", fontsize=FONT_SIZE)
     delay = points[0].delay
     figure.legend(
         handles=[
@@ -123,7 +123,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         ],
         loc="outside upper center",
         ncols=5,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     return figure
@@ -143,8 +143,8 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points = _WithLoop(analysis)
-    size = _WIDTH / max(len(points), 2)
-    figure = Figure(figsize=(_WIDTH, size + 0.5), layout="constrained")
+    size = WIDTH / max(len(points), 2)
+    figure = Figure(figsize=(WIDTH, size + 0.5), layout="constrained")
     axes = figure.subplots(1, len(points), squeeze=False)[0]
     for ax, point in zip(axes, points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
@@ -155,19 +155,19 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             ax.plot(loci[:, i].real, loci[:, i].imag, **style | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **style)
         angle = np.linspace(0, 2 * np.pi, 200)
-        ax.plot(np.cos(angle), np.sin(angle), color=_GREY, linewidth=0.6, zorder=0)
-        ax.axhline(0, color=_GREY, linewidth=0.4, zorder=0)
-        ax.axvline(0, color=_GREY, linewidth=0.4, zorder=0)
+        ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
+        ax.axhline(0, color=GREY, linewidth=0.4, zorder=0)
+        ax.axvline(0, color=GREY, linewidth=0.4, zorder=0)
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
         ax.set(
             xlim=(-_NYQUIST_RANGE, _NYQUIST_RANGE),
             ylim=(-_NYQUIST_RANGE, _NYQUIST_RANGE),
             aspect="equal",
         )
-        ax.set_title(_Title(point), fontsize=_FONT_SIZE)
-        ax.set_xlabel("real part", fontsize=_FONT_SIZE)
+        ax.set_title(_Title(point), fontsize=FONT_SIZE)
+        ax.set_xlabel("real part", fontsize=FONT_SIZE)
         _Format(ax)
-    axes[0].set_ylabel("imaginary part", fontsize=_FONT_SIZE)
+    axes[0].set_ylabel("imaginary part", fontsize=FONT_SIZE)
     delay = points[0].delay
     figure.legend(
         handles=[
@@ -176,12 +176,12 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
                 [], [], color="black", linewidth=1.2, label=f"with {_Seconds(delay)}"
             ),
             Line2D([], [], color="black", marker="+", ms=7, ls="", label="-1"),
-            Line2D([], [], color=_GREY, linewidth=0.6, label="unit circle"),
+            Line2D([], [], color=GREY, linewidth=0.6, label="unit circle"),
             *_LocusHandles(points),
         ],
         loc="outside upper center",
         ncols=6,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     return figure
@@ -208,7 +208,7 @@ def PlotStableDelays(
     if not rows:
         raise ValueError("analyses: no operating point; allowed: at least one")
     height = 0.6 + 0.26 * len(rows) + 0.35
-    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
     ax = figure.subplots()
     for i, (_, point) in enumerate(rows):
         ax.add_patch(
@@ -231,7 +231,7 @@ def PlotStableDelays(
             for kind, point in rows
         ],
     )
-    ax.set_xlabel("round-trip delay [s]", fontsize=_FONT_SIZE)
+    ax.set_xlabel("round-trip delay [s]", fontsize=FONT_SIZE)
     _Format(ax)
     _AddStabilityLegend(figure, "the scenario's delay")
     return figure
@@ -254,9 +254,9 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     names = chart.PointNames()
     is_path = chart.key == POSITION
     panels = [names] if is_path else [[name] for name in names]
-    figure = Figure(figsize=(_WIDTH, 1.4 * _ROW_HEIGHT + 0.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.4 * _ROW_HEIGHT + 0.4), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    edges = _CellEdges(chart.values)
+    edges = CellEdges(chart.values)
     for ax, panel in zip(axes, panels, strict=True):
         for name in panel:
             for i, intervals in enumerate(chart.StableDelays(name)):
@@ -288,11 +288,11 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.step(chart.values, delays, where="mid", color="black", lw=0.8, zorder=3)
         ax.set_xlim(edges[0], edges[-1])
         ax.set_ylim(0, chart.max_delay)
-        ax.set_title("along the path" if is_path else panel[0], fontsize=_FONT_SIZE)
-        label = "tool position x [m]" if is_path else _AxisLabel(chart.key)
-        ax.set_xlabel(label, fontsize=_FONT_SIZE)
+        ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
+        label = "tool position x [m]" if is_path else AxisLabel(chart.key)
+        ax.set_xlabel(label, fontsize=FONT_SIZE)
         _Format(ax)
-    axes[0].set_ylabel("round-trip delay [s]", fontsize=_FONT_SIZE)
+    axes[0].set_ylabel("round-trip delay [s]", fontsize=FONT_SIZE)
     _AddStabilityLegend(figure, "the scenario's delay")
     return figure
 
@@ -313,14 +313,14 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """
     if not points:
         raise ValueError("points: none; allowed: at least one")
-    figure = Figure(figsize=(_WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
     axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
     num_axes = points[0].llewellyn.shape[1]
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = point.frequencies
         load = np.abs(point.environment[:, 0, 0])
         if load.any():
-            top.loglog(w, load, ":", color=_GREY, linewidth=1.5)
+            top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
             style = _LocusStyle(i)
             thin = style | {"linewidth": 0.6}
@@ -329,22 +329,22 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
             bottom.semilogx(
                 w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **style
             )
-        bottom.axhline(1, color=_GREY, linewidth=0.6, zorder=0)
+        bottom.axhline(1, color=GREY, linewidth=0.6, zorder=0)
         bottom.set_ylim(*_LLEWELLYN_RANGE)
-        top.set_title(point.point.name, fontsize=_FONT_SIZE)
+        top.set_title(point.point.name, fontsize=FONT_SIZE)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(1e-2, 1e3)
-        bottom.set_xlabel("frequency [rad/s]", fontsize=_FONT_SIZE)
+        bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
         for ax in (top, bottom):
             _Format(ax)
-    axes[0, 0].set_ylabel("|impedance| [N s/m]", fontsize=_FONT_SIZE)
-    axes[1, 0].set_ylabel("Llewellyn's parameter", fontsize=_FONT_SIZE)
+    axes[0, 0].set_ylabel("|impedance| [N s/m]", fontsize=FONT_SIZE)
+    axes[1, 0].set_ylabel("Llewellyn's parameter", fontsize=FONT_SIZE)
     figure.legend(
         handles=[
             Line2D([], [], color="black", linewidth=1.2, label="felt, with delay"),
             Line2D([], [], color="black", linewidth=0.6, label="felt, without"),
             Line2D(
-                [], [], ls=":", color=_GREY, linewidth=1.5, label="environment, along x"
+                [], [], ls=":", color=GREY, linewidth=1.5, label="environment, along x"
             ),
             *(
                 Line2D([], [], label=f"axis {'xyz'[i]}", **_LocusStyle(i))
@@ -353,7 +353,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         ],
         loc="outside upper center",
         ncols=5,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     return figure
@@ -368,7 +368,7 @@ def _AddStabilityLegend(figure: Figure, line: str) -> None:
         ],
         loc="outside upper center",
         ncols=3,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
 
@@ -391,8 +391,8 @@ def _Seconds(delay: float) -> str:
 
 def _LocusStyle(i: int) -> dict[str, Any]:
     return {
-        "color": _COLORS[i % len(_COLORS)],
-        "linestyle": _LINES[i % len(_LINES)],
+        "color": COLORS[i % len(COLORS)],
+        "linestyle": LINES[i % len(LINES)],
         "linewidth": 1.2,
     }
 
@@ -451,6 +451,6 @@ def _Multiple(step: float) -> Any:
 
 
 def _Format(ax: Axes) -> None:
-    ax.tick_params(labelsize=_SMALL_FONT_SIZE, width=0.6, length=2.5)
+    ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_linewidth(0.6)

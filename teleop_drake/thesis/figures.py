@@ -19,20 +19,18 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.laws.gaussian_network import EquidistantLattice
 from teleop_drake.laws.layered_force import layer_force, layer_index
-from teleop_drake.plotting import (
-    _BORDER_STYLE,
-    _COLORS,
-    _FONT_SIZE,
-    _LINES,
-    _SMALL_FONT_SIZE,
-    _WIDTH,
-    SaveFigure,
-    _AxisName,
-    _Format,
-    _Plot,
-    _Row,
-    _Widen,
+from teleop_drake.plot_style import (
+    BORDER_STYLE,
+    COLORS,
+    FONT_SIZE,
+    LINES,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    AxisName,
+    FormatAxes,
+    Widen,
 )
+from teleop_drake.plotting import PlotRows, SaveFigure, SignalRow
 from teleop_drake.recording import Recording
 from teleop_drake.rendering import WriteDiagram
 from teleop_drake.scenario import EnvironmentConfig, LoadScenario
@@ -116,18 +114,16 @@ def _PlotStiffness(runs: ThesisRuns) -> Figure:
     scenario = LoadScenario("one_dof")
     surface = scenario.contact_surface
     assert surface is not None
-    figure = Figure(
-        figsize=(_WIDTH, _ROW_HEIGHT + _LEGEND_HEIGHT), layout="constrained"
-    )
+    figure = Figure(figsize=(WIDTH, _ROW_HEIGHT + _LEGEND_HEIGHT), layout="constrained")
     # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
     tissue, bone = figure.subplots(1, 2)
     _DrawStiffness(tissue, scenario.environment, 0.0, surface)
-    tissue.set_xlabel("position $x$ [mm]", fontsize=_FONT_SIZE)
+    tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
     _DrawStiffness(bone, scenario.environment, surface - 2e-5, surface + 6e-5)
-    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=_FONT_SIZE)
+    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=FONT_SIZE)
     bone.ticklabel_format(axis="x", useOffset=False)
     tissue.set_ylim(*(1.25 * np.array(tissue.get_ylim())))
-    tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=_COLORS[0])
+    tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=COLORS[0])
     return figure
 
 
@@ -137,7 +133,7 @@ def _DrawStiffness(
     """Draws the force of the springs, in mN, from low to high (both in m)."""
     layers = environment.layers
     starts = [layer.start for layer in layers]
-    _Format(ax)
+    FormatAxes(ax)
     # Both sides of a jump.
     edges = [low, *(start for start in starts if low < start < high), high]
     x, force = [], []
@@ -145,14 +141,14 @@ def _DrawStiffness(
         layer = layers[layer_index(starts, begin)]
         x += [begin, end]
         force += [layer_force(layer, begin, 0.0), layer_force(layer, end, 0.0)]
-    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=_COLORS[0])
-    ax.set_ylabel("stiffness force [mN]", fontsize=_FONT_SIZE)
+    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
+    ax.set_ylabel("stiffness force [mN]", fontsize=FONT_SIZE)
     ends = [*starts[1:], high]
     for layer, end in zip(layers, ends, strict=True):
         if end <= low or layer.start >= high:
             continue
         if layer.start > low:
-            ax.axvline(layer.start * 1e3, **_BORDER_STYLE)
+            ax.axvline(layer.start * 1e3, **BORDER_STYLE)
         ax.annotate(
             layer.name,
             (max(layer.start, low) * 1e3, 1.0),
@@ -160,7 +156,7 @@ def _DrawStiffness(
             xytext=(3, 0),
             textcoords="offset points",
             va="bottom",
-            fontsize=_SMALL_FONT_SIZE,
+            fontsize=SMALL_FONT_SIZE,
         )
 
 
@@ -178,14 +174,14 @@ def _PlotAgainstReference(
             ax.plot(
                 recording.time,
                 recording[signal][:, k],
-                color=_COLORS[i],
-                linestyle=_LINES[i],
+                color=COLORS[i],
+                linestyle=LINES[i],
                 linewidth=1.1,
                 label=name,
             )
         values = [recording[signal][:, k] for signal in signals.values()]
-        ax.set_ylim(_Widen((float(np.min(values)), float(np.max(values))), 1.0))
-        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=_FONT_SIZE)
+        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
+        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
     _AddLegendAbove(figure, axes[0].get_lines()[-len(signals) :])
     return figure
 
@@ -194,15 +190,18 @@ def _PlotAgainstReference(
 
 
 def _CompareSignal(
-    runs: ThesisRuns, task: str, rows: Callable[[int], list[_Row]], is_time_only: bool
+    runs: ThesisRuns,
+    task: str,
+    rows: Callable[[int], list[SignalRow]],
+    is_time_only: bool,
 ) -> Figure:
     recordings = {
         "direct force": runs(task, **_DIRECT),
         "adaptive": runs(task, **_ADAPTIVE),
     }
     num_axes = recordings["adaptive"].scenario.num_axes
-    figure = _Plot(recordings, rows(num_axes))
-    figure.set_size_inches(_WIDTH, _ROW_HEIGHT * num_axes + _LEGEND_HEIGHT)
+    figure = PlotRows(recordings, rows(num_axes))
+    figure.set_size_inches(WIDTH, _ROW_HEIGHT * num_axes + _LEGEND_HEIGHT)
     if is_time_only:
         for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
             cell = left.get_subplotspec()
@@ -212,10 +211,10 @@ def _CompareSignal(
     return figure
 
 
-def _VelocityRows(n: int) -> list[_Row]:
+def _VelocityRows(n: int) -> list[SignalRow]:
     return [
-        _Row(
-            label=f"velocity $v_{_AxisName(k)}$",
+        SignalRow(
+            label=f"velocity $v_{AxisName(k)}$",
             unit="m/s",
             signal="tool_velocity",
             components=[k],
@@ -225,10 +224,10 @@ def _VelocityRows(n: int) -> list[_Row]:
     ]
 
 
-def _SensedForceRows(n: int) -> list[_Row]:
+def _SensedForceRows(n: int) -> list[SignalRow]:
     return [
-        _Row(
-            label=f"sensed force $F_{{e,{_AxisName(k)}}}$",
+        SignalRow(
+            label=f"sensed force $F_{{e,{AxisName(k)}}}$",
             unit="N",
             signal="environment_force",
             components=[k],
@@ -237,10 +236,10 @@ def _SensedForceRows(n: int) -> list[_Row]:
     ]
 
 
-def _PositionRows(n: int) -> list[_Row]:
+def _PositionRows(n: int) -> list[SignalRow]:
     return [
-        _Row(
-            label=f"position ${_AxisName(k)}$",
+        SignalRow(
+            label=f"position ${AxisName(k)}$",
             unit="m",
             signal="tool_position",
             components=[k],
@@ -250,10 +249,10 @@ def _PositionRows(n: int) -> list[_Row]:
     ]
 
 
-def _ControlForceRows(n: int) -> list[_Row]:
+def _ControlForceRows(n: int) -> list[SignalRow]:
     return [
-        _Row(
-            label=f"control force $F_{{c,{_AxisName(k)}}}$",
+        SignalRow(
+            label=f"control force $F_{{c,{AxisName(k)}}}$",
             unit="N",
             signal="control_force",
             components=[k],
@@ -273,15 +272,15 @@ def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     change = recording["psi"] - recording["psi"][0]
     for k in range(n * n):
         style = {
-            "color": _COLORS[k],
-            "linestyle": _LINES[k % len(_LINES)],
+            "color": COLORS[k],
+            "linestyle": LINES[k % len(LINES)],
             "linewidth": 1.1,
             "label": rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$",
         }
         above.plot(recording.time, recording["psi"][:, k], **style)
         below.plot(recording.time, change[:, k], **style)
-    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=_FONT_SIZE)
-    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=_FONT_SIZE)
+    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
+    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
     _AddLegendAbove(figure, above.get_lines()[-n * n :])
     return figure
 
@@ -305,7 +304,7 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
         rank = int(np.searchsorted(distance_values, distance))
         return {
             "color": colors[np.searchsorted(x_values, x)],
-            "linestyle": _LINES[rank % len(_LINES)],
+            "linestyle": LINES[rank % len(LINES)],
             "linewidth": 1.1 if rank == 0 else 0.7,
         }
 
@@ -313,7 +312,7 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     for k, ax in enumerate(axes):
         for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
             ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
-        ax.set_ylabel(f"weights ${name}$, {_AxisName(k)} [{unit}]", fontsize=_FONT_SIZE)
+        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
     handles = [
         Line2D([], [], label=f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0))
         for x in x_values
@@ -335,15 +334,15 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
 def _TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
     """Returns empty panels against time, with the instants that matter marked."""
     figure = Figure(
-        figsize=(_WIDTH, _ROW_HEIGHT * num_rows + _LEGEND_HEIGHT), layout="constrained"
+        figsize=(WIDTH, _ROW_HEIGHT * num_rows + _LEGEND_HEIGHT), layout="constrained"
     )
     axes = list(figure.subplots(num_rows, 1, sharex=True, squeeze=False)[:, 0])
     for ax in axes:
-        _Format(ax)
+        FormatAxes(ax)
         ax.set_xlim(0.0, float(recording.time[-1]))
         for name in ("puncture", "contact"):
             for time in recording.EventTimes(name)[:1]:
-                ax.axvline(time, **_BORDER_STYLE)
+                ax.axvline(time, **BORDER_STYLE)
                 if ax is axes[0]:
                     ax.annotate(
                         name,
@@ -352,9 +351,9 @@ def _TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]
                         xytext=(0, 2),
                         textcoords="offset points",
                         ha="center",
-                        fontsize=_SMALL_FONT_SIZE,
+                        fontsize=SMALL_FONT_SIZE,
                     )
-    axes[-1].set_xlabel("time [s]", fontsize=_FONT_SIZE)
+    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
     return figure, axes
 
 
@@ -364,10 +363,10 @@ def _AddLegendAbove(
     figure.legend(
         handles=handles,
         title=title,
-        title_fontsize=_SMALL_FONT_SIZE,
+        title_fontsize=SMALL_FONT_SIZE,
         loc="outside upper center",
         ncols=len(handles) if len(handles) <= 5 else 4,
-        fontsize=_SMALL_FONT_SIZE,
+        fontsize=SMALL_FONT_SIZE,
         frameon=False,
     )
 
@@ -390,7 +389,7 @@ _BOTH = (
 )
 
 # By what is compared: title, caption, rows, whether against time only.
-_COMPARISONS: dict[str, tuple[str, str, Callable[[int], list[_Row]], bool]] = {
+_COMPARISONS: dict[str, tuple[str, str, Callable[[int], list[SignalRow]], bool]] = {
     "velocity": (
         "Velocity of the tool",
         "Velocity of the tool with either controller, and in grey what the surgeon "

@@ -24,12 +24,12 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.layered_force import layer_force, layer_index
 from teleop_drake.laws.transfer_function import realize_transfer_function
 from teleop_drake.metrics import RunMetrics
-from teleop_drake.plotting import (
-    _COLORS,
-    _FONT_SIZE,
-    _SMALL_FONT_SIZE,
-    _WIDTH,
-    _Format,
+from teleop_drake.plot_style import (
+    COLORS,
+    FONT_SIZE,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    FormatAxes,
 )
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import GainMatrix, LoadScenario, Scenario
@@ -326,11 +326,11 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         "the converged numbers."
     )
 
-    figure = Figure(figsize=(_WIDTH, 2.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     for i, (ax, (name, printed, scale, unit)) in enumerate(
         zip(figure.subplots(1, 3), _PRINTED, strict=True)
     ):
-        _Format(ax)
+        FormatAxes(ax)
         ax.set_xscale("log")
         points = [
             (tolerance, scale * row[i])
@@ -342,7 +342,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
             linestyle="none",
             marker=".",
             markersize=4,
-            color=_COLORS[1],
+            color=COLORS[1],
             alpha=0.5,
             label="plain steps, 0.05 to 0.5 s",
         )
@@ -351,18 +351,18 @@ def SolverStudy(runs: ThesisRuns) -> Study:
             [scale * row[i] for row in located.values()],
             marker="o",
             markersize=3,
-            color=_COLORS[0],
+            color=COLORS[0],
             label="borders located",
         )
-        ax.axhline(scale * printed, color=_COLORS[6], linestyle="--", label="printed")
+        ax.axhline(scale * printed, color=COLORS[6], linestyle="--", label="printed")
         ax.invert_xaxis()
-        ax.set_xlabel("tolerance [-]", fontsize=_FONT_SIZE)
-        ax.set_ylabel(f"{name} [{unit}]", fontsize=_FONT_SIZE)
+        ax.set_xlabel("tolerance [-]", fontsize=FONT_SIZE)
+        ax.set_ylabel(f"{name} [{unit}]", fontsize=FONT_SIZE)
     figure.legend(
         *ax.get_legend_handles_labels(),
         loc="outside upper center",
         ncols=3,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     headers = ["tolerance", "plain runs"]
@@ -606,9 +606,9 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
         + ("\n\nWhat depends on the choice: " + "; ".join(soft) + "." if soft else "")
     )
 
-    figure = Figure(figsize=(_WIDTH, 0.24 * len(tried) + 1.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.24 * len(tried) + 1.2), layout="constrained")
     ax = figure.subplots()
-    _Format(ax)
+    FormatAxes(ax)
     for i, (name, _) in enumerate(_NUMBERS):
         ax.plot(
             [100 * values[i] for values in relative],
@@ -617,7 +617,7 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
             marker="os^vDPX"[i],
             markersize=4,
             alpha=0.8,
-            color=_COLORS[i],
+            color=COLORS[i],
             label=name,
         )
     ax.axvline(0.0, color="#808080", linewidth=0.8, zorder=0)
@@ -625,13 +625,13 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
     ax.set_yticks(
         range(len(tried)),
         [f"{c.parameter} {c.value}, {c.task}" for c in changes],
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
     )
     ax.invert_yaxis()
-    ax.set_xlabel("change [%], linear within 1 %", fontsize=_FONT_SIZE)
-    ax.set_ylabel("parameter, value, task", fontsize=_FONT_SIZE)
+    ax.set_xlabel("change [%], linear within 1 %", fontsize=FONT_SIZE)
+    ax.set_ylabel("parameter, value, task", fontsize=FONT_SIZE)
     figure.legend(
-        loc="outside upper center", ncols=4, fontsize=_FONT_SIZE, frameon=False
+        loc="outside upper center", ncols=4, fontsize=FONT_SIZE, frameon=False
     )
     headers = ["parameter", "how chosen", "value tried", "task"]
     return Study(
@@ -890,41 +890,41 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
     mismatch = float(np.abs(right.V2 - right.predicted).max() / right.V2[0])
     wrong = float(np.abs(printed.V2 - printed.predicted).max() / printed.V2[0])
 
-    exact = Figure(figsize=(_WIDTH, 2.6), layout="constrained")
+    exact = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     for ax, run, name in zip(
         exact.subplots(1, 2, sharey=True),
         (right, printed),
         ("sign of the derivation", "sign as printed"),
         strict=True,
     ):
-        _Format(ax)
-        ax.plot(run.time, run.V2, color=_COLORS[0], linewidth=2, label="$V_2$")
+        FormatAxes(ax)
+        ax.plot(run.time, run.V2, color=COLORS[0], linewidth=2, label="$V_2$")
         ax.plot(
             run.time,
             run.predicted,
-            color=_COLORS[1],
+            color=COLORS[1],
             linestyle="--",
             label=r"$V_2(0) - \int (s^T P G_1 s + z^T G_2 z)\,dt$",
         )
         ax.plot(
             run.time,
             run.bound,
-            color=_COLORS[2],
+            color=COLORS[2],
             linestyle=":",
             label=r"bound $V_2(0) - \int \lambda_{min}(G) |\mu|^2\,dt$",
         )
-        ax.set_xlabel(f"time [s], {name}", fontsize=_FONT_SIZE)
-        ax.set_ylabel("$V_2$ [-]", fontsize=_FONT_SIZE)
+        ax.set_xlabel(f"time [s], {name}", fontsize=FONT_SIZE)
+        ax.set_ylabel("$V_2$ [-]", fontsize=FONT_SIZE)
     exact.legend(
         *ax.get_legend_handles_labels(),
         loc="outside upper center",
         ncols=3,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
 
     real = Figure(
-        figsize=(_WIDTH, 1.6 * len(_LYAPUNOV_TASKS) + 0.4), layout="constrained"
+        figsize=(WIDTH, 1.6 * len(_LYAPUNOV_TASKS) + 0.4), layout="constrained"
     )
     axes = real.subplots(len(_LYAPUNOV_TASKS), 2, sharex="row")
     rows, ratios, inside = [], [], []
@@ -939,18 +939,18 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
         Psi = recording["psi"]
         norms[r"$|\Psi - \Psi_0|$"] = np.linalg.norm(Psi - Psi[0], axis=1)
         for ax in (left, axis):
-            ax.tick_params(labelsize=_SMALL_FONT_SIZE, width=0.6, length=2.5)
+            ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
             ax.spines[["top", "right"]].set_visible(False)
         left.semilogy(
             time,
             residual.error,
-            color=_COLORS[0],
+            color=COLORS[0],
             linewidth=0.8,
             label=r"$|\mu|$",
         )
         left.axhline(
             residual.radius,
-            color=_COLORS[1],
+            color=COLORS[1],
             linestyle="--",
             label=r"$\delta_{max}/\lambda_{min}(G)$",
         )
@@ -958,16 +958,16 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
             axis.semilogy(
                 time,
                 np.maximum(norm, 1e-12),
-                color=_COLORS[i + 2],
+                color=COLORS[i + 2],
                 linewidth=0.8,
                 label=name,
             )
         left.set_ylim(bottom=residual.radius * 1e-6)
         axis.set_ylim(bottom=1e-7)
-        left.set_ylabel(f"$|\\mu|$ [SI]\n{task}", fontsize=_FONT_SIZE)
-        axis.set_ylabel("norm [SI]", fontsize=_FONT_SIZE)
-        left.set_xlabel("time [s]", fontsize=_FONT_SIZE)
-        axis.set_xlabel("time [s]", fontsize=_FONT_SIZE)
+        left.set_ylabel(f"$|\\mu|$ [SI]\n{task}", fontsize=FONT_SIZE)
+        axis.set_ylabel("norm [SI]", fontsize=FONT_SIZE)
+        left.set_xlabel("time [s]", fontsize=FONT_SIZE)
+        axis.set_xlabel("time [s]", fontsize=FONT_SIZE)
         largest = float(residual.error.max())
         ratios.append(residual.radius / largest)
         inside.append(largest <= residual.radius)
@@ -993,7 +993,7 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
         labels,
         loc="outside upper center",
         ncols=5,
-        fontsize=_FONT_SIZE,
+        fontsize=FONT_SIZE,
         frameon=False,
     )
     text = (

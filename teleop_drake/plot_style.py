@@ -1,0 +1,88 @@
+"""What the figures have in common: colours, sizes for print, names and units."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+# Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+LINES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+GREY = "#808080"
+
+# Sizes for print: two panels across the width of a text block.
+WIDTH = 7.0  # inches
+FONT_SIZE = 8  # points
+SMALL_FONT_SIZE = 7  # points
+
+BORDER_STYLE: dict[str, Any] = {
+    "color": GREY,
+    "linestyle": (0, (1, 2)),
+    "linewidth": 0.8,
+    "zorder": 0,
+}
+
+# Keys of a sweep that are delays.
+DELAYS = ("delay", "forward_delay", "return_delay")
+
+
+def AxisName(axis: int) -> str:
+    """Returns how a task axis is called."""
+    return "xyz"[axis] if axis < 3 else str(axis + 1)
+
+
+def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
+    """Returns the range in the unit shown, with a margin."""
+    low, high = (limit * scale for limit in limits)
+    # A constant stays a line, however little it varies; so does zero.
+    margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
+    return low - margin, high + margin
+
+
+def ScaleAndUnit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
+    """Returns the scale and the unit with an SI prefix that suit a range."""
+    largest = max(abs(limit) for limit in limits)
+    if unit not in ("m", "m/s", "N") or largest == 0:
+        return 1.0, unit
+    # From 0.1 to 100 of the unit shown.
+    exponent = min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
+    prefix = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}[exponent]
+    return 10.0 ** (-3 * exponent), prefix + unit
+
+
+def RunStyle(i: int) -> dict[str, Any]:
+    """Returns colour and line style of the i-th run of a figure."""
+    return {
+        "color": COLORS[i % len(COLORS)],
+        "linestyle": LINES[i % len(LINES)],
+        "linewidth": 1.1,
+        "zorder": 2 + i,
+    }
+
+
+def FormatAxes(ax: Axes) -> None:
+    """Gives a panel small ticks, few spines and a line at zero."""
+    ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+    ax.ticklabel_format(axis="y", scilimits=(-3, 4), useOffset=False, useMathText=True)
+    ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.spines[["left", "bottom"]].set_linewidth(0.6)
+    ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)
+
+
+def AxisLabel(key: str) -> str:
+    """Returns what the axis of a varied key of a scenario says."""
+    if key in DELAYS:
+        name = "delay each way" if key == "delay" else key.replace("_", " ")
+        return f"{name} [s]"
+    return ".".join(key.split(".")[-2:])
+
+
+def CellEdges(centres: np.ndarray) -> np.ndarray:
+    """Returns the borders (N + 1) of cells around ascending centres (N)."""
+    if len(centres) == 1:
+        return centres[0] + np.array([-0.5, 0.5])
+    inner = (centres[1:] + centres[:-1]) / 2
+    first, last = 2 * centres[0] - inner[0], 2 * centres[-1] - inner[-1]
+    return np.concatenate([[first], inner, [last]])
