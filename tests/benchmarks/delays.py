@@ -37,11 +37,12 @@ def Measure(options: Options) -> Iterator[Table]:
             "accuracy"
         ]
         duration = options.Duration(scenario)
-        # The longest step stays the scenario's, which follows the delay.
-        setting = {"simulator.accuracy": accuracy_at_target}
-        programs = {
-            "package Sweep, its own settings": ["sweep", {}],
-            "package Sweep, within target": ["sweep", setting],
+        programs: dict[str, list] = {"package Sweep, its own settings": ["sweep", {}]}
+        if accuracy_at_target != scenario.simulator.accuracy:
+            # The longest step stays the scenario's, which follows the delay.
+            setting = {"simulator.accuracy": accuracy_at_target}
+            programs["package Sweep, within target"] = ["sweep", setting]
+        programs |= {
             "straightforward": ["pool", "straightforward"],
             "scipy, method of steps": ["pool", "scipy, method of steps"],
         }
