@@ -300,6 +300,10 @@ class _ScenarioBase:
     duration: float = _REQUIRED
     robot: RobotConfig = field(default_factory=RobotConfig)
 
+    # What was found valid last, as text in which 1 and True differ; not a field. To
+    # validate costs as much as to make the diagram, and whoever takes a scenario does.
+    _valid_tree = ""
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, (Scenario, TrackingScenario)):
             return NotImplemented
@@ -319,9 +323,13 @@ class _ScenarioBase:
         Raises:
             ScenarioError: naming the first bad field, its value and what is allowed.
         """
+        tree = _ToTree(self)
+        if repr(tree) == self._valid_tree:
+            return
         # The round trip checks the types, and leaves arrays where a user who edits a
         # scenario in Python may have put lists.
-        _CheckScenario(_FromTree(_ToTree(self), type(self)))
+        _CheckScenario(_FromTree(tree, type(self)))
+        self._valid_tree = repr(tree)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -609,6 +617,7 @@ def LoadScenario(
             scenario.simulator.max_step_size, scenario.max_transport_step
         )
     _CheckScenario(scenario)
+    scenario._valid_tree = repr(_ToTree(scenario))
     return scenario
 
 

@@ -830,3 +830,16 @@ def test_scenario_made_in_python(minimal):
     )
     scenario.Validate()
     assert scenario == LoadScenario(minimal)
+
+
+def test_validated_again_after_each_edit():
+    scenario = LoadScenario("one_dof")
+    scenario.Validate()
+    scenario.surgeon.velocity[0] = np.nan
+    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
+        scenario.Validate()
+    scenario.surgeon.velocity[0] = 1.0
+    scenario.Validate()
+    scenario.surgeon.velocity = [True]
+    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
+        scenario.Validate()
