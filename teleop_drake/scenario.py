@@ -302,7 +302,7 @@ class _ScenarioBase:
 
     # What was found valid last, as text in which 1 and True differ; not a field. To
     # validate costs as much as to make the diagram, and whoever takes a scenario does.
-    _valid_tree = ""
+    _valid = ""
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, (Scenario, TrackingScenario)):
@@ -324,12 +324,18 @@ class _ScenarioBase:
             ScenarioError: naming the first bad field, its value and what is allowed.
         """
         tree = _ToTree(self)
-        if repr(tree) == self._valid_tree:
+        if repr(tree) == self._valid:
             return
         # The round trip checks the types, and leaves arrays where a user who edits a
         # scenario in Python may have put lists.
         _CheckScenario(_FromTree(tree, type(self)))
-        self._valid_tree = repr(tree)
+        self._Remember(tree)
+
+    def _Remember(self, tree: dict[str, Any]) -> None:
+        """Remembers that this is valid, unless that depends on a file."""
+        channels = (tree.get("forward_channel"), tree.get("return_channel"))
+        if not any(channel and channel["trace"] for channel in channels):
+            self._valid = repr(tree)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -617,7 +623,7 @@ def LoadScenario(
             scenario.simulator.max_step_size, scenario.max_transport_step
         )
     _CheckScenario(scenario)
-    scenario._valid_tree = repr(_ToTree(scenario))
+    scenario._Remember(_ToTree(scenario))
     return scenario
 
 

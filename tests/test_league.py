@@ -132,6 +132,10 @@ def test_all_have_the_same_surgeon_device_robot_and_limits():
                 assert repr(getattr(scenario, part)) == repr(getattr(given, part))
 
 
+# Both tests in one process: what they share takes a minute.
+in_one_process = pytest.mark.xdist_group("league")
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """What --quick runs, and where it keeps it."""
@@ -144,6 +148,7 @@ def quick(tmp_path_factory):
     return out, rows
 
 
+@in_one_process
 def test_runs_give_the_rows(quick):
     _, rows = quick
     assert len(rows) == 3 * len(ARCHITECTURES)
@@ -155,6 +160,7 @@ def test_runs_give_the_rows(quick):
         AssertSame(row, committed, (*METRICS, "felt_stiffness"))
 
 
+@in_one_process
 def test_resuming_simulates_nothing_anew(quick, tmp_path):
     out, rows = quick
     done = []
