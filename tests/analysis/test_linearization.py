@@ -218,35 +218,37 @@ def test_operating_point_of_a_run():
             OperatingPointOfRun(recording, time)
 
 
+class ForcePlus(LeafSystem):
+    """F_c = F_hd + extra(r, v), on one axis."""
+
+    def __init__(self, extra):
+        LeafSystem.__init__(self)
+        force, _, r, v, _ = [
+            self.DeclareVectorInputPort(name, 1)
+            for name in (
+                "haptic_force",
+                "velocity_command",
+                "tool_position",
+                "tool_velocity",
+                "environment_force",
+            )
+        ]
+
+        def Calc(context, output: BasicVector):
+            F_hd = force.Eval(context)
+            output.SetFromVector(F_hd + extra(r.Eval(context), v.Eval(context)))
+
+        self.DeclareVectorOutputPort("control_force", 1, Calc)
+
+
 def test_error_estimate_covers_a_curved_law():
     """Weights that are not zero make the law curved over the width of a network."""
 
-    class Curved(LeafSystem):
-        """F_c = F_hd + sin(r/width)."""
-
-        def __init__(self):
-            LeafSystem.__init__(self)
-            inputs = [
-                self.DeclareVectorInputPort(name, 1)
-                for name in (
-                    "haptic_force",
-                    "velocity_command",
-                    "tool_position",
-                    "tool_velocity",
-                    "environment_force",
-                )
-            ]
-
-            def Calc(context, output: BasicVector):
-                r = inputs[2].Eval(context)
-                output.SetFromVector(inputs[0].Eval(context) + np.sin(r / 0.002))
-
-            self.DeclareVectorOutputPort("control_force", 1, Calc)
-
+    curved = ForcePlus(lambda r, v: np.sin(r / 0.002))
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     point = OperatingPoints(scenario)[0]
     model = LinearizeLoop(
-        scenario, point, teleoperator=MakeTeleoperator(scenario, control_law=Curved())
+        scenario, point, teleoperator=MakeTeleoperator(scenario, control_law=curved)
     )
     exact = (math.cos(0.00375 / 0.002) / 0.002 - 0.01) / 0.5
     error = abs(model.slave.A[1, 0] - exact) / np.abs(model.slave.A).max()
@@ -340,27 +342,9 @@ def test_idle_passivity_controllers_are_direct_force():
         )
 
 
-class Bent(LeafSystem):
+def Bent(v_bend, share=0.1):
     """F = F_hd + share |v - v_bend|."""
-
-    def __init__(self, v_bend, share=0.1):
-        LeafSystem.__init__(self)
-        inputs = [
-            self.DeclareVectorInputPort(name, 1)
-            for name in (
-                "haptic_force",
-                "velocity_command",
-                "tool_position",
-                "tool_velocity",
-                "environment_force",
-            )
-        ]
-
-        def Calc(context, output: BasicVector):
-            v = inputs[3].Eval(context)
-            output.SetFromVector(inputs[0].Eval(context) + share * np.abs(v - v_bend))
-
-        self.DeclareVectorOutputPort("control_force", 1, Calc)
+    return ForcePlus(lambda r, v: share * np.abs(v - v_bend))
 
 
 def test_law_that_bends_at_the_point_has_no_linear_model():
