@@ -11,8 +11,10 @@ Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it
 not state is marked "assumed" or "fitted" in the scenario files.
 """
 
+import copy
 import dataclasses
 import difflib
+import functools
 import math
 import os
 import reprlib
@@ -601,22 +603,12 @@ def LoadScenario(
         ScenarioError: if the file cannot be read or anything in it is not allowed.
     """
     path, is_builtin = _FindScenario(name_or_path)
-    tree = _ReadYaml(path)
-    tree.setdefault("name", path.stem)
-    simulator = tree.get("simulator")
-    is_step_given = (
-        not is_builtin and isinstance(simulator, dict) and "max_step_size" in simulator
-    )
-    schema = _SchemaOf(tree)
-    _ResolveTraces(tree, path.parent)
-    scenario = _FromTree(tree, schema)
-    pairs = _ParseOverrides(overrides)
-    if pairs:
-        tree = _ToTree(scenario)
-        for dotted, value in pairs:
-            _SetPath(tree, dotted, value)
-            is_step_given |= dotted in ("simulator", "simulator.max_step_size")
-        scenario = _FromTree(tree, schema)
+    tree, is_step_given = copy.deepcopy(_CompleteTree(path, _ReadText(path)))
+    is_step_given &= not is_builtin
+    for dotted, value in _ParseOverrides(overrides):
+        _SetPath(tree, dotted, value)
+        is_step_given |= dotted in ("simulator", "simulator.max_step_size")
+    scenario = _FromTree(tree, _SchemaOf(tree))
     if isinstance(scenario, Scenario) and not is_step_given:
         _CheckChannels(scenario)
         scenario.simulator.max_step_size = min(
@@ -625,6 +617,20 @@ def LoadScenario(
     _CheckScenario(scenario)
     scenario._Remember(_ToTree(scenario))
     return scenario
+
+
+@functools.lru_cache(maxsize=16)
+def _CompleteTree(path: Path, text: str) -> tuple[dict[str, Any], bool]:
+    """Returns the tree of a scenario file, and whether it has a longest step.
+
+    What the file leaves out has its default. A sweep comes here once for each run.
+    """
+    tree = _ParseFile(path, text)
+    tree.setdefault("name", path.stem)
+    simulator = tree.get("simulator")
+    is_step_given = isinstance(simulator, dict) and "max_step_size" in simulator
+    _ResolveTraces(tree, path.parent)
+    return _ToTree(_FromTree(tree, _SchemaOf(tree))), is_step_given
 
 
 def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
@@ -692,6 +698,9 @@ def _Choices(value: Any, choices: Iterable[str]) -> str:
 
 # Reading.
 
+# The one in C where PyYAML has it.
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
 
 class _UniqueKeyLoader(yaml.SafeLoader):
     """YAML's safe loader, which would let the last of equal keys win, but strict."""
@@ -733,14 +742,22 @@ def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
     _Refuse("scenario", text, f"{allowed} or a YAML file")
 
 
-def _ReadYaml(path: Path) -> dict[Any, Any]:
-    origin = f"scenario file {str(path)!r}"
+def _Origin(path: Path) -> str:
+    return f"scenario file {str(path)!r}"
+
+
+def _ReadText(path: Path) -> str:
+    origin = _Origin(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except OSError as e:
         raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
     except ValueError:  # Not UTF-8, or a NUL in the name.
         raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
+
+
+def _ParseFile(path: Path, text: str) -> dict[Any, Any]:
+    origin = _Origin(path)
     tree = _ParseYaml(text, origin)
     if not isinstance(tree, dict):
         raise ScenarioError(
@@ -825,7 +842,7 @@ def _FromTree(tree: Any, schema: type[_ScenarioBase]) -> AnyScenario:
     """Returns a scenario with the right types but values yet to be checked."""
     # yaml_load_typed is strict too, but names neither the path nor the choices, and
     # takes a bare number neither for `ndarray | float` nor for a vector.
-    data = yaml.safe_dump(_Normalize(tree, schema, ""))
+    data = yaml.dump(_Normalize(tree, schema, ""), Dumper=_Dumper)
     return yaml_load_typed(schema=schema, data=data)
 
 

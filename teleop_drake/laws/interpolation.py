@@ -11,7 +11,6 @@ accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987).
 """
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +102,33 @@ def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array
     return nodes, coefficients
 
 
+def newton_polynomials(
+    times: Array, values: Array, intervals: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Returns newton_polynomial() of several intervals in one table.
+
+    An interval of length 0 has the value before the jump.
+
+    Args:
+        times: As for newton_polynomial().
+        values: Likewise.
+        intervals: (M,) indices of the intervals.
+
+    Returns:
+        Nodes and coefficients, (NUM_STENCIL_POINTS, M, k) each; terms that a
+        polynomial does not have are zero.
+    """
+    nodes = np.zeros((NUM_STENCIL_POINTS, len(intervals), values.shape[1]))
+    coefficients = np.zeros_like(nodes)
+    for m, i in enumerate(intervals):
+        if times[i] == times[i + 1]:
+            coefficients[0, m] = values[i]
+        else:
+            n, c = newton_polynomial(times, values, i)
+            nodes[: len(n), m], coefficients[: len(c), m] = n, c
+    return nodes, coefficients
+
+
 def evaluate_newton(nodes: Table, coefficients: Table, t: float) -> Array:
     """Returns the values (k) of polynomials at t.
 
@@ -185,16 +211,10 @@ def interpolate(
         (M, k) interpolated values.
     """
     query_times = np.clip(query_times, times[0], times[-1])
-    result = np.empty((len(query_times), values.shape[1]))
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
-    query_list = query_times.tolist()
-    bounds = np.flatnonzero(np.diff(interval, prepend=-1, append=-1))
-    for begin, end in pairwise(bounds):
-        i = int(interval[begin])
-        if times[i] == times[i + 1]:
-            result[begin:end] = values[i]
-            continue
-        polynomial = IntervalPolynomial(times, values, i)
-        for row in range(begin, end):
-            result[row] = polynomial.Eval(query_list[row])
+    used, polynomial = np.unique(interval, return_inverse=True)
+    nodes, coefficients = compiled(newton_polynomials)(times, values, used)
+    result = np.zeros((len(query_times), values.shape[1]))
+    for n, c in zip(nodes[::-1], coefficients[::-1], strict=True):
+        result = c[polynomial] + (query_times[:, np.newaxis] - n[polynomial]) * result
     return result

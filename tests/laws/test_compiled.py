@@ -15,7 +15,11 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.laws.interpolation import evaluate_newton, newton_polynomial
+from teleop_drake.laws.interpolation import (
+    evaluate_newton,
+    newton_polynomial,
+    newton_polynomials,
+)
 
 NUM_FUNCTIONS = 7
 
@@ -75,6 +79,8 @@ def test_interpolation(num_samples):
         assert_same(newton_polynomial, times, values, i)
         nodes, coefficients = newton_polynomial(times, values, i)
         assert_same(evaluate_newton, nodes, coefficients, (times[i] + times[i + 1]) / 2)
+    times[1] = times[0]  # A jump.
+    assert_same(newton_polynomials, times, values, np.arange(num_samples - 1))
 
 
 RUN = """

@@ -83,3 +83,17 @@ def test_queries_are_clamped_and_hold_constant_signals():
     np.testing.assert_array_equal(
         interpolate(times, values, np.array([0.0, 1.5, 9.0]))[:, 0], [3.0, 3.0, 3.0]
     )
+
+
+def test_many_queries_are_as_one():
+    rng = np.random.default_rng(0)
+    times = np.cumsum(rng.uniform(0.1, 1.0, 30))
+    times[12] = times[11]
+    values = rng.normal(size=(30, 3))
+    query = np.sort(rng.uniform(times[0], times[-1], 200))
+    together = interpolate(times, values, query)
+    for t, row in zip(query, together, strict=True):
+        np.testing.assert_array_equal(
+            interpolate(times, values, np.array([t])), row[np.newaxis]
+        )
+    assert interpolate(times, values, np.empty(0)).shape == (0, 3)
