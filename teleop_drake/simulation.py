@@ -22,6 +22,7 @@ from teleop_drake.laws.interpolation import (
 from teleop_drake.network_tracking import MakeNetworkTracking
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.stale_cache_guard import MakeSimulator
 from teleop_drake.systems.delay_line import DelayLine
 from teleop_drake.systems.network_delay import NetworkDelay
 from teleop_drake.teleoperator import MakeTeleoperator
@@ -401,7 +402,7 @@ def simulate(
     else:
         scenario.Validate()
         diagram = teleoperator
-    simulator = Simulator(diagram)
+    simulator, guard = MakeSimulator(diagram)
     ApplySimulatorConfig(scenario.simulator, simulator)
     root_context = simulator.get_mutable_context()
     root_context.SetAccuracy(_EVENT_ACCURACY)
@@ -437,6 +438,7 @@ def simulate(
     wall_time = clock.monotonic() - start
     # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
     simulator.clear_monitor()
+    guard.Watch(None)
     integrator = simulator.get_integrator()
     times, signals = run.recorder.Finish()
     if run.failure:
