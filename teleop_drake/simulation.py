@@ -43,11 +43,6 @@ _FIRST_STEP = 1 / 8
 _STEP_GROWTH = 0.06
 _STEP_GROWTH_AFTER_CROSSING = 0.03
 
-# A hair more than what is asked for: where the longest step is the delay, and a delay
-# line ends a step once per delay, a step that is short by a rounding error would leave
-# another, of 1e-16 s, to be taken.
-_STEP_MARGIN = 1 + 1e-6
-
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
@@ -208,7 +203,7 @@ class _TeleoperatorRun(_Run):
         surface = scenario.contact_surface
         self._surfaces = [] if surface is None else [surface]
         self._integrator = simulator.get_mutable_integrator()
-        self._longest_step = self._integrator.get_maximum_step_size() * _STEP_MARGIN
+        self._longest_step = self._integrator.get_maximum_step_size()
         self._motions: list[_Motion] = []
         self._last_jump = 0.0
         self._crossing_time = -math.inf

@@ -16,6 +16,9 @@ from teleop_drake.systems.sampled_delay import SampledDelay
 from teleop_drake.systems.transport_delay import TransportDelay
 from teleop_drake.systems.variable_delay import VariableDelay
 
+# A scenario's longest step does not exceed the delay.
+_AS_THE_SOLVER_STEPS = math.inf
+
 
 def MakeChannel(
     config: ChannelConfig,
@@ -42,8 +45,7 @@ def MakeChannel(
             delay=config.delay,
             size=size,
             initial_value=initial_value,
-            # The steps of the solver are what limits the error.
-            max_sample_interval=config.delay or None,
+            max_sample_interval=_AS_THE_SOLVER_STEPS,
         )
     if config.kind == "variable":
         profile = ChannelProfile(config, duration)
@@ -51,7 +53,7 @@ def MakeChannel(
             profile=profile,
             size=size,
             initial_value=initial_value,
-            max_sample_interval=profile.minimum or None,
+            max_sample_interval=_AS_THE_SOLVER_STEPS,
         )
     if config.sample_period is None:
         raise ValueError("sample_period: None; allowed: a number > 0 (s)")

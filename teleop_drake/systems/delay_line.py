@@ -53,7 +53,8 @@ class DelayLine(LeafSystem):
         initial_value: What is delivered at first (size); zeros if None.
         shortest_delay: Least time under way in s, > 0.
         max_sample_interval: Longest time between two samples in s, in
-            (0, shortest_delay]; None takes 0.01 s, or the delay if that is less.
+            (0, shortest_delay]; infinity: the steps are as they come. None takes
+            0.01 s, or the delay if that is less.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -71,10 +72,12 @@ class DelayLine(LeafSystem):
         check_channel(delay=shortest_delay, size=size, initial_value=initial_value)
         if max_sample_interval is None:
             max_sample_interval = min(shortest_delay, _DEFAULT_SAMPLE_INTERVAL)
-        if not 0 < max_sample_interval <= shortest_delay:
+        if not (0 < max_sample_interval <= shortest_delay) and (
+            max_sample_interval != math.inf
+        ):
             raise ValueError(
                 f"max_sample_interval: {max_sample_interval}; allowed: more than 0, at "
-                f"most the delay, {shortest_delay} s"
+                f"most the delay, {shortest_delay} s, or infinity"
             )
         self._shortest_delay = float(shortest_delay)
         self._initial_value = (
@@ -93,9 +96,10 @@ class DelayLine(LeafSystem):
                 self.abstract_state_ticket(self._history),
             },
         )
-        self.DeclarePeriodicPublishEvent(
-            max_sample_interval, 0.0, lambda context: EventStatus.DidNothing()
-        )
+        if max_sample_interval < math.inf:
+            self.DeclarePeriodicPublishEvent(
+                max_sample_interval, 0.0, lambda context: EventStatus.DidNothing()
+            )
         self.DeclarePerStepUnrestrictedUpdateEvent(self._RecordBeforeEvents)
         self.DeclarePerStepDiscreteUpdateEvent(self._RecordAfterEvents)
 
@@ -184,7 +188,8 @@ class DelayLine(LeafSystem):
             raise RuntimeError(
                 f"{type(self).__name__} {self.get_name()!r}: evaluated "
                 f"{key - history.now:.6g} s after the last step; allowed: at most "
-                f"the delay, {self._shortest_delay:.6g} s"
+                f"the delay, {self._shortest_delay:.6g} s, which the integrator's "
+                "longest step must not exceed"
             )
         i = bisect_left(times, key)
         if i < len(times) and times[i] == key:

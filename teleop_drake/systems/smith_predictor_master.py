@@ -1,5 +1,7 @@
 """The master of direct force application with a Smith predictor."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -88,7 +90,7 @@ class SmithPredictorMaster(Diagram):
         model_delay = builder.AddNamedSystem(
             "model_delay",
             # The steps of the solver are what limits the error.
-            TransportDelay(delay=delay, size=n, max_sample_interval=delay or None),
+            TransportDelay(delay=delay, size=n, max_sample_interval=math.inf),
         )
         negation = builder.AddNamedSystem("negation", Gain(-1.0, n))
         felt = builder.AddNamedSystem("felt", Adder(3, n))

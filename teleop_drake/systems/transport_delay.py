@@ -41,7 +41,8 @@ class TransportDelay(DelayLine):
     with neither state nor events.
 
     Steps: a periodic event that does nothing ends a step at least once per
-    `max_sample_interval`, also in a diagram that has nothing to integrate.
+    `max_sample_interval`, also in a diagram that has nothing to integrate. It costs
+    steps where the integrator's own are short enough; infinity does without.
 
     It does not extrapolate, so no step can be longer than the delay. It does not
     report derivatives and cannot vary its delay.
@@ -51,7 +52,8 @@ class TransportDelay(DelayLine):
         size: Width of the signal, >= 1.
         initial_value: What is delivered at first (size); zeros if None.
         max_sample_interval: Longest time between two samples in s, in (0, delay];
-            None takes 0.01 s, or the delay if that is less.
+            infinity: the steps are as they come. None takes 0.01 s, or the delay if
+            that is less.
 
     Raises:
         ValueError: If a parameter is outside its range.

@@ -44,7 +44,8 @@ class VariableDelay(DelayLine):
         size: Width of the signal, >= 1.
         initial_value: What is delivered at first (size); zeros if None.
         max_sample_interval: Longest time between two samples in s, at most the
-            smallest delay; None takes 0.01 s, or the smallest delay if that is less.
+            smallest delay; infinity: the steps are as they come. None takes 0.01 s,
+            or the smallest delay if that is less.
 
     Raises:
         ValueError: If a parameter is outside its range.

@@ -5,6 +5,7 @@
 Each imports only what it needs, because start-up counts.
 """
 
+import itertools
 import json
 import multiprocessing
 import sys
@@ -13,17 +14,30 @@ CONTROLLER = "adaptive_backstepping"
 JOBS = 2
 
 
-def RunSweep(task: str, delays: list[float], duration: float, overrides: dict):
+def AtDelay(settings: dict, delay: float) -> dict:
+    """Returns settings of the solver without a longest step that exceeds the delay.
+
+    Then the scenario's holds, which follows the delay.
+    """
+    if delay >= settings.get("max_step_size", 0.0):
+        return settings
+    return {key: value for key, value in settings.items() if key != "max_step_size"}
+
+
+def RunSweep(task: str, delays: list[float], duration: float, settings: dict):
     """Runs the package's Sweep; returns the peak control force of each run in N."""
     from teleop_drake.sweep import Sweep
 
-    result = Sweep(
-        task,
-        {"delay": delays},
-        overrides={"controller.kind": CONTROLLER, "duration": duration} | overrides,
-        jobs=JOBS,
-    )
-    return result.Values("control_force_peak.x").tolist()
+    peaks = []
+    for _, group in itertools.groupby(delays, lambda x: len(AtDelay(settings, x))):
+        values = list(group)
+        overrides = {"controller.kind": CONTROLLER, "duration": duration} | {
+            f"simulator.{key}": value
+            for key, value in AtDelay(settings, values[0]).items()
+        }
+        result = Sweep(task, {"delay": values}, overrides=overrides, jobs=JOBS)
+        peaks += result.Values("control_force_peak.x").tolist()
+    return peaks
 
 
 def PeakForce(arguments) -> float:
