@@ -22,6 +22,7 @@ ORDER = [
     "teleoperator",
     "network_tracking",
     "recording",
+    "stale_cache_guard",
     "simulation",
     "metrics",
     "worker_processes",

@@ -100,7 +100,8 @@ def test_arrivals_have_both_sides():
 
 @pytest.mark.parametrize("delay", [0.0, 0.005])
 def test_packets_may_arrive_before_the_next_is_sent(delay):
-    recording = run(*(item.replace("0.1,", f"{delay},", 1) for item in network()))
+    channels = [item.replace("0.1,", f"{delay},", 1) for item in network()]
+    recording = run(*channels, f"simulator.max_step_size={H / 4}")
     assert recording.termination == "completed"
     t, x = recording.time, recording["return_packet_received"][:, 0]
     sent = np.arange(0.0, 1.0, H)[1:]

@@ -5,6 +5,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -37,9 +38,10 @@ class DelayLine(LeafSystem):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State: the samples taken at the integrator's own steps (one abstract value), and
-    the last value seen after the events of a step (discrete, size). The samples are
-    joined by eight-point polynomials which never reach across a jump and avoid kinks,
+    State: the samples taken at the integrator's own steps (one abstract value), and,
+    if events of the last step made the signal jump, the key of its sample and the
+    value after them (discrete, 1 + size; otherwise -infinity and any value). The
+    samples are joined by eight-point polynomials which never reach across a jump and avoid kinks,
     so a smooth signal is delayed with an error of O(step^8).
 
     Initial value: `initial_value` is delivered until the first sample arrives.
@@ -85,7 +87,7 @@ class DelayLine(LeafSystem):
         )
         self._spacing = shortest_delay / 1024
         self._signal = self.DeclareVectorInputPort("signal", size)
-        self._latest = self.DeclareDiscreteState(size)
+        self._jump = self.DeclareDiscreteState([-math.inf, *np.zeros(size)])
         self._history = self.DeclareAbstractState(AbstractValue.Make(SampleHistory()))
         self.DeclareVectorOutputPort(
             "delayed_signal",
@@ -148,8 +150,8 @@ class DelayLine(LeafSystem):
 
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
-        latest = context.get_discrete_state(self._latest).value()
-        return latest.tolist() != history.values[-1].tolist()
+        key = context.get_discrete_state(self._jump).GetAtIndex(0)
+        return key == history.times[-1]
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         time = context.get_time()
@@ -165,17 +167,29 @@ class DelayLine(LeafSystem):
             )
             return
         if history.times and self._HasJumped(context, history):
-            latest = context.get_discrete_state(self._latest).value()
+            value = context.get_discrete_state(self._jump).value()[1:]
             history = history.Append(
-                history.times[-1], latest, now=now, spacing=self._spacing
+                history.times[-1], value, now=now, spacing=self._spacing
             )
         history = history.Append(
             key, self._signal.Eval(context), now=now, spacing=self._spacing
         )
         state.get_mutable_abstract_state(self._history).set_value(history)
 
-    def _RecordAfterEvents(self, context: Context, values: DiscreteValues) -> None:
-        values.set_value(self._latest, self._signal.Eval(context))
+    def _RecordAfterEvents(
+        self, context: Context, values: DiscreteValues
+    ) -> EventStatus:
+        history = self._GetHistory(context)
+        value = self._signal.Eval(context)
+        if value.tolist() != history.values[-1].tolist():
+            jump = [history.times[-1], *value]
+        elif self._HasJumped(context, history):
+            jump = [-math.inf, *value]
+        else:
+            # The surroundings need not be evaluated again.
+            return EventStatus.DidNothing()
+        values.set_value(self._jump, jump)
+        return EventStatus.Succeeded()
 
     def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
         key = self.FetchKey(context.get_time())

@@ -9,6 +9,7 @@ from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     Event,
+    EventStatus,
     LeafSystem,
     State,
     UnrestrictedUpdateEvent,
@@ -161,9 +162,15 @@ class Surgeon(LeafSystem):
     def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
 
-    def _CheckContact(self, context: Context, values: DiscreteValues) -> None:
-        if not self._IsStopped(context) and self._CalcPastSurface(context) >= 0:
-            values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
+    def _CheckContact(self, context: Context, values: DiscreteValues) -> EventStatus:
+        if (
+            self._IsPerceived(context)
+            or self._IsStopped(context)
+            or self._CalcPastSurface(context) < 0
+        ):
+            return EventStatus.DidNothing()
+        values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
+        return EventStatus.Succeeded()
 
     def _Stop(self, context: Context, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)
