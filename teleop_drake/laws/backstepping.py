@@ -377,3 +377,20 @@ def backstepping_rate_vector(
     v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
     state = unpack_state(x, v.size)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
+
+
+def backstepping_error_vector(
+    gains: BacksteppingGains, x: Array, Phi: Array, signals: Array
+) -> Array:
+    """Returns auxiliary_error() and control_force_error() as one vector [s, z].
+
+    Args:
+        gains: The constants of the law, also as BacksteppingGains.AsTuple().
+        x: The state of the law, made by pack_state().
+        Phi: Basis functions at the present input (N).
+        signals: v, v_dd, F_e and F_hd, one in each row (4, n).
+    """
+    v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
+    return np.concatenate((s, z))

@@ -12,12 +12,10 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
-    auxiliary_error,
+    backstepping_error_vector,
     backstepping_rate_vector,
-    control_force_error,
     initial_state,
     pack_state,
-    unpack_state,
 )
 from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.gaussian_network import GaussianNetwork
@@ -54,9 +52,8 @@ class AdaptiveBackstepping(Diagram):
 
     Initial value: F_c = 0, W1 = W3 = 0, Psi = Psi0.
 
-    Direct feedthrough: none to control_force, psi, weights_1 and weights_3. All
-    inputs but tool_position feed through to auxiliary_error, and all inputs to
-    control_force_error.
+    Direct feedthrough: none to control_force, psi, weights_1 and weights_3; from all
+    inputs to auxiliary_error and control_force_error, which are computed together.
 
     It neither limits the control force nor knows the robot: n comes from the gains.
     A jump of an input (a puncture, a command) makes s and z jump, not F_c.
@@ -85,7 +82,9 @@ class AdaptiveBackstepping(Diagram):
             "split_state", Demultiplexer([n, n * N, n * n, n * N])
         )
         builder.Connect(join.get_output_port(), law.GetInputPort("signals"))
+        errors = builder.AddNamedSystem("split_errors", Demultiplexer([n, n]))
         builder.Connect(law.GetOutputPort("state"), split.get_input_port())
+        builder.Connect(law.GetOutputPort("errors"), errors.get_input_port())
         for name in ("haptic_force", "velocity_command"):
             builder.ExportInput(join.get_input_port(_SIGNALS.index(name)), name)
         builder.ExportInput(law.GetInputPort("tool_position"), "tool_position")
@@ -98,8 +97,8 @@ class AdaptiveBackstepping(Diagram):
             ("weights_3", 3),
         ):
             builder.ExportOutput(split.get_output_port(i), name)
-        for name in ("auxiliary_error", "control_force_error"):
-            builder.ExportOutput(law.GetOutputPort(name), name)
+        for i, name in enumerate(("auxiliary_error", "control_force_error")):
+            builder.ExportOutput(errors.get_output_port(i), name)
         builder.BuildInto(self)
         self.set_name("adaptive_backstepping")
 
@@ -109,7 +108,7 @@ _SIGNALS = ("tool_velocity", "velocity_command", "environment_force", "haptic_fo
 
 
 class _Law(LeafSystem):
-    """The law: the state and its time derivatives, s and z.
+    """The law: the state and its time derivatives, and the errors [s; z].
 
     Inputs: tool_position (n), and signals, those of _SIGNALS one after the other.
     """
@@ -121,8 +120,7 @@ class _Law(LeafSystem):
         self._gains = gains.AsTuple()
         self._network = network
         self._rate = compiled(backstepping_rate_vector)
-        self._auxiliary_error = compiled(auxiliary_error)
-        self._control_force_error = compiled(control_force_error)
+        self._errors = compiled(backstepping_error_vector)
 
         self._tool_position = self.DeclareVectorInputPort("tool_position", n)
         self._signals = self.DeclareVectorInputPort("signals", n * len(_SIGNALS))
@@ -130,13 +128,10 @@ class _Law(LeafSystem):
             BasicVector(pack_state(initial_state(gains, N)))
         )
         self.DeclareStateOutputPort("state", state)
-        self._s = self.DeclareVectorOutputPort(
-            "auxiliary_error", n, self._CalcAuxiliaryError, {self._signals.ticket()}
-        )
         self.DeclareVectorOutputPort(
-            "control_force_error",
-            n,
-            self._CalcControlForceError,
+            "errors",
+            2 * n,
+            self._CalcErrors,
             {self._signals.ticket(), self.xc_ticket(), self._tool_position.ticket()},
         )
 
@@ -151,19 +146,8 @@ class _Law(LeafSystem):
         x = context.get_continuous_state_vector().CopyToVector()
         derivatives.SetFromVector(self._rate(self._gains, x, Phi, Phi_dot, signals))
 
-    def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
+    def _CalcErrors(self, context: Context, output: BasicVector) -> None:
         signals = self._signals.Eval(context).reshape(self._shape)
-        output.SetFromVector(self._auxiliary_error(self._gains, *signals))
-
-    def _CalcControlForceError(self, context: Context, output: BasicVector) -> None:
-        _, _, F_e, _ = self._signals.Eval(context).reshape(self._shape)
+        Phi = self._network.evaluate(self._tool_position.Eval(context))
         x = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(
-            self._control_force_error(
-                self._gains,
-                unpack_state(x, F_e.size),
-                self._network.evaluate(self._tool_position.Eval(context)),
-                self._s.Eval(context),
-                F_e,
-            )
-        )
+        output.SetFromVector(self._errors(self._gains, x, Phi, signals))

@@ -41,8 +41,8 @@ class DelayLine(LeafSystem):
     State: the samples taken at the integrator's own steps (one abstract value), and,
     if events of the last step made the signal jump, the key of its sample and the
     value after them (discrete, 1 + size; otherwise -infinity and any value). The
-    samples are joined by eight-point polynomials which never reach across a jump and avoid kinks,
-    so a smooth signal is delayed with an error of O(step^8).
+    samples are joined by eight-point polynomials which never reach across a jump and
+    avoid kinks, so a smooth signal is delayed with an error of O(step^8).
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 

@@ -10,6 +10,7 @@ import pytest
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
+    backstepping_error_vector,
     backstepping_rate_vector,
     state_size,
 )
@@ -61,6 +62,8 @@ def test_backstepping(n, is_at_limit):
         signals = rng.normal(size=(4, n))
         functions = rng.normal(size=(2, NUM_FUNCTIONS))
         assert_same(backstepping_rate_vector, gains.AsTuple(), x, *functions, signals)
+        arguments = gains.AsTuple(), x, functions[0], signals
+        assert_same(backstepping_error_vector, *arguments)
 
 
 def test_gaussian_functions():

@@ -138,7 +138,7 @@ def test_ports():
         ("psi", set()),
         ("weights_1", set()),
         ("weights_3", set()),
-        ("auxiliary_error", set(INPUTS) - {"tool_position"}),
+        ("auxiliary_error", set(INPUTS)),
         ("control_force_error", set(INPUTS)),
     ],
 )
