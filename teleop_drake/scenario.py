@@ -12,23 +12,17 @@ not state is marked "assumed" or "fitted" in the scenario files.
 """
 
 import copy
-import dataclasses
-import difflib
 import functools
 import math
 import os
-import reprlib
-import types
-import typing
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from teleop_drake.architecture_config import (
@@ -55,6 +49,25 @@ from teleop_drake.laws.packet_network import (
 )
 from teleop_drake.laws.transfer_function import realize_transfer_function
 from teleop_drake.robots import CheckRobot, RobotModels, TaskInertiaInverse
+from teleop_drake.scenario_tree import (
+    REQUIRED,
+    CheckChoice,
+    CheckNumber,
+    CheckVector,
+    Choices,
+    ElementName,
+    FromTree,
+    Normalize,
+    ParseFile,
+    ParseOverrides,
+    ParseYaml,
+    ReadText,
+    Refuse,
+    ScenarioError,
+    SetPath,
+    Show,
+    ToTree,
+)
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
 """The thesis's two controllers, the baseline first."""
@@ -103,36 +116,16 @@ INTEGRATION_SCHEMES = tuple(
 
 _SCENARIO_DIR = Path(__file__).parent / "scenarios"
 
-# The fields of SimulatorConfig that every supported Drake has, so that a scenario
-# written by one version can be read by another.
-_SIMULATOR_FIELDS: dict[str, type] = {
-    "integration_scheme": str,
-    "max_step_size": float,
-    "accuracy": float,
-    "use_error_control": bool,
-    "start_time": float,
-    "target_realtime_rate": float,
-}
-
-
-class ScenarioError(ValueError):
-    """Bad input. Its text is one line: the field, its value and what is allowed."""
-
-
-# The default of a field that has none: `yaml_load_typed` needs every class to be
-# constructible without arguments. `Validate` refuses it.
-_REQUIRED: Any = None
-
 
 @dataclass(kw_only=True, eq=False)
 class RobotConfig:
     """The slave robot (thesis section 2.3)."""
 
     # slider (thesis eq. 2.12) or two_link_arm (eq. 2.13 and Appendix A).
-    model: str = _REQUIRED
+    model: str = REQUIRED
     # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
     # surface. The robot starts at rest.
-    start: np.ndarray = _REQUIRED
+    start: np.ndarray = REQUIRED
     # up (y > 0) or down (y < 0) at the start pose; two_link_arm only, else null.
     elbow: str | None = None
     # Mass, kg, > 0; slider only, else null. Null also keeps the model's own.
@@ -146,7 +139,7 @@ class SurgeonConfig:
     """What the surgeon commands (thesis section 2.5)."""
 
     # v_d until contact is perceived, m/s, n entries, not all zero.
-    velocity: np.ndarray = _REQUIRED
+    velocity: np.ndarray = REQUIRED
     # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
     # It has no effect where the environment has no contact surface.
     contact_force: np.ndarray | None = None
@@ -203,9 +196,9 @@ class LayerConfig:
     """
 
     # Unique, letters, digits and _ only: overrides address a layer by it.
-    name: str = _REQUIRED
+    name: str = REQUIRED
     # Where the layer begins, m, ascending; the first may be -.inf.
-    start: float = _REQUIRED
+    start: float = REQUIRED
     # N/m, >= 0.
     stiffness: float = 0.0
     # N s/m, >= 0.
@@ -226,10 +219,10 @@ class NetworkConfig:
     """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
 
     # Corners of the lattice of means, m, n entries each, lower < upper.
-    lower: np.ndarray = _REQUIRED
-    upper: np.ndarray = _REQUIRED
+    lower: np.ndarray = REQUIRED
+    upper: np.ndarray = REQUIRED
     # Means along each axis, n entries, >= 1.
-    count: list[int] = _REQUIRED
+    count: list[int] = REQUIRED
     # Width of the Gaussians in units of the lattice spacing, > 0.
     width: float = 1.0
 
@@ -244,14 +237,14 @@ class ControllerConfig:
     """
 
     # One of ARCHITECTURES.
-    kind: str = _REQUIRED
+    kind: str = REQUIRED
     # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
     Lambda: np.ndarray | float = 1.0
     # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
     # P G1 (eq. 5.22).
-    G1: np.ndarray | float = _REQUIRED
+    G1: np.ndarray | float = REQUIRED
     # Gain on z, 1/s; symmetric positive definite (eq. 5.31).
-    G2: np.ndarray | float = _REQUIRED
+    G2: np.ndarray | float = REQUIRED
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
     P: np.ndarray | float = 1.0
     # beta of every update law, >= 0 (eq. 5.51).
@@ -299,7 +292,7 @@ class _ScenarioBase:
     # Where the task comes from.
     source: str = ""
     # Simulated time, s, > 0.
-    duration: float = _REQUIRED
+    duration: float = REQUIRED
     robot: RobotConfig = field(default_factory=RobotConfig)
 
     # What was found valid last, as text in which 1 and True differ; not a field. To
@@ -325,12 +318,13 @@ class _ScenarioBase:
         Raises:
             ScenarioError: naming the first bad field, its value and what is allowed.
         """
-        tree = _ToTree(self)
+        tree = ToTree(self)
         if repr(tree) == self._valid:
             return
         # The round trip checks the types, and leaves arrays where a user who edits a
         # scenario in Python may have put lists.
-        _CheckScenario(_FromTree(tree, type(self)))
+        scenario = FromTree(tree, cast(type[AnyScenario], type(self)))
+        _CheckScenario(scenario)
         self._Remember(tree)
 
     def _Remember(self, tree: dict[str, Any]) -> None:
@@ -428,9 +422,9 @@ class TrajectoryConfig:
     """r_d(t) = centre + amplitude sin(frequency t + phase) (thesis eq. 3.28)."""
 
     # m, n entries.
-    centre: np.ndarray = _REQUIRED
+    centre: np.ndarray = REQUIRED
     # m, n entries; the whole line is in reach of the robot.
-    amplitude: np.ndarray = _REQUIRED
+    amplitude: np.ndarray = REQUIRED
     # rad/s, 0 to MAX_FREQUENCY.
     frequency: float = 1.0
     # rad.
@@ -442,9 +436,9 @@ class DisturbanceConfig:
     """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
 
     # One of DISTURBANCES; coupled needs n = 2.
-    kind: str = _REQUIRED
+    kind: str = REQUIRED
     # K, N/m; a number (times the identity) or an n x n matrix.
-    gain: np.ndarray | float = _REQUIRED
+    gain: np.ndarray | float = REQUIRED
 
 
 @dataclass(kw_only=True, eq=False)
@@ -452,15 +446,15 @@ class TrackingControllerConfig:
     """The controller of chapter 3. A gain is a number or an n x n matrix."""
 
     # One of TRACKING_CONTROLLERS.
-    kind: str = _REQUIRED
+    kind: str = REQUIRED
     # Weight of the position error in s, 1/s; symmetric positive definite (eq. 3.11).
-    Lambda: np.ndarray | float = _REQUIRED
+    Lambda: np.ndarray | float = REQUIRED
     # Gain on s, 1/s; symmetric positive definite (eq. 3.18).
-    G1: np.ndarray | float = _REQUIRED
+    G1: np.ndarray | float = REQUIRED
     # beta, >= 0 (eq. 3.19); 0 switches the network off.
-    adaptation_rate: float = _REQUIRED
+    adaptation_rate: float = REQUIRED
     # nu, >= 0 (eq. 3.27).
-    leakage: float = _REQUIRED
+    leakage: float = REQUIRED
     network: NetworkConfig = field(default_factory=NetworkConfig)
 
 
@@ -473,7 +467,7 @@ class TrackingScenario(_ScenarioBase):
     """
 
     # Acceleration of gravity along the task axes, m/s^2, n entries.
-    gravity: np.ndarray = _REQUIRED
+    gravity: np.ndarray = REQUIRED
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     controller: TrackingControllerConfig = field(
@@ -513,7 +507,7 @@ def ChannelProfile(
         trace = _ReadTrace(f"{path}.trace", channel.trace)
         if trace[0] and trace[0][-1] - trace[0][0] < duration:
             span = trace[0][-1] - trace[0][0]
-            _Refuse(
+            Refuse(
                 f"{path}.trace",
                 channel.trace,
                 f"at least as long as the duration, {duration:g} s, not {span:g} s",
@@ -532,7 +526,7 @@ def ChannelProfile(
 
 def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
     """Returns the times and delays in s of a CSV file, with or without a header."""
-    origin = f"{path} = {_Show(file)}"
+    origin = f"{path} = {Show(file)}"
     try:
         lines = Path(file).read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as e:
@@ -552,7 +546,7 @@ def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
             if is_header:
                 continue
             raise ScenarioError(
-                f"{origin}: line {i + 1}, {_Show(line)}: must be time,delay in s"
+                f"{origin}: line {i + 1}, {Show(line)}: must be time,delay in s"
             ) from None
         wrong = ""
         if not (math.isfinite(time) and math.isfinite(delay)):
@@ -563,7 +557,7 @@ def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
             wrong = "a delay >= 0 (s)"
         if wrong:
             raise ScenarioError(
-                f"{origin}: line {i + 1}, {_Show(line)}: must be {wrong}"
+                f"{origin}: line {i + 1}, {Show(line)}: must be {wrong}"
             )
         times.append(time)
         delays.append(delay)
@@ -603,19 +597,19 @@ def LoadScenario(
         ScenarioError: if the file cannot be read or anything in it is not allowed.
     """
     path, is_builtin = _FindScenario(name_or_path)
-    tree, is_step_given = copy.deepcopy(_CompleteTree(path, _ReadText(path)))
+    tree, is_step_given = copy.deepcopy(_CompleteTree(path, ReadText(path)))
     is_step_given &= not is_builtin
-    for dotted, value in _ParseOverrides(overrides):
-        _SetPath(tree, dotted, value)
+    for dotted, value in ParseOverrides(overrides):
+        SetPath(tree, dotted, value)
         is_step_given |= dotted in ("simulator", "simulator.max_step_size")
-    scenario = _FromTree(tree, _SchemaOf(tree))
+    scenario = FromTree(tree, _SchemaOf(tree))
     if isinstance(scenario, Scenario) and not is_step_given:
         _CheckChannels(scenario)
         scenario.simulator.max_step_size = min(
             scenario.simulator.max_step_size, scenario.max_transport_step
         )
     _CheckScenario(scenario)
-    scenario._Remember(_ToTree(scenario))
+    scenario._Remember(ToTree(scenario))
     return scenario
 
 
@@ -625,12 +619,12 @@ def _CompleteTree(path: Path, text: str) -> tuple[dict[str, Any], bool]:
 
     What the file leaves out has its default. A sweep comes here once for each run.
     """
-    tree = _ParseFile(path, text)
+    tree = ParseFile(path, text)
     tree.setdefault("name", path.stem)
     simulator = tree.get("simulator")
     is_step_given = isinstance(simulator, dict) and "max_step_size" in simulator
     _ResolveTraces(tree, path.parent)
-    return _ToTree(_FromTree(tree, _SchemaOf(tree))), is_step_given
+    return ToTree(FromTree(tree, _SchemaOf(tree))), is_step_given
 
 
 def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
@@ -649,8 +643,8 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
     Raises:
         ScenarioError: if the text is not YAML or anything in it is not allowed.
     """
-    tree = _ParseYaml(text, "scenario")
-    scenario = _FromTree(tree, _SchemaOf(tree))
+    tree = ParseYaml(text, "scenario")
+    scenario = FromTree(tree, _SchemaOf(tree))
     _CheckScenario(scenario, reads_traces=False)
     return scenario
 
@@ -664,70 +658,8 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     Raises:
         ScenarioError: if a field has the wrong type.
     """
-    tree = _Normalize(_ToTree(scenario), type(scenario), "")
+    tree = Normalize(ToTree(scenario), type(scenario), "")
     return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
-
-
-# Messages.
-
-
-def _Show(value: Any) -> str:
-    """Returns the value as YAML would write it, on one short line."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    short = reprlib.Repr()
-    short.maxstring = short.maxother = short.maxlong = 60
-    return short.repr(value)
-
-
-def _Refuse(path: str, value: Any, allowed: str) -> typing.NoReturn:
-    raise ScenarioError(f"{path} = {_Show(value)}: must be {allowed}")
-
-
-def _Choices(value: Any, choices: Iterable[str]) -> str:
-    """Returns "one of a, b (did you mean 'a'?)"."""
-    choices = list(choices)
-    text = "one of " + ", ".join(choices)
-    nearest = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)
-    return f"{text} (did you mean {nearest[0]!r}?)" if nearest else text
-
-
-# Reading.
-
-# The one in C where PyYAML has it.
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML's safe loader, which would let the last of equal keys win, but strict."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        keys = set()
-        for key_node, _ in node.value:
-            if key_node.value in keys and isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"duplicate key {key_node.value!r}", key_node.start_mark
-                )
-            if isinstance(key_node, yaml.ScalarNode):
-                keys.add(key_node.value)
-        return super().construct_mapping(node, deep)
-
-
-def _ParseYaml(text: str, origin: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_UniqueKeyLoader)
-    except Exception as e:
-        # PyYAML's constructors also let ValueError, KeyError and more escape, for
-        # example on `2020-13-01`.
-        reason = getattr(e, "problem", None) or e
-        mark = getattr(e, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        message = " ".join(f"{origin}{where}: must be valid YAML ({reason})".split())
-        raise ScenarioError(message) from None
 
 
 def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
@@ -738,275 +670,14 @@ def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
     path = Path(text)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
         return path, False
-    allowed = _Choices(text, ScenarioNames())
-    _Refuse("scenario", text, f"{allowed} or a YAML file")
-
-
-def _Origin(path: Path) -> str:
-    return f"scenario file {str(path)!r}"
-
-
-def _ReadText(path: Path) -> str:
-    origin = _Origin(path)
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as e:
-        raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
-    except ValueError:  # Not UTF-8, or a NUL in the name.
-        raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
-
-
-def _ParseFile(path: Path, text: str) -> dict[Any, Any]:
-    origin = _Origin(path)
-    tree = _ParseYaml(text, origin)
-    if not isinstance(tree, dict):
-        raise ScenarioError(
-            f"{origin}: must hold a mapping of scenario fields, not {_Show(tree)}"
-        )
-    return tree
-
-
-def _ParseOverrides(
-    overrides: Mapping[str, Any] | Iterable[str],
-) -> list[tuple[str, Any]]:
-    if isinstance(overrides, Mapping):
-        return [(str(path), _ToTree(value)) for path, value in overrides.items()]
-    if isinstance(overrides, str):
-        overrides = [overrides]
-    pairs = []
-    for item in overrides:
-        path, equals, text = item.partition("=")
-        path = path.strip()
-        if not equals or not path:
-            raise ScenarioError(f"override {_Show(item)}: must be PATH=VALUE")
-        pairs.append((path, _ParseYaml(text, f"override of {_Show(path)}")))
-    return pairs
-
-
-def _SetPath(tree: Any, dotted: str, value: Any) -> None:
-    """Replaces one value in a tree of dicts and lists."""
-    shown = f"{dotted if dotted.isprintable() else _Show(dotted)} = {_Show(value)}"
-    *parents, last = dotted.split(".")
-    for part in parents:
-        tree = tree[_FindKey(tree, part, shown)]
-    tree[_FindKey(tree, last, shown)] = value
-
-
-def _FindKey(tree: Any, part: str, shown: str) -> str | int:
-    """Returns the key or index that `part` of a path means in `tree`."""
-    if isinstance(tree, dict):
-        if part in tree:
-            return part
-        known = list(tree)
-    elif isinstance(tree, list):
-        names = [item.get("name") if isinstance(item, dict) else None for item in tree]
-        if part in names:
-            return names.index(part)
-        if part.isdecimal() and int(part) < len(tree):
-            return int(part)
-        known = [name for name in names if isinstance(name, str)]
-        known += [str(i) for i in range(len(tree))]
-    else:
-        known = []
-    allowed = f"must be {_Choices(part, known)}" if known else "there is nothing below"
-    raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")
-
-
-# Types. A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
-
-
-def _Schema(schema: Any) -> dict[str, Any]:
-    """Returns the names and types of a class's fields."""
-    if schema is SimulatorConfig:
-        return _SIMULATOR_FIELDS
-    return {item.name: item.type for item in dataclasses.fields(schema)}
-
-
-def _ToTree(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
-        return {key: _ToTree(getattr(value, key)) for key in _Schema(type(value))}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [_ToTree(item) for item in value]
-    return value
+    allowed = Choices(text, ScenarioNames())
+    Refuse("scenario", text, f"{allowed} or a YAML file")
 
 
 def _SchemaOf(tree: Any) -> type[AnyScenario]:
     """Returns the class that a tree describes."""
     is_tracking = isinstance(tree, dict) and "trajectory" in tree
     return TrackingScenario if is_tracking else Scenario
-
-
-def _FromTree(tree: Any, schema: type[_ScenarioBase]) -> AnyScenario:
-    """Returns a scenario with the right types but values yet to be checked."""
-    # yaml_load_typed is strict too, but names neither the path nor the choices, and
-    # takes a bare number neither for `ndarray | float` nor for a vector.
-    data = yaml.dump(_Normalize(tree, schema, ""), Dumper=_Dumper)
-    return yaml_load_typed(schema=schema, data=data)
-
-
-def _Normalize(value: Any, schema: Any, path: str) -> Any:
-    """Checks the tree against the schema; makes numbers of the declared type.
-
-    Raises:
-        ScenarioError: on unknown keys and wrong types.
-    """
-    options = (
-        typing.get_args(schema) if isinstance(schema, types.UnionType) else (schema,)
-    )
-    if value is None and type(None) in options:
-        return None
-    options = tuple(option for option in options if option is not type(None))
-    if options == (str,):
-        return _NormalizeText(value, path)
-    if options == (bool,):
-        if not isinstance(value, bool):
-            _Refuse(path, value, "true or false")
-        return value
-    if options == (float,):
-        return _NormalizeNumber(value, path, "a number")
-    if options == (int,):
-        return _NormalizeCounts([value], path, "a whole number")[0]
-    if options == (list[int],):
-        return _NormalizeCounts(value, path)
-    if np.ndarray in options:
-        if options == (np.ndarray,):
-            if not isinstance(value, list):
-                value = [value]
-            return [_NormalizeNumber(x, path, "a list of numbers") for x in value]
-        return _NormalizeGain(value, path, allow_text=str in options)
-    if typing.get_origin(schema) is list:
-        (item_schema,) = typing.get_args(schema)
-        if not isinstance(value, list):
-            _Refuse(path, value, "a list")
-        return [
-            _Normalize(item, item_schema, f"{path}.{_ElementName(item, i)}")
-            for i, item in enumerate(value)
-        ]
-    return _NormalizeMapping(value, schema, path)
-
-
-def _NormalizeMapping(value: Any, schema: Any, path: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        keys = ", ".join(_Schema(schema))
-        _Refuse(path or "scenario", value, f"a mapping with the keys {keys}")
-    fields = _Schema(schema)
-    prefix = f"{path}." if path else ""
-    for key in value:
-        if key not in fields:
-            name = key if isinstance(key, str) and key.isprintable() else _Show(key)
-            raise ScenarioError(
-                f"{prefix}{name} = {_Show(value[key])}: unknown key {_Show(key)}, "
-                f"must be {_Choices(key, fields)}"
-            )
-    result = {}
-    for key, item_schema in fields.items():
-        # A required field that is null is left for Validate to name.
-        is_required = getattr(schema, key, 0) is None and not (
-            isinstance(item_schema, types.UnionType)
-            and type(None) in typing.get_args(item_schema)
-        )
-        if key in value and not (is_required and value[key] is None):
-            result[key] = _Normalize(value[key], item_schema, prefix + key)
-    return result
-
-
-def _NormalizeText(value: Any, path: str) -> str:
-    if not isinstance(value, str):
-        _Refuse(path, value, "text")
-    try:
-        value.encode("utf-8")
-    except UnicodeError:
-        _Refuse(path, value, "text that UTF-8 can express")
-    return value
-
-
-def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
-    # YAML 1.1 reads 1e-3, without a dot, as text.
-    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except (ValueError, OverflowError):
-            pass
-    _Refuse(path, value, allowed)
-
-
-def _NormalizeCounts(
-    value: Any, path: str, allowed: str = "a list of whole numbers"
-) -> list[int]:
-    values = value if isinstance(value, list) else [value]
-    counts = []
-    for item in values:
-        number = _NormalizeNumber(item, path, allowed)
-        if not number.is_integer():
-            _Refuse(path, item if allowed == "a whole number" else value, allowed)
-        counts.append(int(number))
-    return counts
-
-
-def _NormalizeGain(value: Any, path: str, allow_text: bool) -> Any:
-    allowed = "a number or a matrix (a list of rows)"
-    if allow_text:
-        allowed += " or auto"
-    if value == "auto" and allow_text:
-        return value
-    if not isinstance(value, list):
-        return _NormalizeNumber(value, path, allowed)
-    rows = []
-    for row in value:
-        if not isinstance(row, list) or len(row) != len(value):
-            _Refuse(path, value, allowed + ", square")
-        rows.append([_NormalizeNumber(x, path, allowed) for x in row])
-    return rows
-
-
-def _ElementName(item: Any, index: int) -> str:
-    """Returns how messages call an element of a list."""
-    name = item.get("name") if isinstance(item, dict) else None
-    return name if isinstance(name, str) and name.isidentifier() else str(index)
-
-
-# Values.
-
-
-def _CheckNumber(
-    path: str,
-    value: Any,
-    unit: str = "",
-    *,
-    above: float | None = None,
-    minimum: float | None = None,
-    maximum: float | None = None,
-) -> None:
-    """Refuses what is not finite or not within the bounds; takes None for missing."""
-    bounds = []
-    if above is not None:
-        bounds.append(f"> {above:g}")
-    if minimum is not None:
-        bounds.append(f">= {minimum:g}")
-    if maximum is not None:
-        bounds.append(f"<= {maximum:g}")
-    allowed = ["a finite number", " and ".join(bounds), f"({unit})" if unit else ""]
-    if (
-        value is None
-        or not math.isfinite(value)
-        or (above is not None and value <= above)
-        or (minimum is not None and value < minimum)
-        or (maximum is not None and value > maximum)
-    ):
-        _Refuse(path, value, " ".join(filter(None, allowed)))
-
-
-def _CheckVector(path: str, value: Any, size: int, unit: str) -> None:
-    if value is None or len(value) != size or not np.all(np.isfinite(value)):
-        entries = "1 finite number" if size == 1 else f"{size} finite numbers"
-        _Refuse(path, value, f"a list of {entries} ({unit})")
-
-
-def _CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
-    if value not in choices:
-        _Refuse(path, value, _Choices(value, choices))
 
 
 def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
@@ -1016,8 +687,8 @@ def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
         or not scenario.name.isprintable()
         or set("/\\") & set(scenario.name)
     ):
-        _Refuse("name", scenario.name, "one line of text without / and \\")
-    _CheckNumber("duration", scenario.duration, "s", above=0)
+        Refuse("name", scenario.name, "one line of text without / and \\")
+    CheckNumber("duration", scenario.duration, "s", above=0)
     _CheckRobot(scenario.robot)
     if isinstance(scenario, TrackingScenario):
         _CheckTracking(scenario)
@@ -1026,7 +697,7 @@ def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
 
 
 def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
-    _CheckNumber(
+    CheckNumber(
         "divergence_speed_ratio",
         scenario.divergence_speed_ratio,
         above=1,
@@ -1046,7 +717,7 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     _CheckSimulator(scenario.simulator, max_step)
     surface = scenario.contact_surface
     if surface is not None and scenario.robot.start[0] >= surface:
-        _Refuse(
+        Refuse(
             "robot.start",
             scenario.robot.start,
             f"in front of the contact surface (x < {surface:g} m)",
@@ -1055,12 +726,12 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
 
 def _CheckTracking(scenario: TrackingScenario) -> None:
     # The controller's model has no friction, and a slider does.
-    _CheckChoice("robot.model", scenario.robot.model, ["two_link_arm"])
+    CheckChoice("robot.model", scenario.robot.model, ["two_link_arm"])
     n = scenario.num_axes
-    _CheckVector("gravity", scenario.gravity, n, "m/s^2")
+    CheckVector("gravity", scenario.gravity, n, "m/s^2")
     _CheckTrajectory(scenario)
 
-    _CheckChoice("disturbance.kind", scenario.disturbance.kind, DISTURBANCES)
+    CheckChoice("disturbance.kind", scenario.disturbance.kind, DISTURBANCES)
     gain = scenario.disturbance.gain
     if (
         gain is None
@@ -1068,31 +739,31 @@ def _CheckTracking(scenario: TrackingScenario) -> None:
         or GainMatrix(gain, n).shape != (n, n)
     ):
         allowed = f"a finite number or {n} x {n} matrix (N/m)"
-        _Refuse("disturbance.gain", gain, allowed)
+        Refuse("disturbance.gain", gain, allowed)
 
     controller = scenario.controller
-    _CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
+    CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
     _CheckGain("controller.Lambda", controller.Lambda, n)
     _CheckGain("controller.G1", controller.G1, n)
-    _CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
-    _CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    CheckNumber("controller.leakage", controller.leakage, minimum=0)
     _CheckNetwork(controller.network, n)
-    _CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
+    CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
     _CheckSimulator(scenario.simulator, math.inf)
 
 
 def _CheckTrajectory(scenario: TrackingScenario) -> None:
     trajectory, n = scenario.trajectory, scenario.num_axes
-    _CheckVector("trajectory.centre", trajectory.centre, n, "m")
-    _CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
-    _CheckNumber(
+    CheckVector("trajectory.centre", trajectory.centre, n, "m")
+    CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
+    CheckNumber(
         "trajectory.frequency",
         trajectory.frequency,
         "rad/s",
         minimum=0,
         maximum=MAX_FREQUENCY,
     )
-    _CheckNumber("trajectory.phase", trajectory.phase, "rad")
+    CheckNumber("trajectory.phase", trajectory.phase, "rad")
     # It runs along a line, whose farthest point is an end. The nearest may be inside.
     centre, amplitude = trajectory.centre, trajectory.amplitude
     with np.errstate(all="ignore"):
@@ -1107,15 +778,15 @@ def _CheckTrajectory(scenario: TrackingScenario) -> None:
         except ValueError as e:
             reason = str(e).removeprefix("robot.start: ")
             raise ScenarioError(
-                f"trajectory.amplitude = {_Show(amplitude)}: must keep the trajectory "
+                f"trajectory.amplitude = {Show(amplitude)}: must keep the trajectory "
                 f"in reach ({reason})"
             ) from None
 
 
 def _CheckRobot(robot: RobotConfig) -> None:
-    _CheckChoice("robot.model", robot.model, RobotModels())
+    CheckChoice("robot.model", robot.model, RobotModels())
     if robot.start is None:
-        _Refuse("robot.start", robot.start, "a list of finite numbers (m)")
+        Refuse("robot.start", robot.start, "a list of finite numbers (m)")
     try:
         CheckRobot(
             model=robot.model,
@@ -1129,13 +800,13 @@ def _CheckRobot(robot: RobotConfig) -> None:
 
 
 def _CheckSurgeon(surgeon: SurgeonConfig, n: int) -> None:
-    _CheckVector("surgeon.velocity", surgeon.velocity, n, "m/s")
+    CheckVector("surgeon.velocity", surgeon.velocity, n, "m/s")
     if not np.any(surgeon.velocity):
-        _Refuse("surgeon.velocity", surgeon.velocity, "non-zero on at least one axis")
+        Refuse("surgeon.velocity", surgeon.velocity, "non-zero on at least one axis")
     if surgeon.contact_force is not None:
-        _CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
+        CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
     if surgeon.stop_time is not None:
-        _CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
+        CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
 
 
 def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
@@ -1145,7 +816,7 @@ def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
     except ValueError as e:
         raise ScenarioError(f"haptic_device.{e}") from None
     if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
-        _Refuse(
+        Refuse(
             "haptic_device.denominator",
             device.denominator,
             "coefficients that can be divided by the first one",
@@ -1153,36 +824,34 @@ def _CheckHapticDevice(device: HapticDeviceConfig) -> None:
 
 
 def _CheckChannels(scenario: Scenario) -> None:
-    _CheckNumber("duration", scenario.duration, "s", above=0)
+    CheckNumber("duration", scenario.duration, "s", above=0)
     for path in ("forward_channel", "return_channel"):
         _CheckChannel(path, getattr(scenario, path), scenario.duration)
 
 
 def _CheckChannel(path: str, channel: ChannelConfig, duration: float) -> None:
-    _CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
+    CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
     delay, period = channel.delay, channel.sample_period
     if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
-        _Refuse(
-            f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
-        )
+        Refuse(f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)")
     if channel.kind in ("transport", "variable"):
         if period is not None:
-            _Refuse(
+            Refuse(
                 f"{path}.sample_period", period, f"null for a {channel.kind} channel"
             )
     else:
         minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
-        _CheckNumber(f"{path}.sample_period", period, "s", minimum=minimum)
+        CheckNumber(f"{path}.sample_period", period, "s", minimum=minimum)
     if (
         channel.kind == "sampled"
         and delay > 0
         and period is not None
         and period > delay
     ):
-        _Refuse(f"{path}.sample_period", period, f"at most the delay, {delay:g} (s)")
+        Refuse(f"{path}.sample_period", period, f"at most the delay, {delay:g} (s)")
     _CheckUnused(path, channel)
     if channel.seed < 0:
-        _Refuse(f"{path}.seed", channel.seed, "a whole number >= 0")
+        Refuse(f"{path}.seed", channel.seed, "a whole number >= 0")
     if channel.kind in ("variable", "network"):
         profile = ChannelProfile(channel, duration, path=path)
         try:
@@ -1207,46 +876,44 @@ def _CheckUnused(path: str, channel: ChannelConfig) -> None:
         unused += ["drift", "sinusoid", "trace"]
     if channel.kind != "network":
         unused += ["jitter", "loss", "receiver"]
-    default = _ToTree(ChannelConfig())
+    default = ToTree(ChannelConfig())
     for name in unused:
-        value = _ToTree(getattr(channel, name))
+        value = ToTree(getattr(channel, name))
         if value == default[name]:
             continue
         key, value, allowed = name, value, default[name]
         if isinstance(value, dict):
             key = next(key for key in value if value[key] != allowed[key])
             key, value, allowed = f"{name}.{key}", value[key], allowed[key]
-        _Refuse(
-            f"{path}.{key}", value, f"{_Show(allowed)} for a {channel.kind} channel"
-        )
+        Refuse(f"{path}.{key}", value, f"{Show(allowed)} for a {channel.kind} channel")
 
 
 def _CheckLayers(layers: Sequence[LayerConfig]) -> None:
     names: set[str] = set()
     previous = -math.inf
     for i, layer in enumerate(layers):
-        path = f"environment.layers.{_ElementName({'name': layer.name}, i)}"
+        path = f"environment.layers.{ElementName({'name': layer.name}, i)}"
         if layer.name is None or not layer.name.isidentifier() or layer.name in names:
-            _Refuse(
+            Refuse(
                 f"environment.layers.{i}.name",
                 layer.name,
                 "unique, of letters, digits and _, not beginning with a digit",
             )
         names.add(layer.name)
         if not (i == 0 and layer.start == -math.inf):
-            _CheckNumber(f"{path}.start", layer.start, "m")
+            CheckNumber(f"{path}.start", layer.start, "m")
         if i > 0 and layer.start <= previous:
-            _Refuse(
+            Refuse(
                 f"{path}.start", layer.start, f"> {previous:g} m, the previous start"
             )
         previous = layer.start
-        _CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
-        _CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
-        _CheckNumber(f"{path}.reference", layer.reference, "m")
+        CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
+        CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
+        CheckNumber(f"{path}.reference", layer.reference, "m")
 
 
 def _CheckController(controller: ControllerConfig, n: int) -> None:
-    _CheckChoice("controller.kind", controller.kind, ARCHITECTURES)
+    CheckChoice("controller.kind", controller.kind, ARCHITECTURES)
     # What a kind does not use may be missing, but not wrong: comparing the
     # architectures is one override away.
     is_needed = controller.kind == "adaptive_backstepping"
@@ -1265,15 +932,15 @@ def _CheckController(controller: ControllerConfig, n: int) -> None:
             product = gains["P"] @ gains["G1"]
             product = product + product.T
         if not _IsPositiveDefinite(product):
-            _Refuse(
+            Refuse(
                 "controller.P",
                 controller.P,
                 "such that the symmetric part of P G1 is positive definite",
             )
-    _CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
-    _CheckNumber("controller.leakage", controller.leakage, minimum=0)
-    _CheckNumber("controller.supervision", controller.supervision, minimum=0, maximum=1)
-    _CheckNumber("controller.minimum_psi", controller.minimum_psi, "1/kg", above=0)
+    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    CheckNumber("controller.supervision", controller.supervision, minimum=0, maximum=1)
+    CheckNumber("controller.minimum_psi", controller.minimum_psi, "1/kg", above=0)
     network = controller.network
     if is_needed or any(
         item is not None for item in (network.lower, network.upper, network.count)
@@ -1288,7 +955,7 @@ def _IsPositiveDefinite(matrix: np.ndarray) -> bool:
 def _CheckGain(path: str, value: Any, n: int) -> np.ndarray:
     allowed = f"positive, or a symmetric positive definite {n} x {n} matrix"
     if value is None:
-        _Refuse(path, value, allowed)
+        Refuse(path, value, allowed)
     matrix = GainMatrix(value, n)
     if (
         matrix.shape != (n, n)
@@ -1296,7 +963,7 @@ def _CheckGain(path: str, value: Any, n: int) -> np.ndarray:
         or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
         or not _IsPositiveDefinite(matrix)
     ):
-        _Refuse(path, value, allowed)
+        Refuse(path, value, allowed)
     return matrix
 
 
@@ -1316,9 +983,9 @@ def _CheckInitialPsi(scenario: Scenario) -> None:
         or not np.min(np.linalg.svd(psi, compute_uv=False)) > minimum
         or not np.linalg.slogdet(psi)[0] > 0
     ):
-        value = _Show(controller.initial_psi)
+        value = Show(controller.initial_psi)
         if value == "'auto'":
-            value += f", here {_Show(psi)}"
+            value += f", here {Show(psi)}"
         raise ScenarioError(
             f"controller.initial_psi = {value}: must be auto, a positive number or a "
             f"{n} x {n} matrix with positive determinant, its singular values > "
@@ -1328,44 +995,44 @@ def _CheckInitialPsi(scenario: Scenario) -> None:
 
 def _CheckNetwork(network: NetworkConfig, n: int) -> None:
     path = "controller.network"
-    _CheckVector(f"{path}.lower", network.lower, n, "m")
-    _CheckVector(f"{path}.upper", network.upper, n, "m")
+    CheckVector(f"{path}.lower", network.lower, n, "m")
+    CheckVector(f"{path}.upper", network.upper, n, "m")
     if not np.all(network.lower < network.upper):
-        _Refuse(
+        Refuse(
             f"{path}.upper",
             network.upper,
-            f"> {path}.lower = {_Show(network.lower)} m on every axis",
+            f"> {path}.lower = {Show(network.lower)} m on every axis",
         )
     count = network.count
     if count is None or len(count) != n or min(count) < 1:
-        _Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
+        Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
     if math.prod(count) > MAX_BASIS_FUNCTIONS:
-        _Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
-    _CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
+        Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+    CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
 
 
 def _CheckSimulator(simulator: SimulatorConfig, max_transport_step: float) -> None:
-    _CheckChoice(
+    CheckChoice(
         "simulator.integration_scheme",
         simulator.integration_scheme,
         INTEGRATION_SCHEMES,
     )
     # Below 1e-14 no step passes the error test.
-    _CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
-    _CheckNumber(
+    CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
+    CheckNumber(
         "simulator.max_step_size",
         simulator.max_step_size,
         "s",
         minimum=SHORTEST_TIME,
     )
     if simulator.max_step_size > max_transport_step:
-        _Refuse(
+        Refuse(
             "simulator.max_step_size",
             simulator.max_step_size,
             f"<= {max_transport_step:g} s, the smallest non-zero transport delay",
         )
     if simulator.start_time != 0:
-        _Refuse("simulator.start_time", simulator.start_time, "0 s")
-    _CheckNumber(
+        Refuse("simulator.start_time", simulator.start_time, "0 s")
+    CheckNumber(
         "simulator.target_realtime_rate", simulator.target_realtime_rate, minimum=0
     )

@@ -16,6 +16,7 @@ ORDER = [
     "systems",
     "robots",
     "architecture_config",
+    "scenario_tree",
     "scenario",
     "stations",
     "architectures",
