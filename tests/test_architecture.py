@@ -17,6 +17,7 @@ ORDER = [
     "robots",
     "architecture_config",
     "scenario_tree",
+    "scenario_config",
     "scenario",
     "stations",
     "architectures",
