@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-# A process starts in about a second. A simulation leaks about a megabyte, because a
+# A process starts in about a second. A simulation leaks up to two megabytes, because a
 # LeafSystem written in Python that has output callbacks (in Drake before 1.56) or
 # witness functions is never freed.
 _CALLS_PER_PROCESS = 100
