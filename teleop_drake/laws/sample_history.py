@@ -27,8 +27,10 @@ class SampleHistory:
         values: The samples (one row each).
         jumps: When those jumps of the signal that are known will be delivered, s.
         now: Up to where in `times` the signal has been delivered, s.
-        polynomials: What Eval() has worked out so far: a function of the samples,
-            not a state.
+        polynomials: By the interval, what Eval() has worked out so far. All but that
+            at `now` are functions of the samples. That one stays what it was when the
+            signal came to the interval: otherwise each new sample would move the
+            signal, by as much as its error, at the very time of the sample.
     """
 
     times: tuple[float, ...] = ()
@@ -64,6 +66,10 @@ class SampleHistory:
         # The samples just before the oldest one in use serve its stencil.
         while first + _NUM_KEPT < keep and self.times[first + _NUM_KEPT] < now:
             first += 1
+        polynomials = {}
+        i = self._Interval(now)
+        if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
+            polynomials[i - first] = self._Polynomial(i)
         values = np.empty((keep - first + 1, len(value)))
         values[:-1] = self.values[first:keep]
         values[-1] = value
@@ -72,7 +78,8 @@ class SampleHistory:
             jumps = (*jumps, time)
         if jumps and jumps[0] <= now:
             jumps = tuple(jump for jump in jumps if jump > now)
-        return SampleHistory((*self.times[first:keep], time), values, jumps, now)
+        times = (*self.times[first:keep], time)
+        return SampleHistory(times, values, jumps, now, polynomials)
 
     def Eval(self, time: float) -> NDArray[np.float64]:
         """Returns the signal (k) at a time between (or just behind) the samples.
@@ -82,11 +89,18 @@ class SampleHistory:
         """
         if len(self.times) == 1:
             return self.values[0]
-        i = min(max(bisect_left(self.times, time) - 1, 0), len(self.times) - 2)
+        i = min(max(self._Interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
             return self.values[i + 1]  # Just behind a jump.
+        return self._Polynomial(i).Eval(time)
+
+    def _Interval(self, time: float) -> int:
+        """Returns the index of the sample before a time, -1 if there is none."""
+        return bisect_left(self.times, time) - 1
+
+    def _Polynomial(self, i: int) -> IntervalPolynomial:
         polynomial = self.polynomials.get(i)
         if polynomial is None:
             polynomial = IntervalPolynomial(np.array(self.times), self.values, i)
             self.polynomials[i] = polynomial
-        return polynomial.Eval(time)
+        return polynomial
