@@ -330,6 +330,19 @@ def test_thesis_tasks_are_stable_whatever_the_delay(name):
             assert final == pytest.approx(expected, rel=0.05)
 
 
+def test_nothing_jumps_but_events_and_their_echoes():
+    recording = Wave("two_dof_combined")
+    jumps = recording.time[1:][np.diff(recording.time) == 0]
+    delay = 0.1
+    causes = [0.0, *(event.time for event in recording.events)]
+    assert len(jumps) >= len(causes)
+    for jump in jumps:
+        echoes = [
+            (jump - cause) / delay for cause in causes if cause < jump + delay / 2
+        ]
+        assert min(abs(echo - round(echo)) for echo in echoes) < 1e-5, jump
+
+
 def test_filters_and_drift_correction_act():
     plain = Wave("one_dof", "duration=9.0")
     for override in ("forward_bandwidth=20", "return_bandwidth=20"):
