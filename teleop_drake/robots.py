@@ -296,12 +296,9 @@ def MakeRobot(
     tool = builder.AddNamedSystem(
         "tool_interface", ToolInterface(plant=plant, num_task_axes=n)
     )
-    motion = builder.AddNamedSystem(
-        "tool_motion", Demultiplexer([n, n, n * plant.num_velocities()])
-    )
-    joints = builder.AddNamedSystem(
-        "joint_state", Demultiplexer([plant.num_positions(), plant.num_velocities()])
-    )
+    nq, nv = plant.num_positions(), plant.num_velocities()
+    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))
+    joints = builder.AddNamedSystem("joint_state", Demultiplexer([nq, nv]))
     state = plant.get_state_output_port()
     builder.Connect(state, joints.get_input_port())
     builder.Connect(state, tool.GetInputPort("plant_state"))
@@ -313,8 +310,8 @@ def MakeRobot(
         tool.GetOutputPort("joint_torque"), plant.get_actuation_input_port()
     )
     builder.Connect(
-        tool.GetOutputPort("spatial_forces"),
-        plant.get_applied_spatial_force_input_port(),
+        tool.GetOutputPort("reaction_torque"),
+        plant.get_applied_generalized_force_input_port(),
     )
     for name in ("control_force", "environment_force"):
         builder.ExportInput(tool.GetInputPort(name), name)

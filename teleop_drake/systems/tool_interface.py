@@ -2,8 +2,8 @@
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialAcceleration, SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.math import SpatialAcceleration
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import (
     BasicVector,
@@ -19,7 +19,9 @@ class ToolInterface(LeafSystem):
     one of the plant's bodies. With Drake's translational Jacobian J = Jv_v_WT, kept to
     its first n rows,
 
-        v_WT = J qdot,    tau = J^T F_c  (2.11),    force on the tool: -F_e.
+        v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
+
+    tau_e is what the environment's reaction -F_e at T does to the joints.
 
     Input ports:
 
@@ -37,11 +39,13 @@ class ToolInterface(LeafSystem):
     | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                   |
     | tool_acceleration | n         | m/s^2    | body_spatial_accelerations    |
     | joint_torque      | nv        | N m or N | plant_state, control_force    |
-    | spatial_forces    | list      | N        | environment_force             |
+    | reaction_torque   | nv        | N m or N | plant_state, environment_force |
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
-    each state yields. `joint_torque` goes to the plant's actuation and
-    `spatial_forces`, which holds the reaction -F_e at T, to its applied spatial forces.
+    each state yields. `joint_torque` is tau and goes to the plant's actuation,
+    `reaction_torque` is tau_e and goes to its applied generalized force. The force
+    -F_e at T would do the same as one of Drake's lists of applied spatial forces, but
+    each list that passes from Python to Drake costs as much as both torques together.
 
     State: none. It applies no limit to the torque, and no moment to the tool.
     """
@@ -73,12 +77,10 @@ class ToolInterface(LeafSystem):
             )
         self._plant = plant
         self._tool = plant.GetBodyByName(tool_name)
-        self._tool_index = self._tool.index()
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
-        self._reaction = ExternallyAppliedSpatialForce()
-        self._reaction.body_index = self._tool_index
         # What a call to the plant takes.
+        self._tool_index = int(self._tool.index())
         self._world_frame = plant.world_frame()
         self._tool_frame = self._tool.body_frame()
         self._num_positions = plant.num_positions()
@@ -111,14 +113,14 @@ class ToolInterface(LeafSystem):
         self.DeclareVectorOutputPort(
             "joint_torque",
             nv,
-            self._CalcTorque,
+            self._CalcJointTorque,
             state | {self._control_force.ticket()},
         )
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            Value[list[ExternallyAppliedSpatialForce]],
-            self._CalcSpatialForces,
-            {self._environment_force.ticket()},
+        self.DeclareVectorOutputPort(
+            "reaction_torque",
+            nv,
+            self._CalcReactionTorque,
+            state | {self._environment_force.ticket()},
         )
 
     def _CalcKinematics(self, context: Context, output: BasicVector) -> None:
@@ -135,20 +137,21 @@ class ToolInterface(LeafSystem):
             self._world_frame,
         )[: self._n]
         p_WT = X_WT.translation()[: self._n]
-        v_WT = Jv_v_WT @ x[self._num_positions :]
+        v_WT = Jv_v_WT.dot(x[self._num_positions :])
         output.SetFromVector(np.concatenate((p_WT, v_WT, Jv_v_WT.ravel())))
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
-        A_WT = self._accelerations.Eval(context)[int(self._tool_index)]
+        A_WT = self._accelerations.Eval(context)[self._tool_index]
         output.SetFromVector(A_WT.translational()[: self._n])
 
-    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
+    def _CalcJointTorque(self, context: Context, output: BasicVector) -> None:
         F_c = self._control_force.Eval(context)
-        Jv_v_WT = self._kinematics.Eval(context)[2 * self._n :].reshape(self._n, -1)
-        output.SetFromVector(F_c @ Jv_v_WT)
+        output.SetFromVector(F_c.dot(self._EvalJacobian(context)))
 
-    def _CalcSpatialForces(self, context: Context, output: Value) -> None:
-        f_T_W = np.zeros(3)
-        f_T_W[: self._n] = -self._environment_force.Eval(context)
-        self._reaction.F_Bq_W = SpatialForce(tau=self._origin, f=f_T_W)
-        output.set_value([self._reaction])
+    def _CalcReactionTorque(self, context: Context, output: BasicVector) -> None:
+        F_e = self._environment_force.Eval(context)
+        output.SetFromVector((-F_e).dot(self._EvalJacobian(context)))
+
+    def _EvalJacobian(self, context: Context) -> np.ndarray:
+        """Returns Jv_v_WT (n, nv)."""
+        return self._kinematics.Eval(context)[2 * self._n :].reshape(self._n, -1)

@@ -61,7 +61,7 @@ def test_ports(dut):
         "tool_kinematics": 10,
         "tool_acceleration": 2,
         "joint_torque": 3,
-        "spatial_forces": 0,
+        "reaction_torque": 3,
     }
 
 
@@ -70,7 +70,7 @@ def test_direct_feedthrough(dut):
         "tool_kinematics": {"plant_state"},
         "tool_acceleration": {"body_spatial_accelerations"},
         "joint_torque": {"plant_state", "control_force"},
-        "spatial_forces": {"environment_force"},
+        "reaction_torque": {"plant_state", "environment_force"},
     }
     for output, inputs in expected.items():
         assert {
@@ -80,15 +80,16 @@ def test_direct_feedthrough(dut):
         } == inputs, output
 
 
-@given(q=three, qdot=three, F_c=two)
+@given(q=three, qdot=three, F_c=two, F_e=two)
 @settings(max_examples=50, deadline=None)
-def test_tool_kinematics_and_joint_torque(dut, q, qdot, F_c):
+def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
     context = dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))
     dut.GetInputPort("control_force").FixValue(context, F_c)
-    kinematics, tau = (
+    dut.GetInputPort("environment_force").FixValue(context, F_e)
+    kinematics, tau, tau_e = (
         dut.GetOutputPort(name).Eval(context)
-        for name in ("tool_kinematics", "joint_torque")
+        for name in ("tool_kinematics", "joint_torque", "reaction_torque")
     )
     p_WT, v_WT, J = np.split(kinematics, [2, 4])
     # As complex numbers: the links turn by the sums of the joint angles.
@@ -97,9 +98,11 @@ def test_tool_kinematics_and_joint_torque(dut, q, qdot, F_c):
     np.testing.assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
     np.testing.assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
     np.testing.assert_allclose(J.reshape(2, 3) @ qdot, v_WT, atol=1e-10)
-    # (2.11), by the moment of F_c about each joint.
+    # (2.11) and (2.6), by the moments of F_c and of -F_e about each joint.
     arms = p - np.concatenate(([0], np.cumsum(links)[:-1]))
     np.testing.assert_allclose(tau, arms.real * F_c[1] - arms.imag * F_c[0], atol=1e-10)
+    expected = arms.imag * F_e[0] - arms.real * F_e[1]
+    np.testing.assert_allclose(tau_e, expected, atol=1e-10)
     assert F_c @ v_WT == pytest.approx(tau @ qdot, abs=1e-9)
 
 
@@ -124,16 +127,6 @@ def test_contexts_do_not_disturb_one_another(dut):
     kinematics.Eval(first)
     for context, motion in ((second, [0, 1.2, -1.2, 0]), (first, [1.2, 0, 0, 1.2])):
         np.testing.assert_allclose(kinematics.Eval(context)[:4], motion, atol=1e-12)
-
-
-def test_the_environment_pushes_back_at_the_tool(dut):
-    context = dut.CreateDefaultContext()
-    dut.GetInputPort("environment_force").FixValue(context, [3.0, -4.0])
-    (force,) = dut.GetOutputPort("spatial_forces").Eval(context)
-    assert force.body_index == make_plant().GetBodyByName("hand").index()
-    np.testing.assert_array_equal(force.p_BoBq_B, np.zeros(3))
-    np.testing.assert_array_equal(force.F_Bq_W.translational(), [-3.0, 4.0, 0.0])
-    np.testing.assert_array_equal(force.F_Bq_W.rotational(), np.zeros(3))
 
 
 def test_tool_acceleration_is_the_tool_bodys(dut):
