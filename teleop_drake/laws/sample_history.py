@@ -92,6 +92,15 @@ class SampleHistory:
         i = min(max(self._Interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
             return self.values[i + 1]  # Just behind a jump.
+        return self.EvalInterval(i, time)
+
+    def EvalInterval(self, i: int, time: float) -> NDArray[np.float64]:
+        """Returns what Eval() does in the interval between the samples i and i + 1.
+
+        Args:
+            i: Index of a sample that is older than the next.
+            time: In s.
+        """
         return self._Polynomial(i).Eval(time)
 
     def _Interval(self, time: float) -> int:

@@ -195,6 +195,10 @@ class DelayLine(LeafSystem):
         key = self.FetchKey(context.get_time())
         history = self._GetHistory(context)
         times = history.times
+        i = bisect_left(times, key)
+        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
+            output.SetFromVector(history.EvalInterval(i - 1, key))
+            return
         if not times or key < times[0]:
             output.SetFromVector(self._initial_value)
             return
@@ -205,8 +209,7 @@ class DelayLine(LeafSystem):
                 f"the delay, {self._shortest_delay:.6g} s, which the integrator's "
                 "longest step must not exceed"
             )
-        i = bisect_left(times, key)
-        if i < len(times) and times[i] == key:
+        if i < len(times):
             # A jump at this very instant has happened once the step has ended here.
             if key <= history.now:
                 i = bisect_right(times, key) - 1

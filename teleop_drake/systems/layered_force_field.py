@@ -74,6 +74,10 @@ class LayeredForceField(LeafSystem):
                 first_layers.append(i)
         self._first_layers = first_layers
         self._last_layers = [i - 1 for i in first_layers[1:]] + [len(layers) - 1]
+        # Where each region begins and ends.
+        borders = [self._starts[i] for i in first_layers[1:]]
+        self._begins = [-math.inf, *borders]
+        self._ends = [*borders, math.inf]
 
         self._p = self.DeclareVectorInputPort("tool_position", num_axes)
         self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
@@ -100,19 +104,23 @@ class LayeredForceField(LeafSystem):
             },
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._SetRegion)
+        enters_next = self.MakeWitnessFunction(
+            "enters_next_region",
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            self._CalcPastEnd,
+            UnrestrictedUpdateEvent(self._EnterNextRegion),
+        )
+        enters_previous = self.MakeWitnessFunction(
+            "enters_previous_region",
+            WitnessFunctionDirection.kPositiveThenNonPositive,
+            self._CalcPastStart,
+            UnrestrictedUpdateEvent(self._EnterPreviousRegion),
+        )
+        # By the region: there is nothing before the first and behind the last.
         self._witnesses = [
-            self.MakeWitnessFunction(
-                "enters_next_region",
-                WitnessFunctionDirection.kNegativeThenNonNegative,
-                self._CalcPastEnd,
-                UnrestrictedUpdateEvent(self._EnterNextRegion),
-            ),
-            self.MakeWitnessFunction(
-                "enters_previous_region",
-                WitnessFunctionDirection.kPositiveThenNonPositive,
-                self._CalcPastStart,
-                UnrestrictedUpdateEvent(self._EnterPreviousRegion),
-            ),
+            [enters_next] * (region < len(first_layers) - 1)
+            + [enters_previous] * (region > 0)
+            for region in range(len(first_layers))
         ]
 
     def _RegionAt(self, x: float) -> int:
@@ -142,24 +150,16 @@ class LayeredForceField(LeafSystem):
         output.SetAtIndex(0, self._LayerIndex(context, self._p.Eval(context).item(0)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the two boundaries of the region, if events are to be located."""
-        if len(self._first_layers) == 1 or context.get_accuracy() is None:
+        """Returns the boundaries of the region, if events are to be located."""
+        if context.get_accuracy() is None:
             return []
-        return self._witnesses
+        return self._witnesses[self._GetRegion(context)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        region = self._GetRegion(context)
-        if region + 1 == len(self._first_layers):
-            return -1.0
-        end = self._starts[self._first_layers[region + 1]]
-        return self._p.Eval(context).item(0) - end
+        return self._p.Eval(context).item(0) - self._ends[self._GetRegion(context)]
 
     def _CalcPastStart(self, context: Context) -> float:
-        region = self._GetRegion(context)
-        if region == 0:
-            return 1.0
-        start = self._starts[self._first_layers[region]]
-        return self._p.Eval(context).item(0) - start
+        return self._p.Eval(context).item(0) - self._begins[self._GetRegion(context)]
 
     def _SetRegion(self, context: Context, state: State) -> None:
         region = self._RegionAt(self._p.Eval(context).item(0))
