@@ -40,8 +40,8 @@ _EVENT_WINDOW = 2e-7
 # them set its error. Long steps come slowly after a crossing of a border, because
 # Drake's error norm is absolute and hardly sees a tool that bounces by micrometres.
 _FIRST_STEP = 1 / 8
-_STEP_GROWTH = 0.06
-_STEP_GROWTH_AFTER_CROSSING = 0.03
+_STEP_GROWTH = 0.04
+_STEP_GROWTH_AFTER_CROSSING = 0.02
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -212,16 +212,15 @@ class _TeleoperatorRun(_Run):
 
     def _MustStop(self, now: dict[str, np.ndarray]) -> bool:
         before, self._motions = self._motions, self._FindMotions(now)
-        if any(
-            (last.position < border) != (motion.position < border)
-            for last, motion in zip(before, self._motions, strict=False)
-            for border in motion.borders
-        ):
-            self._crossing_time = self._context.get_time()
+        for last, motion in zip(before, self._motions, strict=False):
+            for border in motion.borders:
+                if (last.position < border) != (motion.position < border):
+                    self._crossing_time = self._context.get_time()
+        is_at_jump = self.AtJump()
         if self._has_delay_lines:
-            self._LimitStep()
+            self._LimitStep(is_at_jump)
         return (
-            self.AtJump()
+            is_at_jump
             or self._ApproachTime() < math.inf
             or self._FindNextJump() < self._stop
         )
@@ -234,10 +233,10 @@ class _TeleoperatorRun(_Run):
             self._scenario.surgeon.stop_time,
         )
 
-    def _LimitStep(self) -> None:
+    def _LimitStep(self, is_at_jump: bool) -> None:
         """Makes the steps after a jump short, and then longer and longer."""
         time = self._context.get_time()
-        if self.AtJump():
+        if is_at_jump:
             self._last_jump = time
         shortest = _FIRST_STEP * self._longest_step
         step = min(
