@@ -148,14 +148,36 @@ class BacksteppingGains:
         """Number n of task axes."""
         return self.Lambda.shape[0]
 
-    def AsTuple(self) -> Any:
-        """Returns the gains as a named tuple, which compiled laws can take."""
-        return _GainsTuple(*(getattr(self, field.name) for field in fields(self)))
+    def AsArrays(self) -> tuple[Array, Array]:
+        """Returns the gains as two arrays, for compiled laws.
+
+        Returns:
+            The matrices (k, n, n) and the numbers (m), both in the order of the fields.
+        """
+        values = [getattr(self, field.name) for field in fields(self)]
+        return (
+            np.array([value for value in values if np.ndim(value) == 2]),
+            np.array([value for value in values if np.ndim(value) == 0]),
+        )
 
 
 _GainsTuple = namedtuple(  # type: ignore[misc]
     "_GainsTuple", [field.name for field in fields(BacksteppingGains)]
 )
+
+
+def _gains_from_arrays(matrices: Array, numbers: Array) -> Any:
+    """Returns the gains from what BacksteppingGains.AsArrays() made of them.
+
+    Many small arguments would cost a compiled law more than the law itself.
+    """
+    # By their indices the matrices stay contiguous, which compiled products need.
+    Lambda, G1, G2 = matrices[0], matrices[1], matrices[2]
+    P, Psi0 = matrices[3], matrices[4]
+    beta1, beta2, beta3, nu1, nu3, Upsilon, Psi_min = numbers
+    return _GainsTuple(
+        Lambda, G1, G2, P, beta1, beta2, beta3, nu1, nu3, Upsilon, Psi0, Psi_min
+    )
 
 
 class BacksteppingState(NamedTuple):
@@ -363,33 +385,42 @@ def backstepping_rate(
 
 
 def backstepping_rate_vector(
-    gains: BacksteppingGains, x: Array, Phi: Array, Phi_dot: Array, signals: Array
+    matrices: Array,
+    numbers: Array,
+    x: Array,
+    Phi: Array,
+    Phi_dot: Array,
+    signals: Array,
 ) -> Array:
     """Returns backstepping_rate() of and as a vector made by pack_state().
 
     Args:
-        gains: The constants of the law, also as BacksteppingGains.AsTuple().
+        matrices: Those of BacksteppingGains.AsArrays().
+        numbers: Likewise.
         x: The state of the law.
         Phi: Basis functions at the present input (N).
         Phi_dot: Their time rate in 1/s (N).
         signals: v, v_dd, F_e and F_hd, one in each row (4, n).
     """
+    gains = _gains_from_arrays(matrices, numbers)
     v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
     state = unpack_state(x, v.size)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
 def backstepping_error_vector(
-    gains: BacksteppingGains, x: Array, Phi: Array, signals: Array
+    matrices: Array, numbers: Array, x: Array, Phi: Array, signals: Array
 ) -> Array:
     """Returns auxiliary_error() and control_force_error() as one vector [s, z].
 
     Args:
-        gains: The constants of the law, also as BacksteppingGains.AsTuple().
+        matrices: Those of BacksteppingGains.AsArrays().
+        numbers: Likewise.
         x: The state of the law, made by pack_state().
         Phi: Basis functions at the present input (N).
         signals: v, v_dd, F_e and F_hd, one in each row (4, n).
     """
+    gains = _gains_from_arrays(matrices, numbers)
     v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)

@@ -117,7 +117,7 @@ class _Law(LeafSystem):
         LeafSystem.__init__(self)
         n, N = gains.num_axes, network.num_functions
         self._shape = (len(_SIGNALS), n)
-        self._gains = gains.AsTuple()
+        self._gains = gains.AsArrays()
         self._network = network
         self._rate = compiled(backstepping_rate_vector)
         self._errors = compiled(backstepping_error_vector)
@@ -144,10 +144,10 @@ class _Law(LeafSystem):
             self._tool_position.Eval(context), signals[0]
         )
         x = context.get_continuous_state_vector().CopyToVector()
-        derivatives.SetFromVector(self._rate(self._gains, x, Phi, Phi_dot, signals))
+        derivatives.SetFromVector(self._rate(*self._gains, x, Phi, Phi_dot, signals))
 
     def _CalcErrors(self, context: Context, output: BasicVector) -> None:
         signals = self._signals.Eval(context).reshape(self._shape)
         Phi = self._network.evaluate(self._tool_position.Eval(context))
         x = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(self._errors(self._gains, x, Phi, signals))
+        output.SetFromVector(self._errors(*self._gains, x, Phi, signals))

@@ -61,8 +61,9 @@ def test_backstepping(n, is_at_limit):
         x[start : start + n * n] = (1.9 * I + 0.1 * rng.normal(size=(n, n))).ravel()
         signals = rng.normal(size=(4, n))
         functions = rng.normal(size=(2, NUM_FUNCTIONS))
-        assert_same(backstepping_rate_vector, gains.AsTuple(), x, *functions, signals)
-        arguments = gains.AsTuple(), x, functions[0], signals
+        arguments = *gains.AsArrays(), x, *functions, signals
+        assert_same(backstepping_rate_vector, *arguments)
+        arguments = *gains.AsArrays(), x, functions[0], signals
         assert_same(backstepping_error_vector, *arguments)
 
 
