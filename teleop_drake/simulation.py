@@ -204,6 +204,7 @@ class _TeleoperatorRun(_Run):
         self._surfaces = [] if surface is None else [surface]
         self._integrator = simulator.get_mutable_integrator()
         self._longest_step = self._integrator.get_maximum_step_size()
+        self._step_limit = self._longest_step
         self._motions: list[_Motion] = []
         self._last_jump = 0.0
         self._crossing_time = -math.inf
@@ -244,7 +245,10 @@ class _TeleoperatorRun(_Run):
             _STEP_GROWTH_AFTER_CROSSING * (time - self._crossing_time),
             self._longest_step,
         )
-        self._integrator.set_maximum_step_size(max(step, shortest))
+        step = max(step, shortest)
+        if step != self._step_limit:
+            self._step_limit = step
+            self._integrator.set_maximum_step_size(step)
 
     def NextStop(self) -> float:
         """Returns where the simulator should stop next, in s."""

@@ -20,7 +20,7 @@ from teleop_drake.simulation import simulate
 ADAPTIVE = "adaptive_backstepping"
 
 
-@pytest.mark.parametrize("name", ["comparison", "scaling", "startup"])
+@pytest.mark.parametrize("name", ["comparison", "evaluation", "scaling", "startup"])
 def test_quick_tables_have_finite_numbers(name):
     tables = Measure([name], Options(quick=True))
     assert tables

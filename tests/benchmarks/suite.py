@@ -27,6 +27,7 @@ from benchmarks.tables import Table
 
 BENCHMARKS = (
     "comparison",
+    "evaluation",
     "bounces",
     "delays",
     "tasks",
