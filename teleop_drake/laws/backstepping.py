@@ -175,7 +175,7 @@ def _gains_from_arrays(matrices: Array, numbers: Array) -> Any:
     Lambda, G1, G2 = matrices[0], matrices[1], matrices[2]
     P, Psi0 = matrices[3], matrices[4]
     beta1, beta2, beta3, nu1, nu3, Upsilon, Psi_min = numbers
-    return _GainsTuple(
+    return _GainsTuple(  # type: ignore[call-arg]
         Lambda, G1, G2, P, beta1, beta2, beta3, nu1, nu3, Upsilon, Psi0, Psi_min
     )
 
