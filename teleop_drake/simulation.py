@@ -34,11 +34,13 @@ _EVENT_ACCURACY = 1e-4
 # A step across a border as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
 
-# After a jump or a kink the first step is this share of the longest one, and each later
-# one at most that share of the time since. A delayed signal is a polynomial through the
-# steps of its sender: behind a jump there are none but the new ones, and the first of
-# them set its error. Long steps come slowly after a crossing of a border, because
-# Drake's error norm is absolute and hardly sees a tool that bounces by micrometres.
+# After a jump or a kink the first steps are this share of the longest one, and then
+# each is at most that share of the time since. A delayed signal is a polynomial through
+# the steps of its sender: behind a jump there are none but the new ones, and they set
+# its error, which error control does not see. Steps grow even more slowly after a
+# crossing of a border, because Drake's error norm is absolute and hardly sees a tool
+# that bounces by micrometres. Of some thirty settings these were chosen, which keep
+# one_dof within 1e-5 of its signals' ranges at 46 of 50 delays from 0.02 to 0.4 s.
 _FIRST_STEP = 1 / 8
 _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
