@@ -78,7 +78,10 @@ def Simulate(task: str, controller: str, delay: float, duration: float) -> Solut
     def Motion(state):
         return np.concatenate(problem.robot.tool(state[:n], state[n : 2 * n]))
 
-    simulation = bdsim.BDSim(graphics=False, progress=False, banner=False, quiet=True)
+    # Without sysargs=False it would take the options of the benchmarks for its own.
+    simulation = bdsim.BDSim(
+        sysargs=False, graphics=False, progress=False, banner=False, quiet=True
+    )
     diagram = simulation.blockdiagram()
     clock = diagram.clock(PERIOD, "s")
     ticks = round(delay / PERIOD)
