@@ -34,11 +34,11 @@ class ToolInterface(LeafSystem):
 
     Output ports:
 
-    | name              | size      | unit     | direct feedthrough from       |
-    |-------------------|-----------|----------|-------------------------------|
-    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                   |
-    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations    |
-    | joint_torque      | nv        | N m or N | plant_state, control_force    |
+    | name              | size      | unit     | direct feedthrough from        |
+    |-------------------|-----------|----------|--------------------------------|
+    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                    |
+    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations     |
+    | joint_torque      | nv        | N m or N | plant_state, control_force     |
     | reaction_torque   | nv        | N m or N | plant_state, environment_force |
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
@@ -77,10 +77,10 @@ class ToolInterface(LeafSystem):
             )
         self._plant = plant
         self._tool = plant.GetBodyByName(tool_name)
+        self._tool_index = int(self._tool.index())
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         # What a call to the plant takes.
-        self._tool_index = int(self._tool.index())
         self._world_frame = plant.world_frame()
         self._tool_frame = self._tool.body_frame()
         self._num_positions = plant.num_positions()
