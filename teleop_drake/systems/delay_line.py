@@ -111,7 +111,7 @@ class DelayLine(LeafSystem):
         Args:
             time: In s.
         """
-        raise NotImplementedError
+        raise NotImplementedError  # Every subclass has its own.
 
     def FetchKey(self, time: float) -> float:
         """Returns the key of the sample that is delivered at a time.
@@ -119,7 +119,7 @@ class DelayLine(LeafSystem):
         Args:
             time: In s.
         """
-        raise NotImplementedError
+        raise NotImplementedError  # Every subclass has its own.
 
     def FetchTime(self, key: float) -> float:
         """Returns when the sample with a key is delivered, s; infinity: never.
@@ -127,7 +127,7 @@ class DelayLine(LeafSystem):
         Args:
             key: As from StoreKey().
         """
-        raise NotImplementedError
+        raise NotImplementedError  # Every subclass has its own.
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output will jump next (s), infinity if no jump is known.
