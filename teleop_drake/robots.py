@@ -252,8 +252,8 @@ def MakeRobot(
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
 
     The Diagram, named `robot`, holds the MultibodyPlant `plant`, the ToolInterface
-    `tool_interface`, and `joint_state` and `tool_motion`, which split the states of the
-    joints and of the tool. Its default context is at rest at the start pose.
+    `tool_interface`, and `joint_state`, `tool_motion` and `joint_torques`, which split
+    signals. Its default context is at rest at the start pose.
 
     Input ports:
 
@@ -272,7 +272,8 @@ def MakeRobot(
     |                   |      |              | dynamics, meant for recordings      |
     | joint_position    | nq   | rad or m     | none                                |
     | joint_velocity    | nv   | rad/s or m/s | none                                |
-    | joint_torque      | nv   | N m or N     | control_force                       |
+    | joint_torque      | nv   | N m or N     | both forces, in form; it depends on |
+    |                   |      |              | control_force alone                 |
 
     Args:
         model: One of `RobotModels()`.
@@ -306,11 +307,11 @@ def MakeRobot(
         plant.get_body_spatial_accelerations_output_port(),
         tool.GetInputPort("body_spatial_accelerations"),
     )
+    torques = builder.AddNamedSystem("torques", Demultiplexer([nv, nv]))
+    builder.Connect(tool.GetOutputPort("joint_torques"), torques.get_input_port())
+    builder.Connect(torques.get_output_port(0), plant.get_actuation_input_port())
     builder.Connect(
-        tool.GetOutputPort("joint_torque"), plant.get_actuation_input_port()
-    )
-    builder.Connect(
-        tool.GetOutputPort("reaction_torque"),
+        torques.get_output_port(1),
         plant.get_applied_generalized_force_input_port(),
     )
     for name in ("control_force", "environment_force"):
@@ -321,7 +322,7 @@ def MakeRobot(
     builder.ExportOutput(tool.GetOutputPort("tool_acceleration"), "tool_acceleration")
     builder.ExportOutput(joints.get_output_port(0), "joint_position")
     builder.ExportOutput(joints.get_output_port(1), "joint_velocity")
-    builder.ExportOutput(tool.GetOutputPort("joint_torque"), "joint_torque")
+    builder.ExportOutput(torques.get_output_port(0), "joint_torque")
     robot = builder.Build()
     robot.set_name("robot")
     return robot

@@ -385,43 +385,43 @@ def backstepping_rate(
 
 
 def backstepping_rate_vector(
-    matrices: Array,
-    numbers: Array,
-    x: Array,
-    Phi: Array,
-    Phi_dot: Array,
-    signals: Array,
+    matrices: Array, numbers: Array, Phi: Array, Phi_dot: Array, signals: Array
 ) -> Array:
     """Returns backstepping_rate() of and as a vector made by pack_state().
 
     Args:
         matrices: Those of BacksteppingGains.AsArrays().
         numbers: Likewise.
-        x: The state of the law.
         Phi: Basis functions at the present input (N).
         Phi_dot: Their time rate in 1/s (N).
-        signals: v, v_dd, F_e and F_hd, one in each row (4, n).
+        signals: v, v_dd, F_e, F_hd and r (n each), and the state of the law.
     """
     gains = _gains_from_arrays(matrices, numbers)
-    v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
-    state = unpack_state(x, v.size)
+    v, v_dd, F_e, F_hd, state = _split(signals, matrices.shape[1])
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
 def backstepping_error_vector(
-    matrices: Array, numbers: Array, x: Array, Phi: Array, signals: Array
+    matrices: Array, numbers: Array, Phi: Array, signals: Array
 ) -> Array:
     """Returns auxiliary_error() and control_force_error() as one vector [s, z].
 
     Args:
         matrices: Those of BacksteppingGains.AsArrays().
         numbers: Likewise.
-        x: The state of the law, made by pack_state().
         Phi: Basis functions at the present input (N).
-        signals: v, v_dd, F_e and F_hd, one in each row (4, n).
+        signals: v, v_dd, F_e, F_hd and r (n each), and the state of the law.
     """
     gains = _gains_from_arrays(matrices, numbers)
-    v, v_dd, F_e, F_hd = signals[0], signals[1], signals[2], signals[3]
+    v, v_dd, F_e, F_hd, state = _split(signals, matrices.shape[1])
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
-    return np.concatenate((s, z))
+    return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))
+
+
+def _split(
+    signals: Array, n: int
+) -> tuple[Array, Array, Array, Array, BacksteppingState]:
+    """Returns v, v_dd, F_e, F_hd and the state of the law."""
+    v, v_dd = signals[:n], signals[n : 2 * n]
+    F_e, F_hd = signals[2 * n : 3 * n], signals[3 * n : 4 * n]
+    return v, v_dd, F_e, F_hd, unpack_state(signals[5 * n :], n)

@@ -3,12 +3,11 @@
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    ContinuousState,
     Diagram,
     DiagramBuilder,
     LeafSystem,
 )
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Demultiplexer, Integrator, Multiplexer
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -16,6 +15,7 @@ from teleop_drake.laws.backstepping import (
     backstepping_rate_vector,
     initial_state,
     pack_state,
+    state_size,
 )
 from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.gaussian_network import GaussianNetwork
@@ -75,20 +75,23 @@ class AdaptiveBackstepping(Diagram):
                 f"{network.num_inputs} inputs"
             )
         builder = DiagramBuilder()
-        # Primitives join and split the signals: they do without Python.
-        join = builder.AddNamedSystem("join_signals", Multiplexer([n] * len(_SIGNALS)))
+        x0 = pack_state(initial_state(gains, N))
+        # Primitives join, integrate and split the signals: they do without Python.
+        join = builder.AddNamedSystem(
+            "join_signals", Multiplexer([n] * len(_SIGNALS) + [len(x0)])
+        )
         law = builder.AddNamedSystem("law", _Law(gains, network))
+        state = builder.AddNamedSystem("state", Integrator(x0))
         split = builder.AddNamedSystem(
             "split_state", Demultiplexer([n, n * N, n * n, n * N])
         )
-        builder.Connect(join.get_output_port(), law.GetInputPort("signals"))
         errors = builder.AddNamedSystem("split_errors", Demultiplexer([n, n]))
-        builder.Connect(law.GetOutputPort("state"), split.get_input_port())
+        builder.Connect(join.get_output_port(), law.get_input_port())
+        builder.Connect(law.GetOutputPort("rate"), state.get_input_port())
         builder.Connect(law.GetOutputPort("errors"), errors.get_input_port())
-        for name in ("haptic_force", "velocity_command"):
-            builder.ExportInput(join.get_input_port(_SIGNALS.index(name)), name)
-        builder.ExportInput(law.GetInputPort("tool_position"), "tool_position")
-        for name in ("tool_velocity", "environment_force"):
+        builder.Connect(state.get_output_port(), split.get_input_port())
+        builder.Connect(state.get_output_port(), join.get_input_port(len(_SIGNALS)))
+        for name in _INPUTS:
             builder.ExportInput(join.get_input_port(_SIGNALS.index(name)), name)
         for name, i in (
             ("control_force", 0),
@@ -103,51 +106,62 @@ class AdaptiveBackstepping(Diagram):
         self.set_name("adaptive_backstepping")
 
 
-# v, v_dd, F_e and F_hd, in the order of the law's arguments.
-_SIGNALS = ("tool_velocity", "velocity_command", "environment_force", "haptic_force")
+_INPUTS = (
+    "haptic_force",
+    "velocity_command",
+    "tool_position",
+    "tool_velocity",
+    "environment_force",
+)
+
+# v, v_dd, F_e, F_hd and r, in the order in which the law takes them.
+_SIGNALS = (
+    "tool_velocity",
+    "velocity_command",
+    "environment_force",
+    "haptic_force",
+    "tool_position",
+)
 
 
 class _Law(LeafSystem):
-    """The law: the state and its time derivatives, and the errors [s; z].
+    """The law: the time rate of its state, and the errors [s; z].
 
-    Inputs: tool_position (n), and signals, those of _SIGNALS one after the other.
+    | port | name    | size     | is                                              |
+    |------|---------|----------|-------------------------------------------------|
+    | in   | signals | 5n + n_x | v, v_dd, F_e, F_hd, r and the state             |
+    | out  | rate    | n_x      | time derivatives of the state, by (4.52), (5.51) |
+    | out  | errors  | 2n       | [s; z]                                          |
+
+    State: none; the integrator behind it has it. All signals come by one port, because
+    each visit to a port from Python costs as much as a tenth of the law.
     """
 
     def __init__(self, gains: BacksteppingGains, network: GaussianNetwork):
         LeafSystem.__init__(self)
         n, N = gains.num_axes, network.num_functions
-        self._shape = (len(_SIGNALS), n)
+        n_x = state_size(n, N)
+        self._n = n
         self._gains = gains.AsArrays()
         self._network = network
         self._rate = compiled(backstepping_rate_vector)
         self._errors = compiled(backstepping_error_vector)
 
-        self._tool_position = self.DeclareVectorInputPort("tool_position", n)
-        self._signals = self.DeclareVectorInputPort("signals", n * len(_SIGNALS))
-        state = self.DeclareContinuousState(
-            BasicVector(pack_state(initial_state(gains, N)))
-        )
-        self.DeclareStateOutputPort("state", state)
-        self.DeclareVectorOutputPort(
-            "errors",
-            2 * n,
-            self._CalcErrors,
-            {self._signals.ticket(), self.xc_ticket(), self._tool_position.ticket()},
-        )
+        self._signals = self.DeclareVectorInputPort("signals", len(_SIGNALS) * n + n_x)
+        signals = {self._signals.ticket()}
+        self.DeclareVectorOutputPort("rate", n_x, self._CalcRate, signals)
+        self.DeclareVectorOutputPort("errors", 2 * n, self._CalcErrors, signals)
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the law; called by Drake several times in every step."""
-        signals = self._signals.Eval(context).reshape(self._shape)
+    def _CalcRate(self, context: Context, output: BasicVector) -> None:
+        n = self._n
+        signals = self._signals.Eval(context)
         Phi, Phi_dot = self._network.evaluate_with_rate(
-            self._tool_position.Eval(context), signals[0]
+            signals[4 * n : 5 * n], signals[:n]
         )
-        x = context.get_continuous_state_vector().CopyToVector()
-        derivatives.SetFromVector(self._rate(*self._gains, x, Phi, Phi_dot, signals))
+        output.SetFromVector(self._rate(*self._gains, Phi, Phi_dot, signals))
 
     def _CalcErrors(self, context: Context, output: BasicVector) -> None:
-        signals = self._signals.Eval(context).reshape(self._shape)
-        Phi = self._network.evaluate(self._tool_position.Eval(context))
-        x = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(self._errors(*self._gains, x, Phi, signals))
+        n = self._n
+        signals = self._signals.Eval(context)
+        Phi = self._network.evaluate(signals[4 * n : 5 * n])
+        output.SetFromVector(self._errors(*self._gains, Phi, signals))

@@ -11,6 +11,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from teleop_drake.laws.compiled import compiled
+from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+
 
 class ToolInterface(LeafSystem):
     """Joins a MultibodyPlant to task space at its tool (2.6 to 2.13).
@@ -34,18 +37,18 @@ class ToolInterface(LeafSystem):
 
     Output ports:
 
-    | name              | size      | unit     | direct feedthrough from        |
-    |-------------------|-----------|----------|--------------------------------|
-    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                    |
-    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations     |
-    | joint_torque      | nv        | N m or N | plant_state, control_force     |
-    | reaction_torque   | nv        | N m or N | plant_state, environment_force |
+    | name              | size      | unit     | direct feedthrough from             |
+    |-------------------|-----------|----------|-------------------------------------|
+    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                         |
+    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations          |
+    | joint_torques     | 2 nv      | N m or N | plant_state, both forces            |
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
-    each state yields. `joint_torque` is tau and goes to the plant's actuation,
-    `reaction_torque` is tau_e and goes to its applied generalized force. The force
-    -F_e at T would do the same as one of Drake's lists of applied spatial forces, but
-    each list that passes from Python to Drake costs as much as both torques together.
+    each state yields. `joint_torques` is [tau; tau_e]: the first half goes to the
+    plant's actuation, the second to its applied generalized force. The two come
+    together because each call from Drake to Python costs more than its products do;
+    the force -F_e at T as one of Drake's lists of applied spatial forces would do the
+    same, and cost as much again.
 
     State: none. It applies no limit to the torque, and no moment to the tool.
     """
@@ -83,8 +86,9 @@ class ToolInterface(LeafSystem):
         # What a call to the plant takes.
         self._world_frame = plant.world_frame()
         self._tool_frame = self._tool.body_frame()
-        self._num_positions = plant.num_positions()
         self._origin = np.zeros(3)
+        self._tool_kinematics = compiled(tool_kinematics)
+        self._joint_torques = compiled(joint_torques)
         n = self._n = num_task_axes
 
         self._plant_state = self.DeclareVectorInputPort(
@@ -111,16 +115,10 @@ class ToolInterface(LeafSystem):
             {self._accelerations.ticket()},
         )
         self.DeclareVectorOutputPort(
-            "joint_torque",
-            nv,
-            self._CalcJointTorque,
-            state | {self._control_force.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "reaction_torque",
-            nv,
-            self._CalcReactionTorque,
-            state | {self._environment_force.ticket()},
+            "joint_torques",
+            2 * nv,
+            self._CalcJointTorques,
+            state | {self._control_force.ticket(), self._environment_force.ticket()},
         )
 
     def _CalcKinematics(self, context: Context, output: BasicVector) -> None:
@@ -135,23 +133,20 @@ class ToolInterface(LeafSystem):
             self._origin,
             self._world_frame,
             self._world_frame,
-        )[: self._n]
-        p_WT = X_WT.translation()[: self._n]
-        v_WT = Jv_v_WT.dot(x[self._num_positions :])
-        output.SetFromVector(np.concatenate((p_WT, v_WT, Jv_v_WT.ravel())))
+        )
+        output.SetFromVector(
+            self._tool_kinematics(X_WT.translation(), Jv_v_WT, x, self._n)
+        )
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
         A_WT = self._accelerations.Eval(context)[self._tool_index]
         output.SetFromVector(A_WT.translational()[: self._n])
 
-    def _CalcJointTorque(self, context: Context, output: BasicVector) -> None:
-        F_c = self._control_force.Eval(context)
-        output.SetFromVector(F_c.dot(self._EvalJacobian(context)))
-
-    def _CalcReactionTorque(self, context: Context, output: BasicVector) -> None:
-        F_e = self._environment_force.Eval(context)
-        output.SetFromVector((-F_e).dot(self._EvalJacobian(context)))
-
-    def _EvalJacobian(self, context: Context) -> np.ndarray:
-        """Returns Jv_v_WT (n, nv)."""
-        return self._kinematics.Eval(context)[2 * self._n :].reshape(self._n, -1)
+    def _CalcJointTorques(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(
+            self._joint_torques(
+                self._control_force.Eval(context),
+                self._environment_force.Eval(context),
+                self._kinematics.Eval(context),
+            )
+        )

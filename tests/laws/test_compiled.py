@@ -21,6 +21,7 @@ from teleop_drake.laws.interpolation import (
     newton_polynomial,
     newton_polynomials,
 )
+from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 
 NUM_FUNCTIONS = 7
 
@@ -59,12 +60,20 @@ def test_backstepping(n, is_at_limit):
         x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
         start = n + n * NUM_FUNCTIONS
         x[start : start + n * n] = (1.9 * I + 0.1 * rng.normal(size=(n, n))).ravel()
-        signals = rng.normal(size=(4, n))
-        functions = rng.normal(size=(2, NUM_FUNCTIONS))
-        arguments = *gains.AsArrays(), x, *functions, signals
-        assert_same(backstepping_rate_vector, *arguments)
-        arguments = *gains.AsArrays(), x, functions[0], signals
-        assert_same(backstepping_error_vector, *arguments)
+        signals = np.concatenate((rng.normal(size=5 * n), x))
+        Phi, Phi_dot = rng.normal(size=(2, NUM_FUNCTIONS))
+        arrays = gains.AsArrays()
+        assert_same(backstepping_rate_vector, *arrays, Phi, Phi_dot, signals)
+        assert_same(backstepping_error_vector, *arrays, Phi, signals)
+
+
+def test_task_space():
+    rng = np.random.default_rng(0)
+    for n in (1, 2, 3):
+        J = np.asfortranarray(rng.normal(size=(3, 4)))  # Drake's order.
+        p, x, F_c, F_e = map(rng.normal, (0,) * 4, (1,) * 4, (3, 8, n, n))
+        assert_same(tool_kinematics, p, J, x, n)
+        assert_same(joint_torques, F_c, F_e, tool_kinematics(p, J, x, n))
 
 
 def test_gaussian_functions():

@@ -60,8 +60,7 @@ def test_ports(dut):
     } == {
         "tool_kinematics": 10,
         "tool_acceleration": 2,
-        "joint_torque": 3,
-        "reaction_torque": 3,
+        "joint_torques": 6,
     }
 
 
@@ -69,8 +68,7 @@ def test_direct_feedthrough(dut):
     expected = {
         "tool_kinematics": {"plant_state"},
         "tool_acceleration": {"body_spatial_accelerations"},
-        "joint_torque": {"plant_state", "control_force"},
-        "reaction_torque": {"plant_state", "environment_force"},
+        "joint_torques": {"plant_state", "control_force", "environment_force"},
     }
     for output, inputs in expected.items():
         assert {
@@ -87,10 +85,11 @@ def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
     dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))
     dut.GetInputPort("control_force").FixValue(context, F_c)
     dut.GetInputPort("environment_force").FixValue(context, F_e)
-    kinematics, tau, tau_e = (
+    kinematics, torques = (
         dut.GetOutputPort(name).Eval(context)
-        for name in ("tool_kinematics", "joint_torque", "reaction_torque")
+        for name in ("tool_kinematics", "joint_torques")
     )
+    tau, tau_e = np.split(torques, 2)
     p_WT, v_WT, J = np.split(kinematics, [2, 4])
     # As complex numbers: the links turn by the sums of the joint angles.
     links = LENGTHS * np.exp(1j * np.cumsum(q))
