@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     EventStatus,
-    OutputPort,
     PortDataType,
 )
 
@@ -58,28 +57,31 @@ _SIGNAL_NAMES = {
 
 
 class _Recorder:
-    """Samples every vector output of the systems of a diagram."""
+    """Samples every vector output of the systems of a diagram.
+
+    Attributes:
+        names: Of the signals, in the order of a sample's values.
+    """
 
     def __init__(self, diagram: Diagram, root_context: Context):
-        self._ports: list[tuple[str, OutputPort, Context]] = []
+        self.names: list[str] = []
+        self._evaluators: list[tuple[Callable[[Context], np.ndarray], Context]] = []
         for system in diagram.GetSystems():
             context = system.GetMyContextFromRoot(root_context)
             for i in range(system.num_output_ports()):
                 port = system.get_output_port(i)
                 if port.get_data_type() == PortDataType.kVectorValued:
                     key = (system.get_name(), port.get_name())
-                    name = _SIGNAL_NAMES.get(key, port.get_name())
-                    self._ports.append((name, port, context))
+                    self.names.append(_SIGNAL_NAMES.get(key, port.get_name()))
+                    self._evaluators.append((port.Eval, context))
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
 
-    def Sample(self) -> dict[str, np.ndarray]:
-        """Takes a sample now and returns it."""
-        values = [port.Eval(context) for _, port, context in self._ports]
+    def Sample(self) -> list[np.ndarray]:
+        """Takes a sample now and returns its values."""
+        values = [evaluate(context) for evaluate, context in self._evaluators]
         self._rows.append((self._root_context.get_time(), values))
-        return {
-            name: value for (name, _, _), value in zip(self._ports, values, strict=True)
-        }
+        return values
 
     def DropLast(self) -> None:
         """Forgets the last sample."""
@@ -90,7 +92,7 @@ class _Recorder:
         times = np.array([time for time, _ in self._rows])
         return times, {
             name: np.array([values[i] for _, values in self._rows])
-            for i, (name, _, _) in enumerate(self._ports)
+            for i, name in enumerate(self.names)
         }
 
 
@@ -116,12 +118,13 @@ class _Run:
         self._limit_name = limit_name
         self._progress = progress
         self._last_report = clock.monotonic()
+        self._velocity = self.recorder.names.index("tool_velocity")
 
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends AdvanceTo() if there is more to do."""
         now = self.recorder.Sample()
         time = root_context.get_time()
-        speed = math.hypot(*now["tool_velocity"])
+        speed = math.hypot(*now[self._velocity])
         if not speed <= self.speed_limit:
             self.failure = (
                 f"the tool's speed, {speed:.4g} m/s, exceeds {self._limit_name}"
@@ -139,7 +142,7 @@ class _Run:
             return EventStatus.ReachedTermination(self._diagram, "stop")
         return EventStatus.DidNothing()
 
-    def _MustStop(self, now: dict[str, np.ndarray]) -> bool:
+    def _MustStop(self, now: list[np.ndarray]) -> bool:
         """Returns whether AdvanceTo() has to end with this step.
 
         Args:
@@ -204,6 +207,13 @@ class _TeleoperatorRun(_Run):
         self._force_borders = [layer.start for layer in scenario.environment.layers]
         surface = scenario.contact_surface
         self._surfaces = [] if surface is None else [surface]
+        place = {name: i for i, name in enumerate(self.recorder.names)}
+        self._position = place["tool_position"]
+        self._acceleration = place.get("tool_acceleration")
+        self._mode = place["surgeon_mode"]
+        # In the thesis's architectures both are in the packet, [p_WT; v_WT].
+        self._felt = place.get("felt_position", place["return_packet_received"])
+        self._felt_velocity = place.get("felt_velocity")
         self._integrator = simulator.get_mutable_integrator()
         self._longest_step = self._integrator.get_maximum_step_size()
         self._step_limit = self._longest_step
@@ -213,7 +223,7 @@ class _TeleoperatorRun(_Run):
         self._next_jump = math.inf
         self._stop = 0.0
 
-    def _MustStop(self, now: dict[str, np.ndarray]) -> bool:
+    def _MustStop(self, now: list[np.ndarray]) -> bool:
         before, self._motions = self._motions, self._FindMotions(now)
         for last, motion in zip(before, self._motions, strict=False):
             for border in motion.borders:
@@ -268,24 +278,26 @@ class _TeleoperatorRun(_Run):
             default=math.inf,
         )
 
-    def _FindMotions(self, now: dict[str, np.ndarray]) -> list[_Motion]:
+    def _FindMotions(self, now: list[np.ndarray]) -> list[_Motion]:
         """Returns what moves towards which borders.
 
         Only the steps towards a border depend on velocity and acceleration, so they
         may be off.
         """
-        if "felt_position" in now:
-            felt, felt_velocity = now["felt_position"], now["felt_velocity"]
-        else:  # The thesis's packet, [p_WT; v_WT].
-            packet = now["return_packet_received"]
-            felt, felt_velocity = packet, packet[len(packet) // 2 :]
-        acceleration = now.get("tool_acceleration")
-        awaits_contact = now["surgeon_mode"].item(0) == 0
+        felt = now[self._felt]
+        if self._felt_velocity is None:
+            felt_velocity = felt[len(felt) // 2 :]
+        else:
+            felt_velocity = now[self._felt_velocity]
+        acceleration = 0.0
+        if self._acceleration is not None:
+            acceleration = now[self._acceleration].item(0)
+        awaits_contact = now[self._mode].item(0) == 0
         return [
             _Motion(
-                now["tool_position"].item(0),
-                now["tool_velocity"].item(0),
-                0.0 if acceleration is None else acceleration.item(0),
+                now[self._position].item(0),
+                now[self._velocity].item(0),
+                acceleration,
                 self._force_borders,
             ),
             _Motion(

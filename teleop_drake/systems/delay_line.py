@@ -88,14 +88,15 @@ class DelayLine(LeafSystem):
         self._spacing = shortest_delay / 1024
         self._signal = self.DeclareVectorInputPort("signal", size)
         self._jump = self.DeclareDiscreteState([-math.inf, *np.zeros(size)])
-        self._history = self.DeclareAbstractState(AbstractValue.Make(SampleHistory()))
+        history = self.DeclareAbstractState(AbstractValue.Make(SampleHistory()))
+        self._history = int(history)  # pydrake takes an int faster.
         self.DeclareVectorOutputPort(
             "delayed_signal",
             size,
             self._CalcDelayedSignal,
             prerequisites_of_calc={
                 self.time_ticket(),
-                self.abstract_state_ticket(self._history),
+                self.abstract_state_ticket(history),
             },
         )
         if max_sample_interval < math.inf:
@@ -140,17 +141,19 @@ class DelayLine(LeafSystem):
         history = self._GetHistory(context)
         if not history.times:
             return self.FetchTime(self.StoreKey(context.get_time()))
-        jumps = [jump for jump in history.jumps if jump > history.now]
-        if not jumps and self._HasJumped(context, history):
-            jumps = [history.times[-1]]
-        return self.FetchTime(jumps[0]) if jumps else math.inf
+        for jump in history.jumps:
+            if jump > history.now:
+                return self.FetchTime(jump)
+        if self._HasJumped(context, history):
+            return self.FetchTime(history.times[-1])
+        return math.inf
 
     def _GetHistory(self, context: Context) -> SampleHistory:
         return context.get_abstract_state(self._history).get_value()
 
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
-        key = context.get_discrete_state(self._jump).GetAtIndex(0)
+        key = context.get_discrete_state_vector().GetAtIndex(0)
         return key == history.times[-1]
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
@@ -167,7 +170,7 @@ class DelayLine(LeafSystem):
             )
             return
         if history.times and self._HasJumped(context, history):
-            value = context.get_discrete_state(self._jump).value()[1:]
+            value = context.get_discrete_state_vector().value()[1:]
             history = history.Append(
                 history.times[-1], value, now=now, spacing=self._spacing
             )
