@@ -8,7 +8,7 @@ packet holds is the architecture's own affair; those of the thesis are
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 """
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.laws.backstepping import BacksteppingGains
@@ -20,7 +20,9 @@ from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
 
 
-def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> Diagram:
+def MakeMasterStation(
+    scenario: Scenario, master_side: System | None = None, *, num_members: int = 1
+) -> Diagram:
     """Makes the surgeon, the haptic device and the master side, named `master`.
 
     | port | name           | size | unit                             |
@@ -41,12 +43,14 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
             applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
+        num_members: M, the number of an ensemble's members. All vectors are M times as
+            wide, and each half of the thesis's packets is that of all members.
 
     Raises:
         ValueError: If a parameter is not allowed.
         RuntimeError: If the master side lacks one of these ports.
     """
-    n = scenario.num_axes
+    size = num_members * scenario.num_axes
     builder = DiagramBuilder()
     surgeon = builder.AddNamedSystem(
         "surgeon",
@@ -55,6 +59,7 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
             contact_force=scenario.surgeon.contact_force,
             contact_position=scenario.contact_surface,
             stop_time=scenario.surgeon.stop_time,
+            num_members=num_members,
         ),
     )
     device = builder.AddNamedSystem(
@@ -62,14 +67,14 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
         HapticDevice(
             numerator=scenario.haptic_device.numerator,
             denominator=scenario.haptic_device.denominator,
-            num_axes=n,
+            num_axes=size,
         ),
     )
     force = surgeon.GetOutputPort("force_command")
     command = surgeon.GetOutputPort("velocity_command")
     if master_side is None:
-        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
+        unpack = builder.AddNamedSystem("unpack", Demultiplexer([size, size]))
+        pack = builder.AddNamedSystem("pack", Multiplexer([size, size]))
         return_packet = unpack.get_input_port()
         forward_packet = pack.get_output_port()
         felt_position, felt_velocity = map(unpack.get_output_port, (0, 1))
@@ -108,19 +113,21 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
     return master
 
 
-def MakeControlLaw(scenario: Scenario) -> LeafSystem:
+def MakeControlLaw(scenario: Scenario, *, num_members: int = 1) -> System:
     """Makes the thesis's control law that the scenario names, DirectForce for example.
 
     Args:
         scenario: Its field controller is used; `auto` also needs robot and
             environment.
+        num_members: M, the number of an ensemble's members. All vectors are M times as
+            wide.
 
     Raises:
         ValueError: If a parameter is not allowed, or the kind has no such law.
     """
     config, n = scenario.controller, scenario.num_axes
     if config.kind == "direct_force":
-        return DirectForce(num_axes=n)
+        return DirectForce(num_axes=num_members * n)
     if config.kind != "adaptive_backstepping":
         raise ValueError(
             f"controller.kind: {config.kind}; allowed: {', '.join(CONTROLLERS)}"
@@ -147,6 +154,7 @@ def MakeControlLaw(scenario: Scenario) -> LeafSystem:
             count=config.network.count,
             width=config.network.width,
         ),
+        num_members=num_members,
     )
 
 

@@ -28,13 +28,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
 
+from teleop_drake.ensemble import CheckEnsemble
 from teleop_drake.files import Replacing
 from teleop_drake.metrics import RunSummary
+from teleop_drake.recording import Recording
 from teleop_drake.scenario import (
     AnyScenario,
     LoadScenario,
@@ -44,7 +46,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.simulation import simulate
+from teleop_drake.simulation import simulate, simulate_ensemble
 from teleop_drake.worker_processes import WorkerProcesses
 
 MAX_RUNS = 100_000
@@ -202,6 +204,7 @@ def Sweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
+    ensemble: int = 1,
     executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -224,6 +227,10 @@ def Sweep(
         grid: Values by key. A key is the dotted path of a field as LoadScenario takes
             it, or one of ALIASES. The last key varies fastest.
         overrides: For all runs, as LoadScenario takes them.
+        ensemble: At most so many neighbours in the grid that differ in their delays
+            only are simulated together, by simulate_ensemble(), which is faster. Where
+            they cannot be, they are simulated alone. A run's numbers depend on its
+            company, within the accuracy of the solver.
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
             open. None makes WorkerProcesses.
@@ -243,7 +250,7 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    plan = PlanSweep(scenario, grid, overrides=overrides)
+    plan = PlanSweep(scenario, grid, overrides=overrides, ensemble=ensemble)
     return RunSweep(
         plan, executor=executor, jobs=jobs, out=out, resume=resume, progress=progress
     )
@@ -259,6 +266,7 @@ class SweepPlan:
         axes: Keys of the grid and their values.
         points: Key to value for each run; the last key varies fastest.
         scenario: The first point that is valid.
+        groups: The numbers of the runs that are simulated together.
     """
 
     source: "_Source"
@@ -266,6 +274,7 @@ class SweepPlan:
     axes: dict[str, list[Any]]
     points: list[dict[str, Any]]
     scenario: AnyScenario
+    groups: list[list[int]]
 
 
 def PlanSweep(
@@ -273,6 +282,7 @@ def PlanSweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
+    ensemble: int = 1,
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
@@ -280,11 +290,14 @@ def PlanSweep(
         scenario: As Sweep takes it, and so are the others.
         grid: Values by key.
         overrides: For all runs.
+        ensemble: Most members of an ensemble.
 
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
-        SweepError: If the grid cannot be used.
+        SweepError: If the grid or ensemble cannot be used.
     """
+    if ensemble < 1:
+        raise SweepError(f"ensemble = {ensemble}: must be 1 or more")
     if isinstance(overrides, Mapping):
         overrides = [_Override(path, _ToPlain(x)) for path, x in overrides.items()]
     elif isinstance(overrides, str):
@@ -305,15 +318,17 @@ def PlanSweep(
         raise SweepError(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
+    points = [
+        dict(zip(axes, values, strict=True))
+        for values in itertools.product(*axes.values())
+    ]
     return SweepPlan(
         source=_ReadSource(scenario),
         overrides=overrides,
         axes=axes,
-        points=[
-            dict(zip(axes, values, strict=True))
-            for values in itertools.product(*axes.values())
-        ],
+        points=points,
         scenario=first,
+        groups=_Groups(points, ensemble),
     )
 
 
@@ -542,13 +557,15 @@ def _Version(package: str) -> str:
 
 def _Parameters(plan: SweepPlan) -> dict[str, Any]:
     """Returns what makes a sweep different from others, as it is read from a file."""
-    parameters = {
+    parameters: dict[str, Any] = {
         "scenario": plan.scenario.name,
         "overrides": plan.overrides,
         "axes": plan.axes,
         "first_scenario": ScenarioToYaml(plan.scenario),
         "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
     }
+    if len(plan.groups) < len(plan.points):
+        parameters["groups"] = plan.groups
     return dict(json.loads(json.dumps(parameters)))
 
 
@@ -619,6 +636,32 @@ def _CheckValues(
     return first_valid if first_valid is not None else load(overrides)
 
 
+_DELAYS = {
+    key
+    for key in (*ALIASES, *itertools.chain(*ALIASES.values()))
+    if key.endswith("delay")
+}
+
+
+def _Groups(points: Sequence[Mapping[str, Any]], most: int) -> list[list[int]]:
+    """Returns the runs in groups of neighbours that differ in their delays only.
+
+    Args:
+        points: Key to value for each run.
+        most: Largest size of a group; the groups have about the same size.
+    """
+    groups: list[list[int]] = []
+    for _, runs in itertools.groupby(
+        range(len(points)),
+        lambda run: {k: x for k, x in points[run].items() if k not in _DELAYS},
+    ):
+        neighbours = list(runs)
+        num_groups = math.ceil(len(neighbours) / most)
+        ends = [len(neighbours) * i // num_groups for i in range(num_groups + 1)]
+        groups += [neighbours[a:b] for a, b in itertools.pairwise(ends)]
+    return groups
+
+
 def _ToPlain(value: Any) -> Any:
     """Returns a value without numpy, as JSON would give it back."""
     if isinstance(value, np.ndarray | np.generic):
@@ -652,62 +695,101 @@ def _Simulate(
     plan: SweepPlan, runs: Iterable[int], executor: Executor
 ) -> Iterator[dict[str, Any]]:
     """Simulates runs of a plan and yields each record as it comes."""
-    finished: SimpleQueue[tuple[int, Future[dict[str, Any]]]] = SimpleQueue()
-    pending: dict[int, Future[dict[str, Any]]] = {}
+    finished: SimpleQueue[tuple[int, Future[list[dict[str, Any]]]]] = SimpleQueue()
+    pending: dict[int, Future[list[dict[str, Any]]]] = {}
     retried: set[int] = set()
+    wanted = set(runs)
 
-    def Submit(run: int) -> None:
-        overrides = [*plan.overrides, *_Overrides(plan.points[run])]
-        future = executor.submit(_SimulateOne, plan.source, overrides)
-        pending[run] = future
-        future.add_done_callback(lambda future: finished.put((run, future)))
+    def Submit(group: int) -> None:
+        overrides = [
+            [*plan.overrides, *_Overrides(plan.points[run])]
+            for run in plan.groups[group]
+        ]
+        future = executor.submit(_SimulateGroup, plan.source, overrides)
+        pending[group] = future
+        future.add_done_callback(lambda future: finished.put((group, future)))
 
-    waiting = iter(runs)
+    # A group is simulated as a whole, also for one that is missing: its numbers depend
+    # on its company.
+    waiting = (i for i, group in enumerate(plan.groups) if not wanted.isdisjoint(group))
     try:
-        for run in itertools.islice(waiting, _MAX_IN_FLIGHT):
-            Submit(run)
+        for group in itertools.islice(waiting, _MAX_IN_FLIGHT):
+            Submit(group)
         while pending:
-            run, future = finished.get()
-            del pending[run]
+            group, future = finished.get()
+            del pending[group]
             error = None if future.cancelled() else future.exception()
             if future.cancelled() or isinstance(error, BrokenExecutor):
                 raise RuntimeError(
                     f"the executor gave up: {_OneLine(error or 'it cancelled a run')}"
                 ) from error
             if error is None:
-                outcome = future.result()
+                outcomes = future.result()
             elif not isinstance(error, Exception):
                 raise error  # KeyboardInterrupt.
-            elif run not in retried:
-                retried.add(run)
-                Submit(run)
+            elif group not in retried:
+                retried.add(group)
+                Submit(group)
                 continue
             else:
-                outcome = _Failure(error)
-            yield {"run": run, "varied": plan.points[run], **outcome}
-            for run in itertools.islice(waiting, 1):
-                Submit(run)
+                outcomes = [_Failure(error) for _ in plan.groups[group]]
+            for run, outcome in zip(plan.groups[group], outcomes, strict=True):
+                if run in wanted:
+                    yield {"run": run, "varied": plan.points[run], **outcome}
+            for group in itertools.islice(waiting, 1):
+                Submit(group)
     finally:
         for future in pending.values():
             future.cancel()
 
 
-def _SimulateOne(source: _Source, overrides: list[str]) -> dict[str, Any]:
-    """Simulates one run, in a worker, and returns its record."""
+def _SimulateGroup(
+    source: _Source, overrides: Sequence[list[str]]
+) -> list[dict[str, Any]]:
+    """Simulates runs, in a worker, and returns their records."""
+    scenarios: dict[int, AnyScenario] = {}
+    outcomes: dict[int, dict[str, Any]] = {}
+    for i, texts in enumerate(overrides):
+        try:
+            scenarios[i] = source.Load(texts)
+        except (Exception, SystemExit) as error:
+            outcomes[i] = _Failure(error)
+    members = {i: x for i, x in scenarios.items() if _CanJoin(x)}
+    recordings: dict[int, Recording] = {}
+    if len(members) > 1:
+        # If they fail, each shows alone what is wrong with it.
+        with contextlib.suppress(Exception, SystemExit):
+            together = simulate_ensemble(cast(list[Scenario], [*members.values()]))
+            recordings = dict(zip(members, together, strict=True))
+    for i, scenario in scenarios.items():
+        try:
+            outcomes[i] = _Outcome(recordings.get(i) or simulate(scenario))
+        except (Exception, SystemExit) as error:
+            # Some violated contracts of Drake end in SystemExit.
+            outcomes[i] = _Failure(error)
+    return [outcomes[i] for i in range(len(overrides))]
+
+
+def _CanJoin(scenario: AnyScenario) -> bool:
+    """Returns whether a scenario can be a member of an ensemble."""
     try:
-        recording = simulate(source.Load(overrides))
-        if recording.termination == "interrupted":
-            raise KeyboardInterrupt
-        record = {
-            "status": recording.termination,
-            "reason": recording.reason,
-            **RunSummary(recording),
-        }
-        del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
-        json.dumps(record, allow_nan=False)
-    except (Exception, SystemExit) as error:
-        # Some violated contracts of Drake end in SystemExit.
-        return _Failure(error)
+        CheckEnsemble([cast(Scenario, scenario)])
+    except ScenarioError:
+        return False
+    return True
+
+
+def _Outcome(recording: Recording) -> dict[str, Any]:
+    """Returns the record of a run but for its place in the grid."""
+    if recording.termination == "interrupted":
+        raise KeyboardInterrupt
+    record = {
+        "status": recording.termination,
+        "reason": recording.reason,
+        **RunSummary(recording),
+    }
+    del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
+    json.dumps(record, allow_nan=False)
     return record
 
 

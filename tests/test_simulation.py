@@ -10,7 +10,7 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 
-from teleop_drake import simulation
+from teleop_drake import run_monitor
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -383,12 +383,12 @@ def test_spring_hit_peaks_at_v_sqrt_k_m():
 def test_a_run_leaves_no_samples_behind(monkeypatch):
     recorders = []
 
-    class Recorder(simulation._Recorder):
+    class Recorder(run_monitor.Recorder):
         def __init__(self, *args):
             super().__init__(*args)
             recorders.append(weakref.ref(self))
 
-    monkeypatch.setattr(simulation, "_Recorder", Recorder)
+    monkeypatch.setattr(run_monitor, "Recorder", Recorder)
     simulate(LoadScenario("one_dof", {"duration": 0.1}))
     gc.collect()
     assert [recorder() for recorder in recorders] == [None]

@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,35 @@ class SampleHistory:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
+
+    def Record(
+        self,
+        key: float,
+        value: NDArray[np.float64],
+        *,
+        jump: NDArray[np.float64] | None,
+        now: float,
+        spacing: float,
+    ) -> "SampleHistory":
+        """Returns the history at the end of a step, itself if nothing is new.
+
+        Args:
+            key: Time of the new sample in s.
+            value: The sample (k).
+            jump: What the events of the last step made of the last sample (k), None
+                if they left it alone.
+            now: As for Append().
+            spacing: As for Append().
+        """
+        if now <= self.now:
+            return self
+        if self.times and key <= self.times[-1]:
+            # Two steps so close that their keys are rounded to one.
+            return replace(self, now=now)
+        history = self
+        if jump is not None:
+            history = history.Append(self.times[-1], jump, now=now, spacing=spacing)
+        return history.Append(key, value, now=now, spacing=spacing)
 
     def Append(
         self, time: float, value: NDArray[np.float64], *, now: float, spacing: float

@@ -14,7 +14,7 @@ from teleop_drake.laws.backstepping import (
     backstepping_error_vector,
     backstepping_rate_vector,
     initial_state,
-    pack_state,
+    pack_members,
     state_size,
 )
 from teleop_drake.laws.compiled import compiled
@@ -33,22 +33,24 @@ class AdaptiveBackstepping(Diagram):
     what arrives over the forward channel. Both networks have the tool's position as
     their input.
 
-    | port | name                | size | unit  | is                       |
-    |------|---------------------|------|-------|--------------------------|
-    | in   | haptic_force        | n    | N     | F_hd                     |
-    | in   | velocity_command    | n    | m/s   | v_dd                     |
-    | in   | tool_position       | n    | m     | r, input of the networks |
-    | in   | tool_velocity       | n    | m/s   | v                        |
-    | in   | environment_force   | n    | N     | F_e                      |
-    | out  | control_force       | n    | N     | F_c                      |
-    | out  | psi                 | n n  | 1/kg  | Psi, row by row          |
-    | out  | weights_1           | n N  | m/s^2 | W1, row by row           |
-    | out  | weights_3           | n N  | N/s   | W3, row by row           |
-    | out  | auxiliary_error     | n    | m/s   | s                        |
-    | out  | control_force_error | n    | N     | z                        |
+    | port | name                | size  | unit  | is                       |
+    |------|---------------------|-------|-------|--------------------------|
+    | in   | haptic_force        | M n   | N     | F_hd                     |
+    | in   | velocity_command    | M n   | m/s   | v_dd                     |
+    | in   | tool_position       | M n   | m     | r, input of the networks |
+    | in   | tool_velocity       | M n   | m/s   | v                        |
+    | in   | environment_force   | M n   | N     | F_e                      |
+    | out  | control_force       | M n   | N     | F_c                      |
+    | out  | psi                 | M n n | 1/kg  | Psi, row by row          |
+    | out  | weights_1           | M n N | m/s^2 | W1, row by row           |
+    | out  | weights_3           | M n N | N/s   | W3, row by row           |
+    | out  | auxiliary_error     | M n   | m/s   | s                        |
+    | out  | control_force_error | M n   | N     | z                        |
 
-    State (continuous): [F_c (n), W1 (n N), Psi (n n), W3 (n N)], matrices row by row;
-    `teleop_drake.laws.backstepping.unpack_state` takes it apart.
+    M is 1, or the number of an ensemble's members: as many controllers side by side.
+
+    State (continuous): [F_c (M n), W1 (M n N), Psi (M n n), W3 (M n N)], matrices row
+    by row; `teleop_drake.laws.backstepping.unpack_state` takes it apart.
 
     Initial value: F_c = 0, W1 = W3 = 0, Psi = Psi0.
 
@@ -61,12 +63,19 @@ class AdaptiveBackstepping(Diagram):
     Args:
         gains: The constants of the law.
         network: The basis functions of both networks, with n inputs in m.
+        num_members: M, >= 1.
 
     Raises:
         ValueError: If the network does not have one input per axis.
     """
 
-    def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
+    def __init__(
+        self,
+        *,
+        gains: BacksteppingGains,
+        network: GaussianNetwork,
+        num_members: int = 1,
+    ):
         Diagram.__init__(self)
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
@@ -75,17 +84,18 @@ class AdaptiveBackstepping(Diagram):
                 f"{network.num_inputs} inputs"
             )
         builder = DiagramBuilder()
-        x0 = pack_state(initial_state(gains, N))
+        M = num_members
+        x0 = pack_members([initial_state(gains, N)] * M)
         # Primitives join, integrate and split the signals: they do without Python.
         join = builder.AddNamedSystem(
-            "join_signals", Multiplexer([n] * len(_SIGNALS) + [len(x0)])
+            "join_signals", Multiplexer([M * n] * len(_SIGNALS) + [len(x0)])
         )
-        law = builder.AddNamedSystem("law", _Law(gains, network))
+        law = builder.AddNamedSystem("law", _Law(gains, network, M))
         state = builder.AddNamedSystem("state", Integrator(x0))
         split = builder.AddNamedSystem(
-            "split_state", Demultiplexer([n, n * N, n * n, n * N])
+            "split_state", Demultiplexer([M * n, M * n * N, M * n * n, M * n * N])
         )
-        errors = builder.AddNamedSystem("split_errors", Demultiplexer([n, n]))
+        errors = builder.AddNamedSystem("split_errors", Demultiplexer([M * n, M * n]))
         builder.Connect(join.get_output_port(), law.get_input_port())
         builder.Connect(law.GetOutputPort("rate"), state.get_input_port())
         builder.Connect(law.GetOutputPort("errors"), errors.get_input_port())
@@ -127,41 +137,40 @@ _SIGNALS = (
 class _Law(LeafSystem):
     """The law: the time rate of its state, and the errors [s; z].
 
-    | port | name    | size     | is                                              |
-    |------|---------|----------|-------------------------------------------------|
-    | in   | signals | 5n + n_x | v, v_dd, F_e, F_hd, r and the state             |
-    | out  | rate    | n_x      | time derivatives of the state, by (4.52), (5.51) |
-    | out  | errors  | 2n       | [s; z]                                          |
+    | port | name    | size       | is                                               |
+    |------|---------|------------|--------------------------------------------------|
+    | in   | signals | 5M n + n_x | v, v_dd, F_e, F_hd, r and the state              |
+    | out  | rate    | n_x        | time derivatives of the state, by (4.52), (5.51) |
+    | out  | errors  | 2M n       | [s; z]                                           |
 
     State: none; the integrator behind it has it. All signals come by one port, because
     each visit to a port from Python costs as much as a tenth of the law.
     """
 
-    def __init__(self, gains: BacksteppingGains, network: GaussianNetwork):
+    def __init__(
+        self, gains: BacksteppingGains, network: GaussianNetwork, num_members: int
+    ):
         LeafSystem.__init__(self)
-        n, N = gains.num_axes, network.num_functions
-        n_x = state_size(n, N)
-        self._n = n
+        size = num_members * gains.num_axes
+        n_x = num_members * state_size(gains.num_axes, network.num_functions)
+        self._size = size
         self._gains = gains.AsArrays()
-        self._network = network
+        self._functions = network.evaluate_members
         self._rate = compiled(backstepping_rate_vector)
         self._errors = compiled(backstepping_error_vector)
 
-        self._signals = self.DeclareVectorInputPort("signals", len(_SIGNALS) * n + n_x)
+        num_signals = len(_SIGNALS) * size + n_x
+        self._signals = self.DeclareVectorInputPort("signals", num_signals)
         signals = {self._signals.ticket()}
         self.DeclareVectorOutputPort("rate", n_x, self._CalcRate, signals)
-        self.DeclareVectorOutputPort("errors", 2 * n, self._CalcErrors, signals)
+        self.DeclareVectorOutputPort("errors", 2 * size, self._CalcErrors, signals)
 
     def _CalcRate(self, context: Context, output: BasicVector) -> None:
-        n = self._n
-        signals = self._signals.Eval(context)
-        Phi, Phi_dot = self._network.evaluate_with_rate(
-            signals[4 * n : 5 * n], signals[:n]
-        )
+        size, signals = self._size, self._signals.Eval(context)
+        Phi, Phi_dot = self._functions(signals[4 * size : 5 * size], signals[:size])
         output.SetFromVector(self._rate(*self._gains, Phi, Phi_dot, signals))
 
     def _CalcErrors(self, context: Context, output: BasicVector) -> None:
-        n = self._n
-        signals = self._signals.Eval(context)
-        Phi = self._network.evaluate(signals[4 * n : 5 * n])
+        size, signals = self._size, self._signals.Eval(context)
+        Phi, _ = self._functions(signals[4 * size : 5 * size], signals[:size])
         output.SetFromVector(self._errors(*self._gains, Phi, signals))

@@ -3,9 +3,9 @@
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -158,26 +158,19 @@ class DelayLine(LeafSystem):
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         time = context.get_time()
-        now = self.FetchKey(time)
-        key = self.StoreKey(time)
         history = self._GetHistory(context)
-        if now <= history.now:
-            return
-        if history.times and key <= history.times[-1]:
-            # Two steps so close that their keys are rounded to one.
-            state.get_mutable_abstract_state(self._history).set_value(
-                replace(history, now=now)
-            )
-            return
+        jump = None
         if history.times and self._HasJumped(context, history):
-            value = context.get_discrete_state_vector().value()[1:]
-            history = history.Append(
-                history.times[-1], value, now=now, spacing=self._spacing
-            )
-        history = history.Append(
-            key, self._signal.Eval(context), now=now, spacing=self._spacing
+            jump = context.get_discrete_state_vector().value()[1:]
+        longer = history.Record(
+            self.StoreKey(time),
+            self._signal.Eval(context),
+            jump=jump,
+            now=self.FetchKey(time),
+            spacing=self._spacing,
         )
-        state.get_mutable_abstract_state(self._history).set_value(history)
+        if longer is not history:
+            state.get_mutable_abstract_state(self._history).set_value(longer)
 
     def _RecordAfterEvents(
         self, context: Context, values: DiscreteValues
@@ -197,31 +190,45 @@ class DelayLine(LeafSystem):
     def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
         key = self.FetchKey(context.get_time())
         history = self._GetHistory(context)
-        times = history.times
-        i = bisect_left(times, key)
-        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-            output.SetFromVector(history.EvalInterval(i - 1, key))
-            return
-        if not times or key < times[0]:
-            output.SetFromVector(self._initial_value)
-            return
-        if key > times[-1] + _STRETCH * self._shortest_delay:
-            raise RuntimeError(
-                f"{type(self).__name__} {self.get_name()!r}: evaluated "
-                f"{key - history.now:.6g} s after the last step; allowed: at most "
-                f"the delay, {self._shortest_delay:.6g} s, which the integrator's "
-                "longest step must not exceed"
-            )
-        if i < len(times):
-            # A jump at this very instant has happened once the step has ended here.
-            if key <= history.now:
-                i = bisect_right(times, key) - 1
-            elif i == 0:
-                output.SetFromVector(self._initial_value)
-                return
-            output.SetFromVector(history.values[i])
-        else:
-            output.SetFromVector(history.Eval(key))
+        value = deliver(history, key, self._shortest_delay, self)
+        output.SetFromVector(self._initial_value if value is None else value)
+
+
+def deliver(
+    history: SampleHistory, key: float, delay: float, line: LeafSystem
+) -> NDArray[np.float64] | None:
+    """Returns what a delay line delivers, None before the first sample.
+
+    Args:
+        history: What is under way.
+        key: Of the time at which it is delivered.
+        delay: The least time under way in s.
+        line: The delay line.
+
+    Raises:
+        RuntimeError: If the signal is not known yet.
+    """
+    times = history.times
+    i = bisect_left(times, key)
+    if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
+        return history.EvalInterval(i - 1, key)
+    if not times or key < times[0]:
+        return None
+    if key > times[-1] + _STRETCH * delay:
+        raise RuntimeError(
+            f"{type(line).__name__} {line.get_name()!r}: evaluated "
+            f"{key - history.now:.6g} s after the last step; allowed: at most "
+            f"the delay, {delay:.6g} s, which the integrator's longest step must not "
+            "exceed"
+        )
+    if i == len(times):
+        return history.Eval(key)
+    # A jump at this very instant has happened once the step has ended here.
+    if key <= history.now:
+        i = bisect_right(times, key) - 1
+    elif i == 0:
+        return None
+    return history.values[i]
 
 
 def check_channel(

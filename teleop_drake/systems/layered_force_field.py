@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -14,11 +15,13 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
+from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.layered_force import (
     Layer,
     is_continuous,
-    layer_force,
     layer_index,
+    layer_table,
+    layered_forces,
 )
 
 
@@ -32,12 +35,15 @@ class LayeredForceField(LeafSystem):
 
     | port | name              | size | unit                                |
     |------|-------------------|------|-------------------------------------|
-    | in   | tool_position     | n    | m                                   |
-    | in   | tool_velocity     | n    | m/s                                 |
-    | out  | environment_force | n    | N, exerted BY the robot             |
-    | out  | layer             | 1    | index of the layer at x, -1: before |
+    | in   | tool_position     | M n  | m                                   |
+    | in   | tool_velocity     | M n  | m/s                                 |
+    | out  | environment_force | M n  | N, exerted BY the robot             |
+    | out  | layer             | M    | index of the layer at x, -1: before |
 
-    State (discrete, 1): the region the tool is in. A region is a run of layers in
+    M is 1, or the number of an ensemble's members: as many tools, each in material of
+    its own.
+
+    State (discrete, M): the region each tool is in. A region is a run of layers in
     which the force is continuous; between two regions it jumps. If the Context has
     an accuracy (context.SetAccuracy), the instant at which the tool crosses into
     another region is located by a witness function and the force of a step is
@@ -56,12 +62,13 @@ class LayeredForceField(LeafSystem):
     Args:
         layers: The layers, by ascending start; see laws.layered_force.Layer.
         num_axes: n, number of task axes.
+        num_members: M, >= 1.
 
     Raises:
         ValueError: If the starts do not ascend or a value is not allowed.
     """
 
-    def __init__(self, *, layers: Sequence[Layer], num_axes: int):
+    def __init__(self, *, layers: Sequence[Layer], num_axes: int, num_members: int = 1):
         LeafSystem.__init__(self)
         _CheckLayers(layers)
         self._layers = list(layers)
@@ -79,12 +86,20 @@ class LayeredForceField(LeafSystem):
         self._begins = [-math.inf, *borders]
         self._ends = [*borders, math.inf]
 
-        self._p = self.DeclareVectorInputPort("tool_position", num_axes)
-        self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
-        self._region = self.DeclareDiscreteState(1)
+        self._table = layer_table(
+            layers, list(zip(first_layers, self._last_layers, strict=True))
+        )
+        self._forces = compiled(layered_forces)
+
+        M, self._n = num_members, num_axes
+        self._no_regions = np.full(M, -1.0)
+        self._members = range(M)
+        self._p = self.DeclareVectorInputPort("tool_position", M * num_axes)
+        self._v = self.DeclareVectorInputPort("tool_velocity", M * num_axes)
+        self._region = self.DeclareDiscreteState(M)
         self.DeclareVectorOutputPort(
             "environment_force",
-            num_axes,
+            M * num_axes,
             self._CalcForce,
             prerequisites_of_calc={
                 self._p.ticket(),
@@ -95,7 +110,7 @@ class LayeredForceField(LeafSystem):
         )
         self.DeclareVectorOutputPort(
             "layer",
-            1,
+            M,
             self._CalcLayer,
             prerequisites_of_calc={
                 self._p.ticket(),
@@ -116,66 +131,86 @@ class LayeredForceField(LeafSystem):
             self._CalcPastStart,
             UnrestrictedUpdateEvent(self._EnterPreviousRegion),
         )
-        # By the region: there is nothing before the first and behind the last.
-        self._witnesses = [
-            [enters_next] * (region < len(first_layers) - 1)
-            + [enters_previous] * (region > 0)
-            for region in range(len(first_layers))
-        ]
+        # There is nothing behind the last region and before the first.
+        self._last_region = len(first_layers) - 1
+        self._enters_next, self._enters_previous = [enters_next], [enters_previous]
 
     def _RegionAt(self, x: float) -> int:
         return layer_index(self._first_layers, layer_index(self._starts, x))
 
-    def _LayerIndex(self, context: Context, x: float) -> int:
+    def _LayerIndex(self, context: Context, i: int, x: float) -> int:
+        """Returns the layer of the tool i at x."""
         if context.get_accuracy() is None:
             return layer_index(self._starts, x)
-        region = self._GetRegion(context)
+        region = self._GetRegion(context, i)
         first, last = self._first_layers[region], self._last_layers[region]
         if first == last:
             return first
         return min(max(layer_index(self._starts, x), first), last)
 
-    def _GetRegion(self, context: Context) -> int:
-        return int(context.get_discrete_state_vector().GetAtIndex(0))
+    def _GetRegion(self, context: Context, i: int) -> int:
+        """Returns the region that the tool i is in."""
+        return int(context.get_discrete_state_vector().GetAtIndex(i))
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        x = self._p.Eval(context).item(0)
-        index = self._LayerIndex(context, x)
-        output.SetZero()
-        if index >= 0:
-            v_x = self._v.Eval(context).item(0)
-            output.SetAtIndex(0, layer_force(self._layers[index], x, v_x))
+        if context.get_accuracy() is None:
+            regions = self._no_regions
+        else:
+            regions = context.get_discrete_state_vector().value()
+        output.SetFromVector(
+            self._forces(
+                self._table,
+                regions,
+                self._p.Eval(context),
+                self._v.Eval(context),
+            )
+        )
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._LayerIndex(context, self._p.Eval(context).item(0)))
+        p = self._p.Eval(context)
+        for i in self._members:
+            output.SetAtIndex(i, self._LayerIndex(context, i, p.item(i * self._n)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the boundaries of the region, if events are to be located."""
+        """Returns the boundaries of the regions, if events are to be located."""
         if context.get_accuracy() is None:
             return []
-        return self._witnesses[self._GetRegion(context)]
+        regions = [self._GetRegion(context, i) for i in self._members]
+        return self._enters_next * (min(regions) < self._last_region) + (
+            self._enters_previous * (max(regions) > 0)
+        )
+
+    def _CalcPast(self, borders: list[float], context: Context, i: int) -> float:
+        """Returns how far the tool i is past the border of its region, in m."""
+        x = self._p.Eval(context).item(i * self._n)
+        return x - borders[self._GetRegion(context, i)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        return self._p.Eval(context).item(0) - self._ends[self._GetRegion(context)]
+        return max(self._CalcPast(self._ends, context, i) for i in self._members)
 
     def _CalcPastStart(self, context: Context) -> float:
-        return self._p.Eval(context).item(0) - self._begins[self._GetRegion(context)]
+        return min(self._CalcPast(self._begins, context, i) for i in self._members)
 
     def _SetRegion(self, context: Context, state: State) -> None:
-        region = self._RegionAt(self._p.Eval(context).item(0))
-        state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
+        regions = state.get_mutable_discrete_state(self._region)
+        for i, x in enumerate(self._p.Eval(context)[:: self._n].tolist()):
+            regions.SetAtIndex(i, self._RegionAt(x))
 
     def _EnterNextRegion(self, context: Context, event: Event, state: State) -> None:
-        self._MoveBy(1, context, state)
+        for i in self._members:
+            if self._CalcPast(self._ends, context, i) >= 0:
+                self._MoveBy(1, context, i, state)
 
     def _EnterPreviousRegion(
         self, context: Context, event: Event, state: State
     ) -> None:
-        self._MoveBy(-1, context, state)
+        for i in self._members:
+            if self._CalcPast(self._begins, context, i) <= 0:
+                self._MoveBy(-1, context, i, state)
 
-    def _MoveBy(self, change: int, context: Context, state: State) -> None:
-        region = self._GetRegion(context) + change
-        state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
+    def _MoveBy(self, change: int, context: Context, i: int, state: State) -> None:
+        region = self._GetRegion(context, i) + change
+        state.get_mutable_discrete_state(self._region).SetAtIndex(i, region)
 
 
 class _Nothing:

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.multibody.tree import JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -32,16 +32,19 @@ class ToolInterface(LeafSystem):
     |----------------------------|---------|-------------------------------------------|
     | plant_state                | nq + nv | rad or m, and their rates                 |
     | body_spatial_accelerations | list    | m/s^2, one for each body                  |
-    | control_force              | n       | N                                         |
-    | environment_force          | n       | N, force of the robot ON the environment  |
+    | control_force              | M n     | N                                         |
+    | environment_force          | M n     | N, force of the robot ON the environment  |
 
     Output ports:
 
-    | name              | size      | unit     | direct feedthrough from             |
-    |-------------------|-----------|----------|-------------------------------------|
-    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                         |
-    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations          |
-    | joint_torques     | 2 nv      | N m or N | plant_state, both forces            |
+    | name              | size       | unit     | direct feedthrough from            |
+    |-------------------|------------|----------|------------------------------------|
+    | tool_kinematics   | 2M n + n nv | m, m/s  | plant_state                        |
+    | tool_acceleration | M n        | m/s^2    | body_spatial_accelerations         |
+    | joint_torques     | 2 nv       | N m or N | plant_state, both forces           |
+
+    M is 1, or the number of robots of one model, all members of an ensemble, which
+    the plant then has one after another. Vectors have their parts in this order.
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
     each state yields. `joint_torques` is [tau; tau_e]: the first half goes to the
@@ -54,7 +57,12 @@ class ToolInterface(LeafSystem):
     """
 
     def __init__(
-        self, *, plant: MultibodyPlant, num_task_axes: int, tool_name: str = "tool"
+        self,
+        *,
+        plant: MultibodyPlant,
+        num_task_axes: int,
+        tool_name: str = "tool",
+        num_members: int = 1,
     ):
         """Constructs the interface.
 
@@ -62,7 +70,8 @@ class ToolInterface(LeafSystem):
             plant: A finalized plant; its actuators must be one for each joint, in the
                 order of the generalized velocities.
             num_task_axes: n, 1 to 3.
-            tool_name: The body whose origin is T.
+            tool_name: The body whose origin is T; each robot has one of that name.
+            num_members: M, >= 1.
 
         Raises:
             ValueError: If `num_task_axes` is out of range or the plant's actuation is
@@ -79,18 +88,25 @@ class ToolInterface(LeafSystem):
                 "its generalized velocities"
             )
         self._plant = plant
-        self._tool = plant.GetBodyByName(tool_name)
-        self._tool_index = int(self._tool.index())
+        if num_members == 1:
+            tools = [plant.GetBodyByName(tool_name)]
+        else:
+            tools = [
+                plant.GetBodyByName(tool_name, ModelInstanceIndex(i))
+                for i in range(plant.num_model_instances())
+                if plant.HasBodyNamed(tool_name, ModelInstanceIndex(i))
+            ]
+        # What the calls to the plant for each tool take.
+        self._tools = [(tool, tool.body_frame()) for tool in tools]
+        self._tool_indices = [int(tool.index()) for tool in tools]
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
-        # What a call to the plant takes.
         self._world_frame = plant.world_frame()
-        self._tool_frame = self._tool.body_frame()
         self._origin = np.zeros(3)
         self._tool_kinematics = compiled(tool_kinematics)
         self._joint_torques = compiled(joint_torques)
         n = self._n = num_task_axes
-
+        M = num_members
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", BasicVector(plant.num_multibody_states())
         )
@@ -98,19 +114,19 @@ class ToolInterface(LeafSystem):
             "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
         )
         self._control_force = self.DeclareVectorInputPort(
-            "control_force", BasicVector(n)
+            "control_force", BasicVector(M * n)
         )
         self._environment_force = self.DeclareVectorInputPort(
-            "environment_force", BasicVector(n)
+            "environment_force", BasicVector(M * n)
         )
 
         state = {self._plant_state.ticket()}
         self._kinematics = self.DeclareVectorOutputPort(
-            "tool_kinematics", n * (2 + nv), self._CalcKinematics, state
+            "tool_kinematics", 2 * M * n + n * nv, self._CalcKinematics, state
         )
         self.DeclareVectorOutputPort(
             "tool_acceleration",
-            n,
+            M * n,
             self._CalcAcceleration,
             {self._accelerations.ticket()},
         )
@@ -125,22 +141,28 @@ class ToolInterface(LeafSystem):
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
-        X_WT = plant.EvalBodyPoseInWorld(plant_context, self._tool)
-        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
-            plant_context,
-            JacobianWrtVariable.kV,
-            self._tool_frame,
-            self._origin,
-            self._world_frame,
-            self._world_frame,
-        )
+        p_WT, Jv_v_WT = [], []
+        for tool, frame in self._tools:
+            X_WT = plant.EvalBodyPoseInWorld(plant_context, tool)
+            p_WT.append(X_WT.translation())
+            Jv_v_WT.append(
+                plant.CalcJacobianTranslationalVelocity(
+                    plant_context,
+                    JacobianWrtVariable.kV,
+                    frame,
+                    self._origin,
+                    self._world_frame,
+                    self._world_frame,
+                )
+            )
         output.SetFromVector(
-            self._tool_kinematics(X_WT.translation(), Jv_v_WT, x, self._n)
+            self._tool_kinematics(_Stack(p_WT), _Stack(Jv_v_WT), x, self._n)
         )
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
-        A_WT = self._accelerations.Eval(context)[self._tool_index]
-        output.SetFromVector(A_WT.translational()[: self._n])
+        A_WT = self._accelerations.Eval(context)
+        parts = [A_WT[i].translational()[: self._n] for i in self._tool_indices]
+        output.SetFromVector(_Stack(parts))
 
     def _CalcJointTorques(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
@@ -148,5 +170,11 @@ class ToolInterface(LeafSystem):
                 self._control_force.Eval(context),
                 self._environment_force.Eval(context),
                 self._kinematics.Eval(context),
+                self._n,
             )
         )
+
+
+def _Stack(parts: list[np.ndarray]) -> np.ndarray:
+    """Returns arrays one below the other; a single one as it is, for speed."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

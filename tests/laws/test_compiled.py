@@ -13,15 +13,22 @@ from teleop_drake.laws.backstepping import (
     backstepping_error_vector,
     backstepping_rate_vector,
     state_size,
+    unpack_state,
 )
 from teleop_drake.laws.compiled import compiled
-from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.laws.gaussian_network import (
+    GaussianNetwork,
+    gaussian_functions,
+    gaussian_functions_of_members,
+)
 from teleop_drake.laws.interpolation import (
     evaluate_newton,
     newton_polynomial,
     newton_polynomials,
 )
+from teleop_drake.laws.layered_force import layer_table, layered_forces
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+from teleop_drake.scenario import LayerConfig
 
 NUM_FUNCTIONS = 7
 
@@ -56,12 +63,12 @@ def test_backstepping(n, is_at_limit):
         Psi0=4 * I + 0.1,
         Psi_min=2.0 if is_at_limit else 0.1,
     )
-    for _ in range(20):
-        x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
-        start = n + n * NUM_FUNCTIONS
-        x[start : start + n * n] = (1.9 * I + 0.1 * rng.normal(size=(n, n))).ravel()
-        signals = np.concatenate((rng.normal(size=5 * n), x))
-        Phi, Phi_dot = rng.normal(size=(2, NUM_FUNCTIONS))
+    for M in (1, 3) * 10:
+        x = rng.normal(size=M * state_size(n, NUM_FUNCTIONS))
+        for i in range(M):
+            unpack_state(x, n, M, i).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
+        signals = np.concatenate((rng.normal(size=5 * M * n), x))
+        Phi, Phi_dot = rng.normal(size=(2, M, NUM_FUNCTIONS))
         arrays = gains.AsArrays()
         assert_same(backstepping_rate_vector, *arrays, Phi, Phi_dot, signals)
         assert_same(backstepping_error_vector, *arrays, Phi, signals)
@@ -70,10 +77,25 @@ def test_backstepping(n, is_at_limit):
 def test_task_space():
     rng = np.random.default_rng(0)
     for n in (1, 2, 3):
-        J = np.asfortranarray(rng.normal(size=(3, 4)))  # Drake's order.
-        p, x, F_c, F_e = map(rng.normal, (0,) * 4, (1,) * 4, (3, 8, n, n))
-        assert_same(tool_kinematics, p, J, x, n)
-        assert_same(joint_torques, F_c, F_e, tool_kinematics(p, J, x, n))
+        for M in (1, 3):
+            p, x = rng.normal(size=3 * M), rng.normal(size=8 * M + 1)
+            J = rng.normal(size=(3 * M, 4 * M))
+            assert_same(tool_kinematics, p, J, x, n)
+            F_c, F_e = rng.normal(size=(2, M * n))
+            assert_same(joint_torques, F_c, F_e, rng.normal(size=M * n * (2 + 4)), n)
+
+
+def test_layered_forces():
+    rng = np.random.default_rng(0)
+    layers = [
+        LayerConfig(name="a", start=0.0, stiffness=9.0, reference=0.1, damping=2.0),
+        LayerConfig(name="b", start=1.0, stiffness=5.0, reference=1.0, damping=0.0),
+        LayerConfig(name="c", start=2.0, stiffness=7.0, reference=2.0, damping=1.0),
+    ]
+    table = layer_table(layers, [(-1, -1), (0, 1), (2, 2)])
+    regions = np.array([-1.0, 0, 1, 2])
+    for p, v in rng.uniform(-1, 3, size=(20, 2, 8)):
+        assert_same(layered_forces, table, regions, p, v)
 
 
 def test_gaussian_functions():
@@ -81,6 +103,8 @@ def test_gaussian_functions():
     network = GaussianNetwork(lower=[0, 0], upper=[1, 2], count=[3, 4], width=1.2)
     for u, u_dot in rng.normal(size=(20, 2, 2)):
         assert_same(gaussian_functions, u, u_dot, network.centres, network.widths)
+    arguments = (*rng.normal(size=(2, 6)), network.centres, network.widths)
+    assert_same(gaussian_functions_of_members, *arguments)
 
 
 @pytest.mark.parametrize("num_samples", [2, 5, 14])

@@ -190,3 +190,54 @@ def test_bad_layers(change, message):
         setattr(layers[-1], name, value)
     with pytest.raises(ValueError, match=message):
         LayeredForceField(layers=layers, num_axes=1)
+
+
+@pytest.mark.parametrize("accuracy", [None, 1e-4])
+def test_several_tools_are_in_material_of_their_own(accuracy):
+    x, v = [-0.1, 0.001, 0.0075, 0.02], [0.001, 0.002, -0.003, 0.004]
+    dut = LayeredForceField(layers=Layers(), num_axes=2, num_members=4)
+    context = dut.CreateDefaultContext()
+    context.SetAccuracy(accuracy)
+    zero = np.zeros(4)
+    dut.GetInputPort("tool_position").FixValue(
+        context, np.column_stack((x, zero)).ravel()
+    )
+    dut.GetInputPort("tool_velocity").FixValue(
+        context, np.column_stack((v, zero)).ravel()
+    )
+    Simulator(dut, context).Initialize()
+    F_e = dut.GetOutputPort("environment_force").Eval(context).reshape(4, 2)
+    layer = dut.GetOutputPort("layer").Eval(context)
+    for i in range(4):
+        assert (F_e[i, 0], layer[i]) == (pytest.approx(Force(x[i], v[i])[0]), i // 1.5)
+    assert (F_e[:, 1] == 0).all()
+
+
+def test_each_tool_changes_its_region_when_it_gets_there():
+    """Both ways: one comes out of the tissue while the other goes in."""
+    layers = Layers()[:2]
+    builder = DiagramBuilder()
+    dut = builder.AddNamedSystem(
+        "dut", LayeredForceField(layers=layers, num_axes=1, num_members=3)
+    )
+    velocity = builder.AddNamedSystem(
+        "velocity", ConstantVectorSource([0.001, -0.002, 0.0])
+    )
+    position = builder.AddNamedSystem("position", Integrator([0.007, 0.0095, 0.0]))
+    impulse = builder.AddNamedSystem("impulse", Integrator(3))
+    builder.Connect(velocity.get_output_port(), position.get_input_port())
+    builder.Connect(position.get_output_port(), dut.GetInputPort("tool_position"))
+    builder.Connect(velocity.get_output_port(), dut.GetInputPort("tool_velocity"))
+    builder.Connect(dut.GetOutputPort("environment_force"), impulse.get_input_port())
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    context.SetAccuracy(1e-6)
+    simulator.Initialize()
+    simulator.AdvanceTo(2.0)
+    mine = dut.GetMyContextFromRoot(context)
+    assert dut.GetOutputPort("layer").Eval(mine).tolist() == [1, 0, 0]
+    # By the mean of x and the time in the tissue.
+    result = impulse.get_output_port().Eval(impulse.GetMyContextFromRoot(context))
+    first = 0.5 * (0.01 * 0.00725 + 0.5 * 0.001)
+    second = 1.0 * (0.01 * 0.0065 - 0.5 * 0.002)
+    np.testing.assert_allclose(result, [first, second, 0.0], rtol=1e-6, atol=1e-12)

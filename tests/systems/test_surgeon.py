@@ -148,3 +148,55 @@ def test_bad_parameters(arguments, message):
 def test_commands_are_vectors_of_any_width():
     dut = Surgeon(velocity=np.arange(3.0))
     assert dut.GetOutputPort("force_command").size() == 3
+
+
+@pytest.mark.parametrize("accuracy", [None, 1e-6])
+def test_each_of_several_surgeons_perceives_contact_alone(accuracy):
+    builder = DiagramBuilder()
+    dut = builder.AddNamedSystem(
+        "dut",
+        Surgeon(
+            velocity=[0.1, 0.0],
+            contact_force=[0.2, 0.3],
+            contact_position=0.55,
+            stop_time=2.0,
+            num_members=3,
+        ),
+    )
+    speed = builder.AddNamedSystem(
+        "speed", ConstantVectorSource([1.0, 0.0, 0.5, 0.0, 0.0, 9.0])
+    )
+    force = builder.AddNamedSystem("force", ConstantVectorSource(np.arange(6.0)))
+    position = builder.AddNamedSystem("position", Integrator(6))
+    impulse = builder.AddNamedSystem("impulse", Integrator(6))
+    builder.Connect(speed.get_output_port(), position.get_input_port())
+    builder.Connect(position.get_output_port(), dut.GetInputPort("felt_position"))
+    builder.Connect(force.get_output_port(), dut.GetInputPort("haptic_force"))
+    builder.Connect(dut.GetOutputPort("force_command"), impulse.get_input_port())
+    simulator = Simulator(builder.Build())
+    if accuracy is not None:
+        simulator.get_mutable_context().SetAccuracy(accuracy)
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    h = [0, 1, 2, 3, 4, 5]
+    f, go, zero = [0.2, 0.3], [0.1, 0.0], [0.0, 0.0]
+    for time, mode, command, felt in (
+        (0.4, [0, 0, 0], [*go, *go, *go], h),
+        (1.0, [1, 0, 0], [*zero, *go, *go], [*f, *h[2:]]),
+        (1.5, [1, 1, 0], [*zero, *zero, *go], [*f, *f, *h[4:]]),
+        (2.5, [2, 2, 2], [*zero, *zero, *zero], [*zero, *zero, *h[4:]]),
+    ):
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        for name, expected in (
+            ("mode", mode),
+            ("velocity_command", command),
+            ("force_command", felt),
+        ):
+            assert dut.GetOutputPort(name).Eval(context).tolist() == expected, name
+    if accuracy is not None:
+        # Each switched where its own position was at the surface.
+        impulse_x = impulse.get_output_port().Eval(
+            impulse.GetMyContextFromRoot(simulator.get_context())
+        )[:4:2]
+        expected = [0.2 * 1.45, 2 * 1.1 + 0.2 * 0.9]
+        np.testing.assert_allclose(impulse_x, expected, rtol=1e-4)
