@@ -130,7 +130,8 @@ class SampleHistory:
             i: Index of a sample that is older than the next.
             time: In s.
         """
-        return self._Polynomial(i).Eval(time)
+        polynomial = self.polynomials.get(i) or self._Polynomial(i)
+        return polynomial.Eval(time)
 
     def _Interval(self, time: float) -> int:
         """Returns the index of the sample before a time, -1 if there is none."""
