@@ -290,7 +290,7 @@ class TeleoperatorMonitor(RunMonitor):
         may be off.
         """
         position, velocity = now[self._position], now[self._velocity]
-        acceleration = 0.0 * velocity
+        acceleration = None
         if self._acceleration is not None:
             acceleration = now[self._acceleration]
         felt, mode, n = now[self._felt], now[self._mode], self._num_axes
@@ -298,25 +298,23 @@ class TeleoperatorMonitor(RunMonitor):
             felt_velocity = felt[len(felt) // 2 :]
         else:
             felt_velocity = now[self._felt_velocity]
-        motions = []
+        motions: list[_Motion] = []
         for member in range(self.num_members):
             i = member * n
             awaits_contact = mode.item(member) == 0
-            motions.append(
+            motions += (
                 _Motion(
                     position.item(i),
                     velocity.item(i),
-                    acceleration.item(i),
+                    0.0 if acceleration is None else acceleration.item(i),
                     self._force_borders,
-                )
-            )
-            motions.append(
+                ),
                 _Motion(
                     felt.item(i),
                     felt_velocity.item(i),
                     0.0,
                     self._surfaces if awaits_contact else [],
-                )
+                ),
             )
         return motions
 

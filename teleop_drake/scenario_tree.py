@@ -3,8 +3,10 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
+import copy
 import dataclasses
 import difflib
+import functools
 import math
 import reprlib
 import types
@@ -244,7 +246,27 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
     """
     # yaml_load_typed is strict too, but names neither the path nor the choices, and
     # takes a bare number neither for `ndarray | float` nor for a vector.
-    data = yaml.dump(Normalize(tree, schema, ""), Dumper=_Dumper)
+    normal = Normalize(tree, schema, "")
+    sections = {
+        key: copy.deepcopy(
+            _LoadSection(section, yaml.dump(normal[key], Dumper=_Dumper))
+        )
+        for key, section in _Schema(schema).items()
+        if dataclasses.is_dataclass(section) or section is SimulatorConfig
+        if key in normal
+    }
+    plain = {key: value for key, value in normal.items() if key not in sections}
+    result = yaml_load_typed(
+        schema=schema,
+        data=yaml.dump(plain, Dumper=_Dumper),
+        defaults=schema(**sections),
+    )
+    return result
+
+
+@functools.lru_cache(maxsize=128)
+def _LoadSection(schema: type[_T], data: str) -> _T:
+    """Returns an object of a part of a scenario; in a sweep most parts do not vary."""
     return yaml_load_typed(schema=schema, data=data)
 
 

@@ -186,10 +186,10 @@ class LayeredForceField(LeafSystem):
         return x - borders[self._GetRegion(context, i)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        return max(self._CalcPast(self._ends, context, i) for i in self._members)
+        return max([self._CalcPast(self._ends, context, i) for i in self._members])
 
     def _CalcPastStart(self, context: Context) -> float:
-        return min(self._CalcPast(self._begins, context, i) for i in self._members)
+        return min([self._CalcPast(self._begins, context, i) for i in self._members])
 
     def _SetRegion(self, context: Context, state: State) -> None:
         regions = state.get_mutable_discrete_state(self._region)

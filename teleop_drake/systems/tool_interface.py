@@ -155,14 +155,16 @@ class ToolInterface(LeafSystem):
                     self._world_frame,
                 )
             )
-        output.SetFromVector(
-            self._tool_kinematics(_Stack(p_WT), _Stack(Jv_v_WT), x, self._n)
-        )
+        if len(p_WT) == 1:  # For speed.
+            p, J = p_WT[0], Jv_v_WT[0]
+        else:
+            p, J = np.concatenate(p_WT), np.concatenate(Jv_v_WT)
+        output.SetFromVector(self._tool_kinematics(p, J, x, self._n))
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
         A_WT = self._accelerations.Eval(context)
         parts = [A_WT[i].translational()[: self._n] for i in self._tool_indices]
-        output.SetFromVector(_Stack(parts))
+        output.SetFromVector(parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _CalcJointTorques(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
@@ -173,8 +175,3 @@ class ToolInterface(LeafSystem):
                 self._n,
             )
         )
-
-
-def _Stack(parts: list[np.ndarray]) -> np.ndarray:
-    """Returns arrays one below the other; a single one as it is, for speed."""
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)

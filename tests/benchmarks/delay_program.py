@@ -2,6 +2,9 @@
 
     python -m benchmarks.delay_program '[kind, what, task, [delay, ...], duration]'
 
+A kind is `pool`, where `what` is the name of a contender, or `sweep`, where it is the
+settings of the solver and the size of the ensembles.
+
 Each imports only what it needs, because start-up counts.
 """
 
@@ -24,18 +27,32 @@ def AtDelay(settings: dict, delay: float) -> dict:
     return {key: value for key, value in settings.items() if key != "max_step_size"}
 
 
-def RunSweep(task: str, delays: list[float], duration: float, settings: dict):
-    """Runs the package's Sweep; returns the peak control force of each run in N."""
-    from teleop_drake.sweep import Sweep
+def Groups(settings: dict, delays: list[float]) -> list[tuple[dict, list[float]]]:
+    """Returns the delays in groups with the same settings, which AtDelay() makes."""
+    groups = itertools.groupby(delays, lambda x: len(AtDelay(settings, x)))
+    lists = [list(group) for _, group in groups]
+    return [(AtDelay(settings, values[0]), values) for values in lists]
 
+
+def PlanOf(task: str, delays: list[float], duration: float, settings: dict, size: int):
+    """Returns the plan of a sweep in ensembles of a size."""
+    from teleop_drake.sweep import PlanSweep
+
+    overrides = {"controller.kind": CONTROLLER, "duration": duration} | {
+        f"simulator.{key}": value for key, value in settings.items()
+    }
+    return PlanSweep(task, {"delay": delays}, overrides=overrides, ensemble=size)
+
+
+def RunSweeps(task: str, delays: list[float], duration: float, what: list):
+    """Runs the package's sweep; returns the peak control force of each run in N."""
+    from teleop_drake.sweep import RunSweep
+
+    settings, size = what
     peaks = []
-    for _, group in itertools.groupby(delays, lambda x: len(AtDelay(settings, x))):
-        values = list(group)
-        overrides = {"controller.kind": CONTROLLER, "duration": duration} | {
-            f"simulator.{key}": value
-            for key, value in AtDelay(settings, values[0]).items()
-        }
-        result = Sweep(task, {"delay": values}, overrides=overrides, jobs=JOBS)
+    for settings_here, values in Groups(settings, delays):
+        plan = PlanOf(task, values, duration, settings_here, size)
+        result = RunSweep(plan, jobs=JOBS)
         peaks += result.Values("control_force_peak.x").tolist()
     return peaks
 
@@ -83,7 +100,7 @@ def RunPool(name: str, task: str, delays: list[float], duration: float):
 def main() -> None:
     kind, what, task, delays, duration = json.loads(sys.argv[1])
     if kind == "sweep":
-        peaks = RunSweep(task, delays, duration, what)
+        peaks = RunSweeps(task, delays, duration, what)
     else:
         peaks = RunPool(what, task, delays, duration)
     print(json.dumps(peaks))

@@ -21,7 +21,7 @@ from benchmarks.peers import Peers
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
-from teleop_drake.simulation import simulate
+from teleop_drake.simulation import simulate, simulate_ensemble
 
 DELAYS = np.linspace(0.02, 0.4, 50)
 
@@ -31,6 +31,9 @@ SWEEP_SETTINGS: dict[str, dict[str, float]] = {
     "one_dof": {"accuracy": 1e-9, "max_step_size": 0.08},
     "two_dof_combined": {"accuracy": 1e-6, "max_step_size": 0.05},
 }
+
+# Members of an ensemble: 50 delays make six groups of about the same size.
+ENSEMBLE = 9
 
 
 def Delays(options: Options) -> list[float]:
@@ -43,8 +46,13 @@ def Measure(options: Options) -> Iterator[Table]:
         scenario = contenders.Load(task)
         duration = options.Duration(scenario)
         programs: dict[str, list] = {
-            "package Sweep, its own settings": ["sweep", {}],
-            "package Sweep, looser": ["sweep", SWEEP_SETTINGS[task]],
+            "package Sweep, its own settings": ["sweep", [{}, 1]],
+            "package Sweep, looser": ["sweep", [SWEEP_SETTINGS[task], 1]],
+            "package Sweep, ensembles": ["sweep", [{}, ENSEMBLE]],
+            "package Sweep, ensembles, looser": [
+                "sweep",
+                [SWEEP_SETTINGS[task], ENSEMBLE],
+            ],
             "straightforward": ["pool", "straightforward"],
             "scipy, method of steps": ["pool", "scipy, method of steps"],
         }
@@ -74,7 +82,13 @@ def Measure(options: Options) -> Iterator[Table]:
         )
         for name, measurement in measured.items():
             kind, what = programs[name]
-            error = functools.partial(_Error, kind, what, task, duration)
+            if kind == "sweep":
+                errors = _SweepErrors(task, delays, duration, *what)
+            else:
+                errors = {
+                    delay: _Error(what, task, duration, delay)
+                    for delay in delays[:: max(1, (len(delays) - 1) // 2)]
+                }
             table.Add(
                 contender=name,
                 CPU_s=measurement.cpu,
@@ -82,9 +96,9 @@ def Measure(options: Options) -> Iterator[Table]:
                 CPU_s_per_run=measurement.cpu / len(delays),
                 wall_s=measurement.wall,
                 largest_error=max(
-                    map(error, delays[:: max(1, (len(delays) - 1) // 2)])
+                    errors[delay] for delay in delays[:: max(1, (len(delays) - 1) // 2)]
                 ),
-                at_every_delay=max(map(error, delays)) if kind == "sweep" else None,
+                at_every_delay=max(errors.values()) if kind == "sweep" else None,
             )
         yield table
 
@@ -94,16 +108,35 @@ def _Oracle(task: str, delay: float, duration: float):
     return accuracy.Oracle(task, CONTROLLER, delay, duration)
 
 
-def _Error(kind: str, what, task: str, duration: float, delay: float) -> float:
-    """Returns the error of one run of a program, measured outside of its time."""
-    oracle = _Oracle(task, delay, duration)
-    if kind == "sweep":
-        settings = delay_program.AtDelay(what, delay)
-        scenario = contenders.Load(task, CONTROLLER, delay, duration, **settings)
-        solution = contenders.FromRecording(simulate(scenario))
-    else:
-        solution = contenders.Find(what)(task, CONTROLLER, delay, duration)
-    return accuracy.LargestError(oracle, solution)
+def _Error(name: str, task: str, duration: float, delay: float) -> float:
+    """Returns the error of one run of a contender, measured outside of its time."""
+    solution = contenders.Find(name)(task, CONTROLLER, delay, duration)
+    return accuracy.LargestError(_Oracle(task, delay, duration), solution)
+
+
+def _SweepErrors(
+    task: str, delays: list[float], duration: float, settings: dict, size: int
+) -> dict[float, float]:
+    """Returns the error of each run of a sweep, measured outside of its time."""
+    errors = {}
+    for settings_here, values in delay_program.Groups(settings, delays):
+        plan = delay_program.PlanOf(task, values, duration, settings_here, size)
+        for group in plan.groups:
+            scenarios = [
+                contenders.Load(
+                    task, CONTROLLER, values[run], duration, **settings_here
+                )
+                for run in group
+            ]
+            if len(group) == 1:
+                recordings = [simulate(scenarios[0])]
+            else:
+                recordings = simulate_ensemble(scenarios)
+            for run, recording in zip(group, recordings, strict=True):
+                oracle = _Oracle(task, values[run], duration)
+                solution = contenders.FromRecording(recording)
+                errors[values[run]] = accuracy.LargestError(oracle, solution)
+    return errors
 
 
 def _Spawn(program: list) -> list[float]:
