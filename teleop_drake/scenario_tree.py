@@ -247,25 +247,23 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
     # yaml_load_typed is strict too, but names neither the path nor the choices, and
     # takes a bare number neither for `ndarray | float` nor for a vector.
     normal = Normalize(tree, schema, "")
-    sections = {
-        key: copy.deepcopy(
-            _LoadSection(section, yaml.dump(normal[key], Dumper=_Dumper))
-        )
-        for key, section in _Schema(schema).items()
-        if dataclasses.is_dataclass(section) or section is SimulatorConfig
-        if key in normal
+    parts = {
+        key: copy.deepcopy(_LoadPart(part, yaml.dump(normal[key], Dumper=_Dumper)))
+        for key, part in _Schema(schema).items()
+        if isinstance(part, type)
+        and (dataclasses.is_dataclass(part) or part is SimulatorConfig)
+        and key in normal
     }
-    plain = {key: value for key, value in normal.items() if key not in sections}
-    result = yaml_load_typed(
+    plain = {key: value for key, value in normal.items() if key not in parts}
+    return yaml_load_typed(
         schema=schema,
         data=yaml.dump(plain, Dumper=_Dumper),
-        defaults=schema(**sections),
+        defaults=schema(**parts),
     )
-    return result
 
 
 @functools.lru_cache(maxsize=128)
-def _LoadSection(schema: type[_T], data: str) -> _T:
+def _LoadPart(schema: type, data: str) -> Any:
     """Returns an object of a part of a scenario; in a sweep most parts do not vary."""
     return yaml_load_typed(schema=schema, data=data)
 

@@ -157,14 +157,8 @@ class LayeredForceField(LeafSystem):
             regions = self._no_regions
         else:
             regions = context.get_discrete_state_vector().value()
-        output.SetFromVector(
-            self._forces(
-                self._table,
-                regions,
-                self._p.Eval(context),
-                self._v.Eval(context),
-            )
-        )
+        p, v = self._p.Eval(context), self._v.Eval(context)
+        output.SetFromVector(self._forces(self._table, regions, p, v))
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
         p = self._p.Eval(context)

@@ -37,14 +37,15 @@ class ToolInterface(LeafSystem):
 
     Output ports:
 
-    | name              | size       | unit     | direct feedthrough from            |
-    |-------------------|------------|----------|------------------------------------|
-    | tool_kinematics   | 2M n + n nv | m, m/s  | plant_state                        |
-    | tool_acceleration | M n        | m/s^2    | body_spatial_accelerations         |
-    | joint_torques     | 2 nv       | N m or N | plant_state, both forces           |
+    | name              | size        | unit     | direct feedthrough from          |
+    |-------------------|-------------|----------|----------------------------------|
+    | tool_kinematics   | 2M n + n nv | m, m/s   | plant_state                      |
+    | tool_acceleration | M n         | m/s^2    | body_spatial_accelerations       |
+    | joint_torques     | 2 nv        | N m or N | plant_state, both forces         |
 
-    M is 1, or the number of robots of one model, all members of an ensemble, which
-    the plant then has one after another. Vectors have their parts in this order.
+    M is 1, or the number of an ensemble's members: as many robots of one model, which
+    the plant has one after another. Every part of a vector has theirs in this order;
+    J has the columns of the robot's own velocities.
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
     each state yields. `joint_torques` is [tau; tau_e]: the first half goes to the
@@ -96,6 +97,11 @@ class ToolInterface(LeafSystem):
                 for i in range(plant.num_model_instances())
                 if plant.HasBodyNamed(tool_name, ModelInstanceIndex(i))
             ]
+        if len(tools) != num_members:
+            raise ValueError(
+                f"num_members: {num_members}, but the plant has {len(tools)} bodies "
+                f"{tool_name!r}"
+            )
         # What the calls to the plant for each tool take.
         self._tools = [(tool, tool.body_frame()) for tool in tools]
         self._tool_indices = [int(tool.index()) for tool in tools]
@@ -105,8 +111,9 @@ class ToolInterface(LeafSystem):
         self._origin = np.zeros(3)
         self._tool_kinematics = compiled(tool_kinematics)
         self._joint_torques = compiled(joint_torques)
-        n = self._n = num_task_axes
-        M = num_members
+        M, n = num_members, num_task_axes
+        self._n = n
+
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", BasicVector(plant.num_multibody_states())
         )

@@ -98,6 +98,23 @@ def test_layered_forces():
         assert_same(layered_forces, table, regions, p, v)
 
 
+def product(a, b):
+    return a @ b
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_products(transposed):
+    rng = np.random.default_rng(0)
+    for m, k, n in ((1, 1, 1), (2, 3, 4), (5, 2, 1)):
+        A, B = rng.normal(size=(m, k)), rng.normal(size=(k, n))
+        if transposed:
+            A, B = np.asfortranarray(A), np.asfortranarray(B)
+        assert_same(product, A, B)
+        assert_same(product, A, rng.normal(size=k))
+        assert_same(product, rng.normal(size=k), B)
+        assert_same(product, rng.normal(size=k), rng.normal(size=k))
+
+
 def test_gaussian_functions():
     rng = np.random.default_rng(0)
     network = GaussianNetwork(lower=[0, 0], upper=[1, 2], count=[3, 4], width=1.2)
