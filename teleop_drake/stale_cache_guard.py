@@ -86,14 +86,15 @@ def MakeSimulator(diagram: Diagram) -> tuple[Simulator, StaleCacheGuard]:
         to watch another one, or None.
     """
     if diagram.HasSubsystemNamed(_NAME):
-        _guarded[diagram] = diagram, diagram.GetSubsystemByName(_NAME)
-    if diagram not in _guarded:
-        # A system can be built into one Diagram only.
-        builder = DiagramBuilder()
-        guard = AddStaleCacheGuard(builder)
-        builder.AddSystem(diagram)
-        _guarded[diagram] = builder.Build(), guard
-    guarded, guard = _guarded[diagram]
+        guarded, guard = diagram, diagram.GetSubsystemByName(_NAME)
+    else:
+        if diagram not in _guarded:
+            # A system can be built into one Diagram only.
+            builder = DiagramBuilder()
+            guard = AddStaleCacheGuard(builder)
+            builder.AddSystem(diagram)
+            _guarded[diagram] = builder.Build(), guard
+        guarded, guard = _guarded[diagram]
     simulator = Simulator(guarded)
     guard.Watch(simulator.get_mutable_context())
     return simulator, guard

@@ -24,7 +24,8 @@ def compiled(law: Law) -> Law:
     Args:
         law: A function of numbers, arrays and tuples of these, in the part of Python
             that numba knows. The functions of this package that it calls are in its
-            own file: only changes to that file make numba compile it anew.
+            own file: only changes to that file make numba compile it anew (and not
+            changes to the products below).
     """
     if any(importlib.util.find_spec(name) is None for name in ("numba", "scipy")):
         return law  # numba's linear algebra is scipy's.
