@@ -324,7 +324,7 @@ def MakeRobot(
         plant.get_body_spatial_accelerations_output_port(),
         tool.GetInputPort("body_spatial_accelerations"),
     )
-    torques = builder.AddNamedSystem("torques", Demultiplexer([nv, nv]))
+    torques = builder.AddNamedSystem("joint_torques", Demultiplexer([nv, nv]))
     builder.Connect(tool.GetOutputPort("joint_torques"), torques.get_input_port())
     builder.Connect(torques.get_output_port(0), plant.get_actuation_input_port())
     builder.Connect(
