@@ -1,8 +1,12 @@
 """What watches a run: it records, and says where the simulator has to stop."""
 
+import contextlib
 import math
+import signal
+import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import NamedTuple
 
 import numpy as np
@@ -85,7 +89,15 @@ class Recorder:
 
 
 class RunMonitor:
-    """Watches a run: what happens at each step, and where the next ones should end."""
+    """Watches a run: what happens at each step, and where the next ones should end.
+
+    Attributes:
+        recorder: What it records with.
+        num_members: Of the ensemble; 1 for a run of its own.
+        failure: Why the run cannot go on; empty while it can.
+        is_interrupted: Whether it is to end because of Ctrl-C.
+        speed_limit: Of the tool, in m/s.
+    """
 
     def __init__(
         self,
@@ -101,6 +113,7 @@ class RunMonitor:
         self.recorder = Recorder(diagram, root_context)
         self.num_members = num_members
         self.failure = ""
+        self.is_interrupted = False
         self.speed_limit = speed_limit
         self._diagram = diagram
         self._context = root_context
@@ -133,7 +146,7 @@ class RunMonitor:
         ):
             self._last_report = clock.monotonic()
             self._progress(time)
-        if self._MustStop(now):
+        if self.is_interrupted or self._MustStop(now):
             return EventStatus.ReachedTermination(self._diagram, "stop")
         return EventStatus.DidNothing()
 
@@ -144,6 +157,33 @@ class RunMonitor:
             now: The sample taken at its end.
         """
         return False
+
+    @contextlib.contextmanager
+    def InterruptAtSteps(self) -> Iterator[None]:
+        """Lets Ctrl-C end the run with the step, instead of anywhere in Python.
+
+        Machine code that calls Python, as numba's does for each array that it returns,
+        does not expect an exception there, and KeyboardInterrupt would become another.
+        A second Ctrl-C is a KeyboardInterrupt at once, for systems that never return.
+        """
+        handler = signal.default_int_handler
+        if (
+            # Only there are signals handled, or their handlers set.
+            threading.current_thread() is not threading.main_thread()
+            or signal.getsignal(signal.SIGINT) is not handler
+        ):
+            yield
+            return
+
+        def Note(signal_number: int, frame: FrameType | None) -> None:
+            self.is_interrupted = True
+            signal.signal(signal.SIGINT, handler)
+
+        signal.signal(signal.SIGINT, Note)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, handler)
 
     def AtJump(self) -> bool:
         """Returns whether an event that makes signals jump is pending now."""

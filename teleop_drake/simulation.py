@@ -208,20 +208,27 @@ def _Simulate(
     simulator.set_monitor(monitor.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
-    simulator.Initialize()
-    try:
-        while not monitor.failure and root_context.get_time() < duration:
-            if monitor.AtJump():
-                # This calls the monitor as well, which records the other side.
-                simulator.AdvancePendingEvents()
-            simulator.AdvanceTo(monitor.NextStop())
-        if monitor.failure:
-            termination, reason = "diverged", monitor.failure
-    except KeyboardInterrupt:
+    with monitor.InterruptAtSteps():
+        simulator.Initialize()
+        try:
+            while not (
+                monitor.failure
+                or monitor.is_interrupted
+                or root_context.get_time() >= duration
+            ):
+                if monitor.AtJump():
+                    # This calls the monitor as well, which records the other side.
+                    simulator.AdvancePendingEvents()
+                simulator.AdvanceTo(monitor.NextStop())
+        except KeyboardInterrupt:
+            monitor.is_interrupted = True
+        except RuntimeError as error:
+            # The integrator gives up when its smallest step is still too inaccurate.
+            termination, reason = "diverged", str(error).splitlines()[0]
+    if monitor.failure:
+        termination, reason = "diverged", monitor.failure
+    elif monitor.is_interrupted:
         termination, reason = "interrupted", "interrupted by the user"
-    except RuntimeError as error:
-        # The integrator gives up when its smallest step is still too inaccurate.
-        termination, reason = "diverged", str(error).splitlines()[0]
     wall_time = clock.monotonic() - start
     # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
     simulator.clear_monitor()

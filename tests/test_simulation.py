@@ -4,6 +4,7 @@ import gc
 import math
 import signal
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 
 from teleop_drake import run_monitor
+from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -298,6 +300,71 @@ def test_interrupt_keeps_what_there_is():
     assert recording.termination == "interrupted"
     assert 0 < recording.time[-1] < recording.scenario.duration
     assert len(recording["tool_position"]) == len(recording.time)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
+    """Raised in the machine code of a law, it would become a SystemError."""
+    scenario = LoadScenario("one_dof")
+    network = GaussianNetwork.evaluate_members
+    calls = 0
+
+    def interrupt_once(self, u, u_dot):
+        nonlocal calls
+        calls += 1
+        if calls == 1000:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise SystemError("returned a result with an exception set") from None
+        return network(self, u, u_dot)
+
+    reference = Run("one_dof", ADAPTIVE)
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_once)
+    recording = simulate(scenario)
+    assert (recording.termination, recording.reason) == (
+        "interrupted",
+        "interrupted by the user",
+    )
+    assert 1000 < calls < 1010
+    num_samples = len(recording.time)
+    np.testing.assert_array_equal(recording.time, reference.time[:num_samples])
+    np.testing.assert_array_equal(
+        recording["control_force"], reference["control_force"][:num_samples]
+    )
+
+
+def test_second_interrupt_does_not_wait(monkeypatch):
+    def interrupt_twice(self, u, u_dot):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("the second one did not interrupt")
+
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_twice)
+    with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
+        simulate(LoadScenario("one_dof"))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
+def test_interrupts_that_are_handled_elsewhere(handler):
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    previous = signal.signal(signal.SIGINT, handler)
+    try:
+        recording = simulate(
+            scenario, progress=lambda time: signal.raise_signal(signal.SIGINT)
+        )
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert recording.termination == "completed"
+
+
+def test_simulation_in_a_thread():
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    with ThreadPoolExecutor() as threads:
+        recording = threads.submit(simulate, scenario).result()
+    assert recording.termination == "completed"
 
 
 def test_invalid_scenario_is_refused_before_anything_runs():
