@@ -102,10 +102,12 @@ def _dot(a: Any, b: Any) -> Any:
 
 
 def _matrix_times_vector(a: Any, b: Any) -> Any:
-    result = np.zeros(a.shape[0])
+    result = np.empty(a.shape[0])
     for i in range(a.shape[0]):
+        total = 0.0
         for j in range(a.shape[1]):
-            result[i] += a[i, j] * b[j]
+            total += a[i, j] * b[j]
+        result[i] = total
     return result
 
 

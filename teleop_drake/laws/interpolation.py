@@ -22,7 +22,7 @@ from teleop_drake.laws.compiled import compiled
 NUM_STENCIL_POINTS = 8
 
 Array = NDArray[np.float64]
-Table = Array | Sequence[Sequence[float]]
+Table = Array | Sequence[Sequence[Sequence[float]]]
 
 
 def stencil_window(times: Array, i: int) -> tuple[NDArray[np.int64], int]:
@@ -63,7 +63,7 @@ def stencil_window(times: Array, i: int) -> tuple[NDArray[np.int64], int]:
     return indices[first:end], reach - first
 
 
-def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array]:
+def newton_polynomial(times: Array, values: Array, i: int) -> Array:
     """Returns the ENO polynomials of k signals on [times[i], times[i + 1]].
 
     They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
@@ -74,17 +74,18 @@ def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array
         i: Index of the interval, of length > 0.
 
     Returns:
-        Nodes n and coefficients c, (m, k) each, m <= NUM_STENCIL_POINTS.
+        [n, c], (2, NUM_STENCIL_POINTS, k), the nodes n and the coefficients c; terms
+        that a polynomial does not have are zero.
     """
     window, i = stencil_window(times, i)
     times, values = times[window], values[window]
     N, k = values.shape
-    nodes = np.empty((min(N, NUM_STENCIL_POINTS), k))
-    coefficients = np.empty_like(nodes)
+    polynomials = np.zeros((2, NUM_STENCIL_POINTS, k))
+    nodes, coefficients = polynomials[0], polynomials[1]
     nodes[0], coefficients[0] = times[i], values[i]
     left = np.full(k, i)
     differences = values
-    for order in range(1, len(nodes)):
+    for order in range(1, min(N, NUM_STENCIL_POINTS)):
         gaps = times[order:] - times[:-order]
         differences = (differences[1:] - differences[:-1]) / gaps[:, np.newaxis]
         for j in range(k):
@@ -99,13 +100,13 @@ def newton_polynomial(times: Array, values: Array, i: int) -> tuple[Array, Array
             else:
                 nodes[order, j] = times[left[j] + order]
             coefficients[order, j] = differences[left[j], j]
-    return nodes, coefficients
+    return polynomials
 
 
 def newton_polynomials(
     times: Array, values: Array, intervals: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Returns newton_polynomial() of several intervals in one table.
+) -> Array:
+    """Returns newton_polynomial() of several intervals.
 
     An interval of length 0 has the value before the jump.
 
@@ -115,28 +116,25 @@ def newton_polynomials(
         intervals: (M,) indices of the intervals.
 
     Returns:
-        Nodes and coefficients, (NUM_STENCIL_POINTS, M, k) each; terms that a
-        polynomial does not have are zero.
+        Nodes and coefficients, (2, NUM_STENCIL_POINTS, M, k).
     """
-    nodes = np.zeros((NUM_STENCIL_POINTS, len(intervals), values.shape[1]))
-    coefficients = np.zeros_like(nodes)
+    polynomials = np.zeros((2, NUM_STENCIL_POINTS, len(intervals), values.shape[1]))
     for m, i in enumerate(intervals):
         if times[i] == times[i + 1]:
-            coefficients[0, m] = values[i]
+            polynomials[1, 0, m] = values[i]
         else:
-            n, c = newton_polynomial(times, values, i)
-            nodes[: len(n), m], coefficients[: len(c), m] = n, c
-    return nodes, coefficients
+            polynomials[:, :, m] = newton_polynomial(times, values, i)
+    return polynomials
 
 
-def evaluate_newton(nodes: Table, coefficients: Table, t: float) -> Array:
+def evaluate_newton(polynomials: Table, t: float) -> Array:
     """Returns the values (k) of polynomials at t.
 
     Args:
-        nodes: As newton_polynomial() returns them, an array or nested lists.
-        coefficients: Likewise.
+        polynomials: As newton_polynomial() returns them, an array or nested lists.
         t: A time.
     """
+    nodes, coefficients = polynomials[0], polynomials[1]
     result = np.empty(len(nodes[0]))
     for j in range(len(result)):
         value = coefficients[-1][j]
@@ -146,6 +144,23 @@ def evaluate_newton(nodes: Table, coefficients: Table, t: float) -> Array:
     return result
 
 
+def evaluate_newton_within(
+    polynomials: Array, spans: Array, t: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """Returns evaluate_newton(), and the indices of the spans that t is outside of.
+
+    Args:
+        polynomials: As newton_polynomial() returns them.
+        spans: (2, M) first and last times at which something is valid.
+        t: A time.
+    """
+    nodes, coefficients = polynomials[0], polynomials[1]
+    values = coefficients[-1]
+    for m in range(len(nodes) - 2, -1, -1):
+        values = coefficients[m] + (t - nodes[m]) * values
+    return values, np.flatnonzero(~((spans[0] <= t) & (t <= spans[1])))
+
+
 class IntervalPolynomial:
     """The ENO polynomial of a vector signal on [times[i], times[i + 1]].
 
@@ -153,16 +168,18 @@ class IntervalPolynomial:
         times: As for newton_polynomial().
         values: Likewise.
         i: Likewise.
+
+    Attributes:
+        table: What newton_polynomial() returns.
     """
 
     def __init__(self, times: Array, values: Array, i: int):
-        nodes, coefficients = compiled(newton_polynomial)(times, values, i)
+        self.table: Array = compiled(newton_polynomial)(times, values, i)
         self._evaluate = compiled(evaluate_newton)
-        self._nodes: Table = nodes
-        self._coefficients: Table = coefficients
+        self._polynomials: Table = self.table
         if self._evaluate is evaluate_newton:
             # Python itself is faster with lists.
-            self._nodes, self._coefficients = nodes.tolist(), coefficients.tolist()
+            self._polynomials = self.table.tolist()
 
     def Eval(self, t: float) -> Array:
         """Returns the signal (k) at a time.
@@ -170,7 +187,7 @@ class IntervalPolynomial:
         Args:
             t: The time.
         """
-        return self._evaluate(self._nodes, self._coefficients, t)
+        return self._evaluate(self._polynomials, t)
 
 
 def find_crossing(

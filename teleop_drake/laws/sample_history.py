@@ -98,7 +98,7 @@ class SampleHistory:
         polynomials = {}
         i = self._Interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
-            polynomials[i - first] = self._Polynomial(i)
+            polynomials[i - first] = self.Polynomial(i)
         values = np.empty((keep - first + 1, len(value)))
         values[:-1] = self.values[first:keep]
         values[-1] = value
@@ -130,16 +130,21 @@ class SampleHistory:
             i: Index of a sample that is older than the next.
             time: In s.
         """
-        polynomial = self.polynomials.get(i) or self._Polynomial(i)
+        polynomial = self.polynomials.get(i) or self.Polynomial(i)
         return polynomial.Eval(time)
 
-    def _Interval(self, time: float) -> int:
-        """Returns the index of the sample before a time, -1 if there is none."""
-        return bisect_left(self.times, time) - 1
+    def Polynomial(self, i: int) -> IntervalPolynomial:
+        """Returns the polynomial between the samples i and i + 1.
 
-    def _Polynomial(self, i: int) -> IntervalPolynomial:
+        Args:
+            i: Index of a sample that is older than the next.
+        """
         polynomial = self.polynomials.get(i)
         if polynomial is None:
             polynomial = IntervalPolynomial(np.array(self.times), self.values, i)
             self.polynomials[i] = polynomial
         return polynomial
+
+    def _Interval(self, time: float) -> int:
+        """Returns the index of the sample before a time, -1 if there is none."""
+        return bisect_left(self.times, time) - 1

@@ -93,7 +93,6 @@ class LayeredForceField(LeafSystem):
 
         M, self._n = num_members, num_axes
         self._no_regions = np.full(M, -1.0)
-        self._members = range(M)
         self._p = self.DeclareVectorInputPort("tool_position", M * num_axes)
         self._v = self.DeclareVectorInputPort("tool_velocity", M * num_axes)
         self._region = self.DeclareDiscreteState(M)
@@ -138,19 +137,24 @@ class LayeredForceField(LeafSystem):
     def _RegionAt(self, x: float) -> int:
         return layer_index(self._first_layers, layer_index(self._starts, x))
 
-    def _LayerIndex(self, context: Context, i: int, x: float) -> int:
-        """Returns the layer of the tool i at x."""
-        if context.get_accuracy() is None:
+    def _LayerIndex(self, region: int | None, x: float) -> int:
+        """Returns the layer at x, if the tool there is in this region or in any."""
+        if region is None:
             return layer_index(self._starts, x)
-        region = self._GetRegion(context, i)
         first, last = self._first_layers[region], self._last_layers[region]
         if first == last:
             return first
         return min(max(layer_index(self._starts, x), first), last)
 
-    def _GetRegion(self, context: Context, i: int) -> int:
-        """Returns the region that the tool i is in."""
-        return int(context.get_discrete_state_vector().GetAtIndex(i))
+    def _GetRegions(self, context: Context) -> list[int]:
+        """Returns the region that each tool is in."""
+        regions = context.get_discrete_state_vector().value().tolist()
+        return [int(region) for region in regions]
+
+    def _EvalX(self, context: Context) -> list[float]:
+        """Returns where each tool is along x, in m."""
+        x: list[float] = self._p.Eval(context)[:: self._n].tolist()
+        return x
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
         if context.get_accuracy() is None:
@@ -161,49 +165,50 @@ class LayeredForceField(LeafSystem):
         output.SetFromVector(self._forces(self._table, regions, p, v))
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
-        p = self._p.Eval(context)
-        for i in self._members:
-            output.SetAtIndex(i, self._LayerIndex(context, i, p.item(i * self._n)))
+        x = self._EvalX(context)
+        regions: list[int | None] = [None] * len(x)
+        if context.get_accuracy() is not None:
+            regions[:] = self._GetRegions(context)
+        output.SetFromVector(list(map(self._LayerIndex, regions, x)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the boundaries of the regions, if events are to be located."""
         if context.get_accuracy() is None:
             return []
-        regions = [self._GetRegion(context, i) for i in self._members]
+        regions = self._GetRegions(context)
         return self._enters_next * (min(regions) < self._last_region) + (
             self._enters_previous * (max(regions) > 0)
         )
 
-    def _CalcPast(self, borders: list[float], context: Context, i: int) -> float:
-        """Returns how far the tool i is past the border of its region, in m."""
-        x = self._p.Eval(context).item(i * self._n)
-        return x - borders[self._GetRegion(context, i)]
+    def _CalcPast(self, borders: list[float], context: Context) -> list[float]:
+        """Returns how far each tool is past the border of its region, in m."""
+        x, regions = self._EvalX(context), self._GetRegions(context)
+        return [p - borders[region] for p, region in zip(x, regions, strict=True)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        return max([self._CalcPast(self._ends, context, i) for i in self._members])
+        return max(self._CalcPast(self._ends, context))
 
     def _CalcPastStart(self, context: Context) -> float:
-        return min([self._CalcPast(self._begins, context, i) for i in self._members])
+        return min(self._CalcPast(self._begins, context))
 
     def _SetRegion(self, context: Context, state: State) -> None:
         regions = state.get_mutable_discrete_state(self._region)
-        for i, x in enumerate(self._p.Eval(context)[:: self._n].tolist()):
-            regions.SetAtIndex(i, self._RegionAt(x))
+        regions.SetFromVector([self._RegionAt(x) for x in self._EvalX(context)])
 
     def _EnterNextRegion(self, context: Context, event: Event, state: State) -> None:
-        for i in self._members:
-            if self._CalcPast(self._ends, context, i) >= 0:
+        for i, past in enumerate(self._CalcPast(self._ends, context)):
+            if past >= 0:
                 self._MoveBy(1, context, i, state)
 
     def _EnterPreviousRegion(
         self, context: Context, event: Event, state: State
     ) -> None:
-        for i in self._members:
-            if self._CalcPast(self._begins, context, i) <= 0:
+        for i, past in enumerate(self._CalcPast(self._begins, context)):
+            if past <= 0:
                 self._MoveBy(-1, context, i, state)
 
     def _MoveBy(self, change: int, context: Context, i: int, state: State) -> None:
-        region = self._GetRegion(context, i) + change
+        region = self._GetRegions(context)[i] + change
         state.get_mutable_discrete_state(self._region).SetAtIndex(i, region)
 
 

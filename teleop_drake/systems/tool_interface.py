@@ -148,20 +148,13 @@ class ToolInterface(LeafSystem):
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
+        eval_pose = plant.EvalBodyPoseInWorld
+        calc_jacobian = plant.CalcJacobianTranslationalVelocity
+        kV, p_TT, W = JacobianWrtVariable.kV, self._origin, self._world_frame
         p_WT, Jv_v_WT = [], []
-        for tool, frame in self._tools:
-            X_WT = plant.EvalBodyPoseInWorld(plant_context, tool)
-            p_WT.append(X_WT.translation())
-            Jv_v_WT.append(
-                plant.CalcJacobianTranslationalVelocity(
-                    plant_context,
-                    JacobianWrtVariable.kV,
-                    frame,
-                    self._origin,
-                    self._world_frame,
-                    self._world_frame,
-                )
-            )
+        for tool, T in self._tools:
+            p_WT.append(eval_pose(plant_context, tool).translation())
+            Jv_v_WT.append(calc_jacobian(plant_context, kV, T, p_TT, W, W))
         if len(p_WT) == 1:  # For speed.
             p, J = p_WT[0], Jv_v_WT[0]
         else:

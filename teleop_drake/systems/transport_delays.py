@@ -1,6 +1,7 @@
 """Exact transport delays of the members of an ensemble, side by side."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,8 @@ from pydrake.systems.framework import (
     State,
 )
 
+from teleop_drake.laws.compiled import compiled
+from teleop_drake.laws.interpolation import NUM_STENCIL_POINTS, evaluate_newton_within
 from teleop_drake.laws.sample_history import SampleHistory
 from teleop_drake.systems.delay_line import check_channel, deliver
 
@@ -70,13 +73,23 @@ class TransportDelays(LeafSystem):
         ]
         initial_values = np.array(initial_value, dtype=float)
         self._initial_values = [initial_values[places] for places in self._places]
-        # Where each element stands in those of one delay after another.
+        # The elements as sorted by their delays: where those of each delay are, and
+        # where each element is.
+        ends = np.cumsum([len(places) for places in self._places]).tolist()
+        self._columns = [slice(*x) for x in zip([0, *ends[:-1]], ends, strict=True)]
         self._order = np.argsort(np.concatenate(self._places))
+        self._evaluate = compiled(evaluate_newton_within)
         self._signal = self.DeclareVectorInputPort("signal", size)
         num_delays = len(self._delays)
         self.DeclareDiscreteState([*np.full(num_delays, -math.inf), *np.zeros(size)])
         lines = self.DeclareAbstractState(
-            AbstractValue.Make(_Lines((SampleHistory(),) * num_delays))
+            AbstractValue.Make(
+                _Lines(
+                    (SampleHistory(),) * num_delays,
+                    np.zeros((2, NUM_STENCIL_POINTS, size)),
+                    np.full((2, num_delays), math.nan),
+                )
+            )
         )
         self._lines = int(lines)  # pydrake takes an int faster.
         self.DeclareVectorOutputPort(
@@ -102,7 +115,7 @@ class TransportDelays(LeafSystem):
         jump_keys = self._GetJumps(context)[: len(self._delays)]
         next_jump = math.inf
         for delay, history, jump_key in zip(
-            self._delays, self._GetHistories(context), jump_keys, strict=True
+            self._delays, self._GetLines(context).histories, jump_keys, strict=True
         ):
             if not history.times:
                 next_jump = min(next_jump, context.get_time() + delay)
@@ -116,9 +129,9 @@ class TransportDelays(LeafSystem):
                     next_jump = min(next_jump, jump_key)
         return next_jump
 
-    def _GetHistories(self, context: Context) -> tuple[SampleHistory, ...]:
+    def _GetLines(self, context: Context) -> "_Lines":
         lines: _Lines = context.get_abstract_state(self._lines).get_value()
-        return lines.histories
+        return lines
 
     def _GetJumps(self, context: Context) -> np.ndarray:
         return context.get_discrete_state_vector().value()
@@ -127,12 +140,13 @@ class TransportDelays(LeafSystem):
         now = context.get_time()
         signal = self._signal.Eval(context)
         jumps = self._GetJumps(context)
-        keys, values = np.split(jumps, [len(self._delays)])
+        keys, values = jumps[: len(self._delays)], jumps[len(self._delays) :]
+        lines = self._GetLines(context)
         histories = []
         for delay, places, history, jump_key in zip(
             self._delays,
             self._places,
-            self._GetHistories(context),
+            lines.histories,
             keys.tolist(),
             strict=True,
         ):
@@ -146,48 +160,74 @@ class TransportDelays(LeafSystem):
                     spacing=delay / 1024,
                 )
             )
+        # Of what is known only the polynomials at this time do not change.
+        begins, ends = lines.spans
+        spans = np.where((begins < now) & (now < ends), lines.spans, math.nan)
         state.get_mutable_abstract_state(self._lines).set_value(
-            _Lines(tuple(histories))
+            _Lines(tuple(histories), lines.polynomials.copy(), spans)
         )
 
     def _RecordAfterEvents(
         self, context: Context, values: DiscreteValues
     ) -> EventStatus:
         signal = self._signal.Eval(context)
-        keys = []
-        for places, history in zip(
-            self._places, self._GetHistories(context), strict=True
-        ):
-            has_jumped = (signal[places] != history.values[-1]).any()
-            keys.append(history.times[-1] if has_jumped else -math.inf)
-        if (
-            max(keys) == -math.inf
-            and (self._GetJumps(context)[: len(keys)] == -math.inf).all()
-        ):
+        histories = self._GetLines(context).histories
+        last = np.concatenate([history.values[-1] for history in histories])
+        has_jumped = signal != last[self._order]
+        last_keys = self._GetJumps(context)[: len(histories)]
+        if not has_jumped.any() and (last_keys == -math.inf).all():
             # The surroundings need not be evaluated again.
             return EventStatus.DidNothing()
+        keys = [
+            history.times[-1] if has_jumped[places].any() else -math.inf
+            for places, history in zip(self._places, histories, strict=True)
+        ]
         values.set_value(0, [*keys, *signal])
         return EventStatus.Succeeded()
 
     def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
         now = context.get_time()
-        values = []
-        for delay, initial_value, history in zip(
-            self._delays,
-            self._initial_values,
-            self._GetHistories(context),
-            strict=True,
-        ):
-            value = deliver(history, now, delay, self)
-            values.append(initial_value if value is None else value)
-        output.SetFromVector(np.concatenate(values)[self._order])
+        lines = self._GetLines(context)
+        values, unknown = self._evaluate(lines.polynomials, lines.spans, now)
+        if len(unknown) > 0:
+            for i in unknown.tolist():
+                self._CalcSegment(lines, i, now)
+            values, _ = self._evaluate(lines.polynomials, lines.spans, now)
+        output.SetFromVector(values[self._order])
+
+    def _CalcSegment(self, lines: "_Lines", i: int, now: float) -> None:
+        """Works out what the elements with the i-th delay deliver about now."""
+        history, columns = lines.histories[i], self._columns[i]
+        times = history.times
+        j = bisect_left(times, now)
+        if 0 < j < len(times) and now < times[j]:
+            lines.polynomials[:, :, columns] = history.Polynomial(j - 1).table
+            lines.spans[0, i] = math.nextafter(times[j - 1], math.inf)
+            lines.spans[1, i] = math.nextafter(times[j], -math.inf)
+            return
+        # Before the first sample, or at a sample, where there may be a jump.
+        value = deliver(history, now, self._delays[i], self)
+        lines.polynomials[:, :, columns] = 0
+        lines.polynomials[1, 0, columns] = (
+            self._initial_values[i] if value is None else value
+        )
+        lines.spans[:, i] = now
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Lines:
-    """The histories, as immutable as they are."""
+    """The histories, as immutable as they are.
+
+    Attributes:
+        histories: One for each delay.
+        polynomials: Of the elements, sorted by their delays, as newton_polynomial()
+            returns them: what has been worked out so far.
+        spans: (2, M) first and last times at which those with each delay are valid.
+    """
 
     histories: tuple[SampleHistory, ...]
+    polynomials: np.ndarray
+    spans: np.ndarray
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Lines":
         return self

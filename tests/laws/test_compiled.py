@@ -23,6 +23,7 @@ from teleop_drake.laws.gaussian_network import (
 )
 from teleop_drake.laws.interpolation import (
     evaluate_newton,
+    evaluate_newton_within,
     newton_polynomial,
     newton_polynomials,
 )
@@ -131,8 +132,13 @@ def test_interpolation(num_samples):
     values = rng.normal(size=(num_samples, 3))
     for i in range(num_samples - 1):
         assert_same(newton_polynomial, times, values, i)
-        nodes, coefficients = newton_polynomial(times, values, i)
-        assert_same(evaluate_newton, nodes, coefficients, (times[i] + times[i + 1]) / 2)
+        polynomials = newton_polynomial(times, values, i)
+        time = (times[i] + times[i + 1]) / 2
+        assert_same(evaluate_newton, polynomials, time)
+        spans = time + np.array([[-1.0, 0.0, 0.1, np.nan], [1.0, 0.0, 0.2, np.nan]])
+        assert_same(evaluate_newton_within, polynomials, spans, time)
+        _, outside = evaluate_newton_within(polynomials, spans, time)
+        assert outside.tolist() == [2, 3]
     times[1] = times[0]  # A jump.
     assert_same(newton_polynomials, times, values, np.arange(num_samples - 1))
 

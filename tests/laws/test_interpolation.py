@@ -27,8 +27,8 @@ def test_polynomials_are_exact(steps, coefficients, fraction):
         t = times[i] + fraction * (times[i + 1] - times[i])
         polynomial = newton_polynomial(times, np.stack([values, -values], axis=1), i)
         expected = np.polyval(coefficients, t) * np.array([1, -1])
-        for form in (polynomial, [table.tolist() for table in polynomial]):
-            result = evaluate_newton(*form, t)
+        for form in (polynomial, polynomial.tolist()):
+            result = evaluate_newton(form, t)
             np.testing.assert_allclose(result, expected, rtol=0, atol=1e-9)
 
 
