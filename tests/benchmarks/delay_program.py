@@ -10,6 +10,7 @@ Each imports only what it needs, because start-up counts.
 
 import itertools
 import json
+import math
 import multiprocessing
 import sys
 
@@ -35,25 +36,28 @@ def Groups(settings: dict, delays: list[float]) -> list[tuple[dict, list[float]]
 
 
 def PlanOf(task: str, delays: list[float], duration: float, settings: dict, size: int):
-    """Returns the plan of a sweep in ensembles of a size."""
+    """Returns the plan of a sweep in ensembles of a size, or as many as processes."""
     from teleop_drake.sweep import PlanSweep
 
     overrides = {"controller.kind": CONTROLLER, "duration": duration} | {
         f"simulator.{key}": value for key, value in settings.items()
     }
+    size = min(size, math.ceil(len(delays) / JOBS))
     return PlanSweep(task, {"delay": delays}, overrides=overrides, ensemble=size)
 
 
 def RunSweeps(task: str, delays: list[float], duration: float, what: list):
     """Runs the package's sweep; returns the peak control force of each run in N."""
     from teleop_drake.sweep import RunSweep
+    from teleop_drake.worker_processes import WorkerProcesses
 
     settings, size = what
     peaks = []
-    for settings_here, values in Groups(settings, delays):
-        plan = PlanOf(task, values, duration, settings_here, size)
-        result = RunSweep(plan, jobs=JOBS)
-        peaks += result.Values("control_force_peak.x").tolist()
+    with WorkerProcesses(JOBS) as executor:
+        for settings_here, values in Groups(settings, delays):
+            plan = PlanOf(task, values, duration, settings_here, size)
+            result = RunSweep(plan, executor=executor)
+            peaks += result.Values("control_force_peak.x").tolist()
     return peaks
 
 
