@@ -77,7 +77,8 @@ def simulate(
 
     A run ends early, as a recording that says why, if the tool's speed exceeds
     divergence_speed_ratio times the commanded speed (divergence_speed, for a
-    TrackingScenario), if the solver cannot go on, or at Ctrl-C.
+    TrackingScenario), if the solver cannot go on, or with the step at Ctrl-C (at once
+    at a second one).
 
     Args:
         scenario: What to simulate.
