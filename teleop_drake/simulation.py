@@ -226,10 +226,10 @@ def _Simulate(
         except RuntimeError as error:
             # The integrator gives up when its smallest step is still too inaccurate.
             termination, reason = "diverged", str(error).splitlines()[0]
-    if monitor.failure:
-        termination, reason = "diverged", monitor.failure
-    elif monitor.is_interrupted:
+    if monitor.is_interrupted:  # However it ended: more runs may be to come.
         termination, reason = "interrupted", "interrupted by the user"
+    elif monitor.failure:
+        termination, reason = "diverged", monitor.failure
     wall_time = clock.monotonic() - start
     # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
     simulator.clear_monitor()

@@ -334,6 +334,25 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     )
 
 
+def test_interrupt_in_the_step_that_diverges(monkeypatch):
+    """Otherwise a comparison would go on with its next run."""
+    scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
+    assert simulate(scenario).termination == "diverged"
+    network = GaussianNetwork.evaluate_members
+    limit = 1.1 * abs(scenario.surgeon.velocity[0])
+    is_interrupted = False
+
+    def interrupt_at_limit(self, u, u_dot):
+        nonlocal is_interrupted
+        if abs(u_dot[0]) > limit and not is_interrupted:
+            is_interrupted = True
+            signal.raise_signal(signal.SIGINT)
+        return network(self, u, u_dot)
+
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_at_limit)
+    assert simulate(scenario).termination == "interrupted"
+
+
 def test_second_interrupt_does_not_wait(monkeypatch):
     def interrupt_twice(self, u, u_dot):
         signal.raise_signal(signal.SIGINT)
