@@ -17,10 +17,10 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.architectures import Architecture
-from teleop_drake.metrics import RunMetrics
-from teleop_drake.rendering import WriteDiagram
+from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.recording import Recording
-from teleop_drake.rendering import WriteDiagram
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator

@@ -11,11 +11,11 @@ from pathlib import Path
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from teleop_drake.rendering import WriteDiagram
+from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
-from teleop_drake.systems.layered_force_field import LayeredForceField
 from teleop_drake.teleoperator import MakeChannel
 
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from teleop_drake.architectures import Architecture, MakeArchitecture
-from teleop_drake.laws.packet_network import PacketNetwork
+from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.variable_delay import VariableDelay
+from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
 from teleop_drake.stations import MakeMasterStation
-from teleop_drake.systems.layered_force_field import LayeredForceField
-from teleop_drake.systems.network_delay import NetworkDelay
-from teleop_drake.systems.sampled_delay import SampledDelay
-from teleop_drake.systems.transport_delay import TransportDelay
-from teleop_drake.systems.variable_delay import VariableDelay
 
 # A scenario's longest step does not exceed the delay.
 _AS_THE_SOLVER_STEPS = math.inf

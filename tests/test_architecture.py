@@ -9,32 +9,24 @@ import teleop_drake
 
 PACKAGE = Path(teleop_drake.__file__).parent
 
-# A file imports only from what stands before it.
+# A file imports only from what stands before it, or from its own folder.
 ORDER = [
     "files",
+    "numerics",
+    "channels",
     "laws",
+    "environments",
     "systems",
     "robots",
-    "architecture_config",
-    "scenario_tree",
-    "scenario_config",
     "scenario",
     "stations",
     "architectures",
     "teleoperator",
-    "stale_cache_guard",
-    "ensemble",
-    "network_tracking",
     "recording",
-    "run_monitor",
+    "tasks",
     "simulation",
-    "metrics",
-    "worker_processes",
     "sweep",
-    "plot_style",
-    "plotting",
-    "sweep_plotting",
-    "rendering",
+    "figures",
     "analysis",
     "thesis",
     "cli",

@@ -8,8 +8,9 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.laws.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.metrics import RunSummary
+from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.channels.variable_delay import VariableDelay
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     ChannelProfile,
@@ -20,8 +21,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import MetricUnits
-from teleop_drake.systems.network_delay import NetworkDelay
-from teleop_drake.systems.variable_delay import VariableDelay
+from teleop_drake.tasks.metrics import RunSummary
 from teleop_drake.teleoperator import MakeChannel
 
 WAYS = ("forward", "return")

@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from teleop_drake.metrics import RunMetrics
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
 
 DIRECTORY = Path(__file__).parent.parent / "diagrams"
 SCRIPTS = sorted(DIRECTORY.glob("*.py"))

@@ -5,8 +5,8 @@ import pytest
 from independent_solver import solve, thesis_task
 from runs import TASKS, Run
 
-from teleop_drake.metrics import RunSummary
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
+from teleop_drake.tasks.metrics import RunSummary
 
 DIRECT, ADAPTIVE = CONTROLLERS
 

@@ -22,9 +22,9 @@ from matplotlib.image import imread
 from runs import Run
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.metrics import RunMetrics
-from teleop_drake.plotting import PlotComparison, SaveFigure
+from teleop_drake.figures.runs import PlotComparison, SaveFigure
 from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, LoadScenario
+from teleop_drake.tasks.metrics import RunMetrics
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -65,10 +65,10 @@ def test_examples_run(code):
 
 def test_command_lines_are_understood(tmp_path, monkeypatch):
     """Each line parses; what it would simulate is not simulated here."""
-    from teleop_drake import cli
+    from teleop_drake.cli.main import _MakeParser
 
     monkeypatch.chdir(tmp_path)
-    parser = cli._MakeParser()
+    parser = _MakeParser()
     (block,) = [b for b in Blocks("") if b.startswith("teleop-drake list")]
     lines = [re.split(r"\s{3,}", line)[0] for line in block.splitlines()]
     assert len(lines) >= 5

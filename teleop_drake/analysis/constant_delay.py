@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.laws.packet_network import PacketNetwork, packet_statistics
+from teleop_drake.channels.packet_network import PacketNetwork, packet_statistics
 from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario, ScenarioError
 
 # Instants at which a delay that varies is looked at.

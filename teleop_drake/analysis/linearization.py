@@ -47,18 +47,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
+from teleop_drake.architectures.passivity_master import PassivityMaster
+from teleop_drake.architectures.passivity_slave import PassivitySlave
+from teleop_drake.architectures.wave_slave import WaveSlave
+from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.laws.layered_force import layer_index
-from teleop_drake.laws.sample_history import SampleHistory
-from teleop_drake.laws.state_space import StateSpace
+from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.recording import Recording
 from teleop_drake.robots import CheckRobot, InverseKinematics, TaskInertiaInverse
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.systems.passivity_master import PassivityMaster
-from teleop_drake.systems.passivity_slave import PassivitySlave
 from teleop_drake.systems.surgeon import Surgeon
-from teleop_drake.systems.transport_delay import TransportDelay
-from teleop_drake.systems.wave_slave import WaveSlave
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]

@@ -41,8 +41,8 @@ from teleop_drake.analysis.linearization import (
     OperatingPointAt,
     OperatingPoints,
 )
-from teleop_drake.laws.characteristic_roots import characteristic_roots
-from teleop_drake.laws.delay_margin import (
+from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.delay_margin import (
     Crossing,
     delay_margin,
     find_crossings,
@@ -51,7 +51,7 @@ from teleop_drake.laws.delay_margin import (
     stable_delays,
     unstable_roots,
 )
-from teleop_drake.laws.state_space import StateSpace, minimal_realization
+from teleop_drake.numerics.state_space import StateSpace, minimal_realization
 from teleop_drake.scenario import AnyScenario, LoadScenario, Scenario, ScenarioError
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from teleop_drake.laws.backstepping import (
     pack_members,
     state_size,
 )
-from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.numerics.compiled import compiled
 
 
 class AdaptiveBackstepping(Diagram):

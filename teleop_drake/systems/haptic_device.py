@@ -4,7 +4,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
-from teleop_drake.laws.transfer_function import realize_transfer_function
+from teleop_drake.numerics.transfer_function import realize_transfer_function
 
 
 class HapticDevice(Diagram):

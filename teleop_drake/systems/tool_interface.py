@@ -11,8 +11,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.laws.compiled import compiled
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+from teleop_drake.numerics.compiled import compiled
 
 
 class ToolInterface(LeafSystem):

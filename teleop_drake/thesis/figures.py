@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.laws.gaussian_network import EquidistantLattice
-from teleop_drake.laws.layered_force import layer_force, layer_index
-from teleop_drake.plot_style import (
+from teleop_drake.figures.block_diagram import WriteDiagram
+from teleop_drake.figures.runs import PlotRows, SaveFigure, SignalRow
+from teleop_drake.figures.style import (
     BORDER_STYLE,
     COLORS,
     FONT_SIZE,
@@ -30,9 +30,9 @@ from teleop_drake.plot_style import (
     FormatAxes,
     Widen,
 )
-from teleop_drake.plotting import PlotRows, SaveFigure, SignalRow
+from teleop_drake.laws.gaussian_network import EquidistantLattice
+from teleop_drake.laws.layered_force import layer_force, layer_index
 from teleop_drake.recording import Recording
-from teleop_drake.rendering import WriteDiagram
 from teleop_drake.scenario import EnvironmentConfig, LoadScenario
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.thesis.runs import ThesisRuns

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.metrics import RunMetrics
 from teleop_drake.recording import Recording
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.runs import ThesisRuns
 
 REPRODUCED = "reproduced"

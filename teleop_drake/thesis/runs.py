@@ -9,7 +9,7 @@ from typing import Any, Self
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
-from teleop_drake.worker_processes import WorkerProcesses
+from teleop_drake.sweep.workers import WorkerProcesses
 
 _Overrides = Mapping[str, Any]
 

@@ -14,6 +14,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from teleop_drake.figures.style import (
+    COLORS,
+    FONT_SIZE,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    FormatAxes,
+)
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
@@ -22,17 +29,10 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.layered_force import layer_force, layer_index
-from teleop_drake.laws.transfer_function import realize_transfer_function
-from teleop_drake.metrics import RunMetrics
-from teleop_drake.plot_style import (
-    COLORS,
-    FONT_SIZE,
-    SMALL_FONT_SIZE,
-    WIDTH,
-    FormatAxes,
-)
+from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import GainMatrix, LoadScenario, Scenario
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.ledger import SHORT, BasisFunctions
 from teleop_drake.thesis.runs import ThesisRuns
 

@@ -13,8 +13,8 @@ from teleop_drake.analysis.stability import (
     ChartStability,
     CutLoop,
 )
-from teleop_drake.laws.characteristic_roots import characteristic_roots
-from teleop_drake.laws.delay_margin import is_delay_robust
+from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 

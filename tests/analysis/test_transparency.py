@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from phasors import FeltImpedance
 
-from teleop_drake.analysis.figures import PlotTransparency
 from teleop_drake.analysis.linearization import LinearizeTwoPort, OperatingPoints
 from teleop_drake.analysis.transparency import (
     AdmittanceMatrix,
@@ -16,6 +15,7 @@ from teleop_drake.analysis.transparency import (
     TransmittedImpedance,
 )
 from teleop_drake.architectures import MakeArchitecture
+from teleop_drake.figures.analysis import PlotTransparency
 from teleop_drake.laws.two_port import delay_two_port, scattering_norm, terminated_port
 from teleop_drake.scenario import LoadScenario
 

@@ -20,7 +20,7 @@ from independent_solver import Result, _accept, _kind, _monitors
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from teleop_drake.laws.packet_network import PacketNetwork
+from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
 
 _TINY = 1e-12

@@ -49,7 +49,7 @@ def PlanOf(task: str, delays: list[float], duration: float, settings: dict, size
 def RunSweeps(task: str, delays: list[float], duration: float, what: list):
     """Runs the package's sweep; returns the peak control force of each run in N."""
     from teleop_drake.sweep import RunSweep
-    from teleop_drake.worker_processes import WorkerProcesses
+    from teleop_drake.sweep.workers import WorkerProcesses
 
     settings, size = what
     peaks = []

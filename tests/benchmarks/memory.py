@@ -8,7 +8,7 @@ from benchmarks.tables import Table
 
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.worker_processes import WorkerProcesses
+from teleop_drake.sweep.workers import WorkerProcesses
 
 OVERRIDES = {"duration": 0.2, "simulator.max_step_size": 0.05}
 

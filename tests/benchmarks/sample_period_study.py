@@ -10,9 +10,9 @@ in the first case and 100 ms in the second.
 
 import argparse
 
-from teleop_drake.metrics import RunMetrics
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
 
 DELAY = 0.1
 PERIODS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from teleop_drake.metrics import RunMetrics
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis import ledger
 from teleop_drake.thesis.ledger import VERDICTS, Ledger, Row, ShortLedger
 

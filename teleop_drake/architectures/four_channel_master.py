@@ -1,0 +1,169 @@
+"""The master of Lawrence's four-channel architecture."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    LeafSystem,
+)
+
+from teleop_drake.architectures.proportional_master import check_gain
+
+
+class FourChannelMaster(LeafSystem):
+    """A handle with mass that sends and gets motion and force.
+
+        Z_m V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
+        Z_m = M s + B,   C_m = B_c + K_c / s,   C4 = -c4 (Z_m + C_m)
+
+    F_e and V_s are the slave's, as they arrive. The acceleration in C4 is that which
+    the slave sends, or none. Positions count from `start`. With c4 = 1 and C2 = 1 + C6,
+    the slave's likewise, and no delay the operator feels the environment itself,
+    Z_to = Z_e; see FourChannelSlave.
+
+    Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
+    IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
+    S. E. Salcudean, "Transparency in time-delayed systems and the effect of local force
+    feedback for transparent teleoperation", ibid. 18 (2002).
+
+    | port | name             | size  | unit               | is                       |
+    |------|------------------|-------|--------------------|--------------------------|
+    | in   | haptic_force     | n     | N                  | F_h                      |
+    | in   | velocity_command | n     | m/s                | ignored                  |
+    | in   | return_packet    | 3n, 4n | [m; m/s; N; m/s^2] | [p_WT; v; F_e; a] of the |
+    |      |                  |       |                    | slave                    |
+    | out  | felt_position    | n     | m                  | p_WT as received         |
+    | out  | felt_velocity    | n     | m/s                | v_m                      |
+    | out  | forward_packet   | 3n, 4n | [m; m/s; N; m/s^2] | [x_m; v_m; F_h; a_m]     |
+
+    The accelerations are there if there is an `acceleration_bandwidth` w:
+    a_m = w (v_m - v_f), dv_f/dt = a_m.
+
+    State (continuous): [x_m (n), v_m (n), and v_f (n) if there are accelerations].
+
+    Initial value: x_m = start, all else 0.
+
+    Direct feedthrough: haptic_force to forward_packet, return_packet to felt_position.
+
+    Nothing in it accounts for the delay, under which its ideal gains are not passive.
+
+    Args:
+        mass: M in kg (n, n), symmetric positive definite.
+        damping: B in N s/m (n, n), symmetric, not negative.
+        local_damping: B_c in N s/m (n, n), symmetric, not negative.
+        local_stiffness: K_c in N/m (n, n), symmetric, not negative.
+        C2: Share of the slave's force.
+        C4: c4, share of the slave's motion.
+        C6: Local share of the own force.
+        start: x_m at time 0 in m (n).
+        acceleration_bandwidth: w in rad/s; None: no accelerations.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        mass: ArrayLike,
+        damping: ArrayLike,
+        local_damping: ArrayLike,
+        local_stiffness: ArrayLike,
+        C2: float,
+        C4: float,
+        C6: float,
+        start: ArrayLike,
+        acceleration_bandwidth: float | None = None,
+    ):
+        LeafSystem.__init__(self)
+        self.set_name("four_channel_master")
+        self._start = np.array(start, dtype=float)
+        if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
+            raise ValueError(f"start: {start!r}; allowed: finite numbers (m)")
+        n = self._n = self._start.size
+        self._M = check_gain("mass", mass, n, is_definite=True)
+        self._K = check_gain("local_stiffness", local_stiffness, n)
+        # The device's own and the controller's act on the same velocity.
+        self._B = check_gain("damping", damping, n) + check_gain(
+            "local_damping", local_damping, n
+        )
+        self._C2, self._C4, self._C6 = C2, C4, C6
+        check_four_channel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
+        self._bandwidth = acceleration_bandwidth
+        width = 4 * n if acceleration_bandwidth else 3 * n
+        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("velocity_command", n)
+        self._packet = self.DeclareVectorInputPort("return_packet", width)
+        num_zeros = width - 2 * n
+        initial = np.concatenate([self._start, np.zeros(num_zeros)])
+        self.DeclareContinuousState(BasicVector(initial))
+        self.DeclareVectorOutputPort(
+            "felt_position",
+            n,
+            self._CopyPosition,
+            prerequisites_of_calc={self._packet.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "felt_velocity",
+            n,
+            self._CopyVelocity,
+            prerequisites_of_calc={self.xc_ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "forward_packet",
+            width,
+            self._CalcForwardPacket,
+            prerequisites_of_calc={self.xc_ticket(), self._F_h.ticket()},
+        )
+
+    def _State(self, context: Context) -> list[np.ndarray]:
+        """Returns [x_m, v_m] or [x_m, v_m, a_m]."""
+        x = context.get_continuous_state_vector().CopyToVector()
+        parts = list(x.reshape(-1, self._n))
+        if self._bandwidth:
+            parts[2] = self._bandwidth * (parts[1] - parts[2])
+        return parts
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Calculates d/dt [x_m, v_m, v_f]."""
+        x, v, *a = self._State(context)
+        x_s, v_s, F_e, *a_s = self._packet.Eval(context).reshape(-1, self._n)
+        F = (1 + self._C6) * self._F_h.Eval(context) - self._C2 * F_e
+        F += self._K @ (self._C4 * (x_s - self._start) - (x - self._start))
+        F += self._B @ (self._C4 * v_s - v)
+        if self._bandwidth:
+            F += self._C4 * self._M @ a_s[0]
+        derivatives.get_mutable_vector().SetFromVector(
+            np.concatenate([v, np.linalg.solve(self._M, F), *a])
+        )
+
+    def _CopyPosition(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._packet.Eval(context)[: self._n])
+
+    def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._State(context)[1])
+
+    def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
+        x, v, *a = self._State(context)
+        output.SetFromVector(np.concatenate([x, v, self._F_h.Eval(context), *a]))
+
+
+def check_four_channel(acceleration_bandwidth: float | None, **factors: float) -> None:
+    """Raises ValueError on parameters that neither end can have.
+
+    Args:
+        acceleration_bandwidth: None, or rad/s, > 0.
+        **factors: Finite numbers.
+    """
+    for name, value in factors.items():
+        if not np.isfinite(value):
+            raise ValueError(f"{name}: {value}; allowed: a finite number")
+    if acceleration_bandwidth is not None and not 0 < acceleration_bandwidth < np.inf:
+        raise ValueError(
+            f"acceleration_bandwidth: {acceleration_bandwidth}; allowed: None or a "
+            "finite number > 0 (rad/s)"
+        )

@@ -1,0 +1,215 @@
+"""Delay of a vector signal in packets, each with a fate of its own."""
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from teleop_drake.channels.delay_line import check_channel
+from teleop_drake.channels.packet_network import (
+    PacketNetwork,
+    PacketStatistics,
+    Receiver,
+    check_receiver,
+    packet_statistics,
+)
+
+
+@dataclass(frozen=True)
+class _Packet:
+    """What arrives, and the slope (per s) with which the signal goes on from it."""
+
+    stamp: float
+    value: tuple[float, ...]
+    slope: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class _Packets:
+    """The packet that is shown and those under way, in the order of both their time
+    stamps and the times at which they will be shown.
+
+    One that a newer packet overtakes will never be shown and is left out. `next` is the
+    number of the next one to be sent. Immutable, so that a copy of the state is the
+    object itself.
+    """
+
+    next: int
+    times: tuple[float, ...]
+    packets: tuple[_Packet, ...]
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_Packets":
+        return self
+
+    def Send(
+        self, k: int, packet: _Packet, time: float, *, is_line: bool
+    ) -> "_Packets":
+        """Adds packet k which will be shown at a time, or never."""
+        if time == math.inf:
+            return replace(self, next=k + 1)
+        keep = max(bisect_left(self.times, time), 1)
+        previous = self.packets[keep - 1]
+        if is_line and previous.stamp > -math.inf:
+            gap = packet.stamp - previous.stamp
+            packet = _Packet(
+                packet.stamp,
+                packet.value,
+                tuple(
+                    (b - a) / gap
+                    for a, b in zip(previous.value, packet.value, strict=True)
+                ),
+            )
+        return _Packets(
+            k + 1, (*self.times[:keep], time), (*self.packets[:keep], packet)
+        )
+
+    def Deliver(self, time: float) -> "_Packets":
+        """Drops what is older than what is shown once all is done at a time."""
+        first = bisect_right(self.times, time) - 1
+        return _Packets(self.next, self.times[first:], self.packets[first:])
+
+
+class NetworkDelay(LeafSystem):
+    """Delays a vector signal in packets which a network delays, loses and reorders.
+
+    Packet k carries signal(k h), h = sample period of the network, and arrives at
+    network.Arrival(k), if ever. With the newest packet k that has arrived before t
+
+        delayed_signal(t) = signal(k h)                          newest, playout
+                          = signal(k h) + slope (t - arrival)    extrapolate
+
+    See Receiver for the policies. With a constant delay and no loss, `newest` is
+    SampledDelay.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State: the packet shown and those under way (one abstract value). The random
+    numbers are no state: they are functions of the packet's number.
+
+    Jumps: packets are sent in a periodic unrestricted update. They arrive at times of
+    their own, which no event of Drake marks: a step should end at NextJumpTime(), as
+    simulate() makes it, or the integrator has to find the jump by refusing steps. At
+    the very instant the output keeps the value before the jump until the unrestricted
+    update at the end of that step, so blocks that record jumps see both sides.
+
+    Initial value: `initial_value` is delivered until the first packet is shown.
+
+    Direct feedthrough: none, not even without delay: then the signal is sampled.
+
+    It neither limits the rate nor queues packets, and extrapolates however long the
+    next one takes.
+
+    Args:
+        network: What happens to the packets.
+        receiver: What the receiver does with them; holds the newest one if None.
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        network: PacketNetwork,
+        receiver: Receiver | None = None,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+    ):
+        LeafSystem.__init__(self)
+        check_channel(
+            delay=network.profile.delay, size=size, initial_value=initial_value
+        )
+        self._network = network
+        self._receiver = receiver or Receiver()
+        check_receiver(self._receiver)
+        initial = (
+            [0.0] * size if initial_value is None else [float(x) for x in initial_value]
+        )
+        self._signal = self.DeclareVectorInputPort("signal", size)
+        self._packets = self.DeclareAbstractState(
+            AbstractValue.Make(
+                _Packets(0, (-math.inf,), (_Packet(-math.inf, tuple(initial)),))
+            )
+        )
+        self.DeclareVectorOutputPort(
+            "delayed_signal",
+            size,
+            self._CalcDelayedSignal,
+            prerequisites_of_calc={
+                self.time_ticket(),
+                self.abstract_state_ticket(self._packets),
+            },
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            network.sample_period, 0.0, self._Send
+        )
+        self.DeclarePerStepUnrestrictedUpdateEvent(self._Deliver)
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the next packet will be shown (s), infinity if none is known.
+
+        A step that ends at this very time is not disturbed by the jump.
+
+        Args:
+            context: The Context of this block.
+        """
+        packets = context.get_abstract_state(self._packets).get_value()
+        jump = packets.times[1] if len(packets.times) > 1 else math.inf
+        # One that is sent during the next step may arrive within it.
+        if packets.next * self._network.sample_period > self._network.profile.duration:
+            return jump
+        return min(jump, self._network.Shown(packets.next, self._receiver))
+
+    def Statistics(self, context: Context) -> PacketStatistics:
+        """Returns what has become of the packets sent before now.
+
+        Args:
+            context: The Context of this block.
+        """
+        return packet_statistics(self._network, self._receiver, context.get_time())
+
+    def _Send(self, context: Context, state: State) -> None:
+        # Both updates may happen at once; the second one goes on from the first.
+        packets = state.get_abstract_state(self._packets).get_value()
+        time = context.get_time()
+        k = round(time / self._network.sample_period)
+        shown = self._network.Shown(k, self._receiver)
+        packet = _Packet(time, tuple(self._signal.Eval(context).tolist()))
+        is_line = self._receiver.policy == "extrapolate"
+        state.get_mutable_abstract_state(self._packets).set_value(
+            packets.Send(k, packet, shown, is_line=is_line).Deliver(time)
+        )
+
+    def _Deliver(self, context: Context, state: State) -> None:
+        packets = state.get_abstract_state(self._packets).get_value()
+        time = context.get_time()
+        if len(packets.times) > 1 and packets.times[1] <= time:
+            state.get_mutable_abstract_state(self._packets).set_value(
+                packets.Deliver(time)
+            )
+
+    def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
+        packets = context.get_abstract_state(self._packets).get_value()
+        time = context.get_time()
+        # What arrives now is shown once the step has ended here.
+        i = max(bisect_left(packets.times, time) - 1, 0)
+        packet = packets.packets[i]
+        if packet.slope is None:
+            output.SetFromVector(packet.value)
+        else:
+            elapsed = time - packets.times[i]
+            output.SetFromVector(
+                [
+                    x + slope * elapsed
+                    for x, slope in zip(packet.value, packet.slope, strict=True)
+                ]
+            )

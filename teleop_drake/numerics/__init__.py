@@ -1,0 +1,1 @@
+"""Numerical methods: interpolation, sample history, roots, margins, state space."""

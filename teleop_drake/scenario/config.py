@@ -1,0 +1,647 @@
+"""The parts of a scenario: robot, surgeon, channels, tissue, controller and solver.
+
+Each is a dataclass, with its unit and where its default is from beside every field,
+and has a function that checks it: the Check functions raise a ScenarioError that names
+the first bad field, its value and what is allowed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
+
+from teleop_drake.channels.packet_network import (
+    DelayProfile,
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+    Sinusoid,
+    check_receiver,
+)
+from teleop_drake.numerics.transfer_function import realize_transfer_function
+from teleop_drake.robots import CheckRobot, RobotModels
+from teleop_drake.scenario.architecture_config import (
+    FourChannelConfig,
+    ProportionalDampingConfig,
+    SmithPredictorConfig,
+    TimeDomainPassivityConfig,
+    WaveVariablesConfig,
+    check_controller,
+)
+from teleop_drake.scenario.tree import (
+    REQUIRED,
+    CheckChoice,
+    CheckNumber,
+    CheckVector,
+    ElementName,
+    Refuse,
+    ScenarioError,
+    Show,
+    ToTree,
+)
+
+CONTROLLERS = ("direct_force", "adaptive_backstepping")
+"""The thesis's two controllers, the baseline first."""
+
+ARCHITECTURES = (
+    *CONTROLLERS,
+    "wave_variables",
+    "time_domain_passivity",
+    "proportional_damping",
+    "four_channel",
+    "smith_predictor",
+)
+"""Every kind of control architecture, the thesis's two first."""
+
+TRACKING_CONTROLLERS = ("network_tracking",)
+"""Every kind of controller of a TrackingScenario."""
+
+DISTURBANCES = ("linear", "coupled")
+"""Every kind of disturbance of a TrackingScenario."""
+
+CHANNELS = ("transport", "variable", "sampled", "network")
+"""Every kind of channel."""
+
+MAX_BASIS_FUNCTIONS = 10_000
+"""Largest lattice that a network may have, so that a typing error cannot exhaust the
+memory."""
+
+SHORTEST_TIME = 1e-6
+"""Shortest non-zero delay, sample period and maximum step in s. The simulation steps
+at least as often as these, and would never end."""
+
+MAX_PACKETS = 100_000
+"""Most packets that may be under way in a sampled or network channel."""
+
+MAX_FREQUENCY = 1000.0
+"""Highest frequency of a trajectory in rad/s."""
+
+INTEGRATION_SCHEMES = tuple(
+    # cenic steps a MultibodyPlant, which would have to be named `plant` and stand at
+    # the top of the diagram.
+    scheme
+    for scheme in GetIntegrationSchemes()
+    if scheme != "cenic"
+)
+"""Drake's integration schemes that can simulate a teleoperator."""
+
+
+@dataclass(kw_only=True, eq=False)
+class RobotConfig:
+    """The slave robot (thesis section 2.3)."""
+
+    # slider (thesis eq. 2.12) or two_link_arm (eq. 2.13 and Appendix A).
+    model: str = REQUIRED
+    # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
+    # surface. The robot starts at rest.
+    start: np.ndarray = REQUIRED
+    # up (y > 0) or down (y < 0) at the start pose; two_link_arm only, else null.
+    elbow: str | None = None
+    # Mass, kg, > 0; slider only, else null. Null also keeps the model's own.
+    mass: float | None = None
+    # Viscous damping of the rail, N s/m, >= 0; slider only, else null, as above.
+    damping: float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class SurgeonConfig:
+    """What the surgeon commands (thesis section 2.5)."""
+
+    # v_d until contact is perceived, m/s, n entries, not all zero.
+    velocity: np.ndarray = REQUIRED
+    # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
+    # It has no effect where the environment has no contact surface.
+    contact_force: np.ndarray | None = None
+    # Time of the final stop, s, >= 0; null: never.
+    stop_time: float | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class HapticDeviceConfig:
+    """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
+
+    # Coefficients of H in N s/m, highest power of s first.
+    numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
+    # The same; the first is not zero, and there are at least as many (H is proper).
+    denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
+
+
+@dataclass(kw_only=True, eq=False)
+class ChannelConfig:
+    """One direction of the communication (thesis section 2.1, Fig. 2.1)."""
+
+    # transport (exact delay), variable (the same, but changing with time), sampled (a
+    # packet stream with a zero-order hold) or network (packets with fates of their
+    # own).
+    kind: str = "transport"
+    # Delay, s, >= 0; in transport and sampled channels 0 passes the signal through. In
+    # variable and network ones it is the mean, on which the rest adds. Default: thesis
+    # section 4.2.
+    delay: float = 0.1
+    # Time between packets, s, > 0 and, for sampled, at most a non-zero delay; sampled
+    # and network only, else null.
+    sample_period: float | None = None
+    # Growth of the delay, s/s; variable and network only, else 0, as the next two.
+    drift: float = 0.0
+    sinusoid: Sinusoid = field(default_factory=Sinusoid)
+    # A CSV file with the columns time and delay, both in s, which is added. It covers
+    # the duration and is interpolated linearly; null: none. In a scenario file the path
+    # is relative to that file.
+    trace: str | None = None
+    # The rest is for network only.
+    jitter: Jitter = field(default_factory=Jitter)
+    loss: Loss = field(default_factory=Loss)
+    receiver: Receiver = field(default_factory=Receiver)
+    # Of the random numbers, a whole number >= 0. The two directions have different
+    # ones all the same. Without effect in other channels.
+    seed: int = 0
+
+
+@dataclass(kw_only=True, eq=False)
+class LayerConfig:
+    """One layer of the environment, from its start to the next one's (eq. 2.14).
+
+    force = stiffness (x - reference) + damping v_x.
+    """
+
+    # Unique, letters, digits and _ only: overrides address a layer by it.
+    name: str = REQUIRED
+    # Where the layer begins, m, ascending; the first may be -.inf.
+    start: float = REQUIRED
+    # N/m, >= 0.
+    stiffness: float = 0.0
+    # N s/m, >= 0.
+    damping: float = 0.0
+    # Where the spring is relaxed, m.
+    reference: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class EnvironmentConfig:
+    """Layers along x (thesis eq. 2.14 to 2.16); no force in front of the first."""
+
+    layers: list[LayerConfig] = field(default_factory=list)
+
+
+@dataclass(kw_only=True, eq=False)
+class NetworkConfig:
+    """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
+
+    # Corners of the lattice of means, m, n entries each, lower < upper.
+    lower: np.ndarray = REQUIRED
+    upper: np.ndarray = REQUIRED
+    # Means along each axis, n entries, >= 1.
+    count: list[int] = REQUIRED
+    # Width of the Gaussians in units of the lattice spacing, > 0.
+    width: float = 1.0
+
+
+@dataclass(kw_only=True, eq=False)
+class ControllerConfig:
+    """The control architecture.
+
+    `direct_force` uses `kind` only, `adaptive_backstepping` all up to `network`, and
+    each of the others the field of its name. A gain is a number (times the identity) or
+    an n x n matrix.
+    """
+
+    # One of ARCHITECTURES.
+    kind: str = REQUIRED
+    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
+    Lambda: np.ndarray | float = 1.0
+    # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
+    # P G1 (eq. 5.22).
+    G1: np.ndarray | float = REQUIRED
+    # Gain on z, 1/s; symmetric positive definite (eq. 5.31).
+    G2: np.ndarray | float = REQUIRED
+    # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
+    P: np.ndarray | float = 1.0
+    # beta of every update law, >= 0 (eq. 5.51).
+    adaptation_rate: float = 0.1
+    # nu of every update law, >= 0 (eq. 5.51).
+    leakage: float = 0.1
+    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
+    supervision: float = 1.0
+    # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
+    # the start pose (eq. 5.52); smallest singular value > minimum_psi.
+    initial_psi: np.ndarray | float | str = "auto"
+    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 5.53).
+    minimum_psi: float = 0.1
+    # Lattice of both networks.
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
+    time_domain_passivity: TimeDomainPassivityConfig = field(
+        default_factory=TimeDomainPassivityConfig
+    )
+    proportional_damping: ProportionalDampingConfig = field(
+        default_factory=ProportionalDampingConfig
+    )
+    four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
+    smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
+
+
+@dataclass(kw_only=True, eq=False)
+class TrajectoryConfig:
+    """r_d(t) = centre + amplitude sin(frequency t + phase) (thesis eq. 3.28)."""
+
+    # m, n entries.
+    centre: np.ndarray = REQUIRED
+    # m, n entries; the whole line is in reach of the robot.
+    amplitude: np.ndarray = REQUIRED
+    # rad/s, 0 to MAX_FREQUENCY.
+    frequency: float = 1.0
+    # rad.
+    phase: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class DisturbanceConfig:
+    """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
+
+    # One of DISTURBANCES; coupled needs n = 2.
+    kind: str = REQUIRED
+    # K, N/m; a number (times the identity) or an n x n matrix.
+    gain: np.ndarray | float = REQUIRED
+
+
+@dataclass(kw_only=True, eq=False)
+class TrackingControllerConfig:
+    """The controller of chapter 3. A gain is a number or an n x n matrix."""
+
+    # One of TRACKING_CONTROLLERS.
+    kind: str = REQUIRED
+    # Weight of the position error in s, 1/s; symmetric positive definite (eq. 3.11).
+    Lambda: np.ndarray | float = REQUIRED
+    # Gain on s, 1/s; symmetric positive definite (eq. 3.18).
+    G1: np.ndarray | float = REQUIRED
+    # beta, >= 0 (eq. 3.19); 0 switches the network off.
+    adaptation_rate: float = REQUIRED
+    # nu, >= 0 (eq. 3.27).
+    leakage: float = REQUIRED
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+
+
+def DefaultSimulator() -> SimulatorConfig:
+    """Returns the solver of a scenario that says nothing of it."""
+    # Dormand-Prince 5(4), the thesis's ode45. The tolerance is absolute in Drake.
+    return SimulatorConfig(
+        integration_scheme="runge_kutta5",
+        use_error_control=True,
+        accuracy=1e-8,
+        max_step_size=0.005,
+    )
+
+
+def GainMatrix(gain: ArrayLike, num_axes: int) -> np.ndarray:
+    """Returns a gain as an n x n matrix; a number means that times the identity."""
+    matrix = np.asarray(gain, dtype=float)
+    return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
+
+
+def ChannelProfile(
+    channel: ChannelConfig, duration: float, *, path: str = "channel"
+) -> DelayProfile:
+    """Returns how the delay of a channel varies with time, jitter apart.
+
+    Args:
+        channel: Its delay, drift, sinusoid and trace are used; the trace is read.
+        duration: Until when, in s.
+        path: What to call the channel in a message.
+
+    Raises:
+        ScenarioError: If one of them is not allowed.
+    """
+    trace = None
+    if channel.trace is not None:
+        trace = _ReadTrace(f"{path}.trace", channel.trace)
+        if trace[0] and trace[0][-1] - trace[0][0] < duration:
+            span = trace[0][-1] - trace[0][0]
+            Refuse(
+                f"{path}.trace",
+                channel.trace,
+                f"at least as long as the duration, {duration:g} s, not {span:g} s",
+            )
+    try:
+        return DelayProfile(
+            delay=channel.delay,
+            drift=channel.drift,
+            sinusoid=channel.sinusoid,
+            trace=trace,
+            duration=duration,
+        )
+    except ValueError as e:
+        raise ScenarioError(f"{path}.{e}") from None
+
+
+def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
+    """Returns the times and delays in s of a CSV file, with or without a header."""
+    origin = f"{path} = {Show(file)}"
+    try:
+        lines = Path(file).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    times: list[float] = []
+    delays: list[float] = []
+    may_be_header = True
+    for i, line in enumerate(lines):
+        if not line.strip() or line.startswith("#"):
+            continue
+        is_header = may_be_header and not line.strip()[:1].isdigit()
+        may_be_header = False
+        try:
+            time, delay = map(float, line.split(","))
+        except ValueError:
+            if is_header:
+                continue
+            raise ScenarioError(
+                f"{origin}: line {i + 1}, {Show(line)}: must be time,delay in s"
+            ) from None
+        wrong = ""
+        if not (math.isfinite(time) and math.isfinite(delay)):
+            wrong = "finite numbers"
+        elif times and time <= times[-1]:
+            wrong = f"later than the line before, {times[-1]:g} s"
+        elif delay < 0:
+            wrong = "a delay >= 0 (s)"
+        if wrong:
+            raise ScenarioError(
+                f"{origin}: line {i + 1}, {Show(line)}: must be {wrong}"
+            )
+        times.append(time)
+        delays.append(delay)
+    if len(times) < 2:
+        raise ScenarioError(
+            f"{origin}: must have at least two lines of time,delay, not {len(times)}"
+        )
+    return times, delays
+
+
+def CheckRobotConfig(robot: RobotConfig) -> None:
+    """Checks `robot`."""
+    CheckChoice("robot.model", robot.model, RobotModels())
+    if robot.start is None:
+        Refuse("robot.start", robot.start, "a list of finite numbers (m)")
+    try:
+        CheckRobot(
+            model=robot.model,
+            start=robot.start,
+            elbow=robot.elbow,
+            mass=robot.mass,
+            damping=robot.damping,
+        )
+    except ValueError as e:
+        raise ScenarioError(str(e)) from None
+
+
+def CheckSurgeonConfig(surgeon: SurgeonConfig, n: int) -> None:
+    """Checks `surgeon`.
+
+    Args:
+        surgeon: What to check.
+        n: Number of task axes.
+    """
+    CheckVector("surgeon.velocity", surgeon.velocity, n, "m/s")
+    if not np.any(surgeon.velocity):
+        Refuse("surgeon.velocity", surgeon.velocity, "non-zero on at least one axis")
+    if surgeon.contact_force is not None:
+        CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
+    if surgeon.stop_time is not None:
+        CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
+
+
+def CheckHapticDeviceConfig(device: HapticDeviceConfig) -> None:
+    """Checks `haptic_device`."""
+    try:
+        with np.errstate(over="ignore"):
+            matrices = realize_transfer_function(device.numerator, device.denominator)
+    except ValueError as e:
+        raise ScenarioError(f"haptic_device.{e}") from None
+    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+        Refuse(
+            "haptic_device.denominator",
+            device.denominator,
+            "coefficients that can be divided by the first one",
+        )
+
+
+def CheckChannelConfig(path: str, channel: ChannelConfig, duration: float) -> None:
+    """Checks a channel; reads its trace if it has one.
+
+    Args:
+        path: The channel's field.
+        channel: What to check.
+        duration: How long the simulation lasts, s.
+    """
+    CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
+    delay, period = channel.delay, channel.sample_period
+    if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
+        Refuse(f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)")
+    if channel.kind in ("transport", "variable"):
+        if period is not None:
+            Refuse(
+                f"{path}.sample_period", period, f"null for a {channel.kind} channel"
+            )
+    else:
+        minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
+        CheckNumber(f"{path}.sample_period", period, "s", minimum=minimum)
+    if (
+        channel.kind == "sampled"
+        and delay > 0
+        and period is not None
+        and period > delay
+    ):
+        Refuse(f"{path}.sample_period", period, f"at most the delay, {delay:g} (s)")
+    _CheckUnused(path, channel)
+    if channel.seed < 0:
+        Refuse(f"{path}.seed", channel.seed, "a whole number >= 0")
+    if channel.kind in ("variable", "network"):
+        profile = ChannelProfile(channel, duration, path=path)
+        try:
+            if channel.kind == "variable":
+                profile.CheckContinuous(SHORTEST_TIME)
+            else:
+                check_receiver(channel.receiver)
+                PacketNetwork(
+                    profile=profile,
+                    sample_period=float(period or 0),
+                    jitter=channel.jitter,
+                    loss=channel.loss,
+                )
+        except ValueError as e:
+            raise ScenarioError(f"{path}.{e}") from None
+
+
+def _CheckUnused(path: str, channel: ChannelConfig) -> None:
+    """Refuses what the kind of channel has no use for."""
+    unused = []
+    if channel.kind in ("transport", "sampled"):
+        unused += ["drift", "sinusoid", "trace"]
+    if channel.kind != "network":
+        unused += ["jitter", "loss", "receiver"]
+    default = ToTree(ChannelConfig())
+    for name in unused:
+        value = ToTree(getattr(channel, name))
+        if value == default[name]:
+            continue
+        key, value, allowed = name, value, default[name]
+        if isinstance(value, dict):
+            key = next(key for key in value if value[key] != allowed[key])
+            key, value, allowed = f"{name}.{key}", value[key], allowed[key]
+        Refuse(f"{path}.{key}", value, f"{Show(allowed)} for a {channel.kind} channel")
+
+
+def CheckLayers(layers: Sequence[LayerConfig]) -> None:
+    """Checks `environment.layers`."""
+    names: set[str] = set()
+    previous = -math.inf
+    for i, layer in enumerate(layers):
+        path = f"environment.layers.{ElementName({'name': layer.name}, i)}"
+        if layer.name is None or not layer.name.isidentifier() or layer.name in names:
+            Refuse(
+                f"environment.layers.{i}.name",
+                layer.name,
+                "unique, of letters, digits and _, not beginning with a digit",
+            )
+        names.add(layer.name)
+        if not (i == 0 and layer.start == -math.inf):
+            CheckNumber(f"{path}.start", layer.start, "m")
+        if i > 0 and layer.start <= previous:
+            Refuse(
+                f"{path}.start", layer.start, f"> {previous:g} m, the previous start"
+            )
+        previous = layer.start
+        CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
+        CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
+        CheckNumber(f"{path}.reference", layer.reference, "m")
+
+
+def CheckControllerConfig(controller: ControllerConfig, n: int) -> None:
+    """Checks `controller`.
+
+    Args:
+        controller: What to check.
+        n: Number of task axes.
+    """
+    CheckChoice("controller.kind", controller.kind, ARCHITECTURES)
+    # What a kind does not use may be missing, but not wrong: comparing the
+    # architectures is one override away.
+    is_needed = controller.kind == "adaptive_backstepping"
+    try:
+        check_controller(controller, n)
+    except ValueError as e:
+        raise ScenarioError(f"controller.{e}") from None
+    gains = {}
+    for key in ("Lambda", "G1", "G2", "P"):
+        value = getattr(controller, key)
+        if value is not None or is_needed:
+            gains[key] = CheckGain(f"controller.{key}", value, n)
+    if "G1" in gains:
+        # With an overflow the product is not finite and is refused as well.
+        with np.errstate(all="ignore"):
+            product = gains["P"] @ gains["G1"]
+            product = product + product.T
+        if not _IsPositiveDefinite(product):
+            Refuse(
+                "controller.P",
+                controller.P,
+                "such that the symmetric part of P G1 is positive definite",
+            )
+    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    CheckNumber("controller.supervision", controller.supervision, minimum=0, maximum=1)
+    CheckNumber("controller.minimum_psi", controller.minimum_psi, "1/kg", above=0)
+    network = controller.network
+    if is_needed or any(
+        item is not None for item in (network.lower, network.upper, network.count)
+    ):
+        CheckNetworkConfig(network, n)
+
+
+def _IsPositiveDefinite(matrix: np.ndarray) -> bool:
+    return bool(np.all(np.isfinite(matrix)) and np.all(np.linalg.eigvalsh(matrix) > 0))
+
+
+def CheckGain(path: str, value: Any, n: int) -> np.ndarray:
+    """Checks a gain and returns it as a matrix (n, n).
+
+    Args:
+        path: The gain's field.
+        value: A number or a matrix.
+        n: Number of task axes.
+    """
+    allowed = f"positive, or a symmetric positive definite {n} x {n} matrix"
+    if value is None:
+        Refuse(path, value, allowed)
+    matrix = GainMatrix(value, n)
+    if (
+        matrix.shape != (n, n)
+        or not np.all(np.isfinite(matrix))
+        or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
+        or not _IsPositiveDefinite(matrix)
+    ):
+        Refuse(path, value, allowed)
+    return matrix
+
+
+def CheckNetworkConfig(network: NetworkConfig, n: int) -> None:
+    """Checks `controller.network`.
+
+    Args:
+        network: What to check.
+        n: Number of task axes.
+    """
+    path = "controller.network"
+    CheckVector(f"{path}.lower", network.lower, n, "m")
+    CheckVector(f"{path}.upper", network.upper, n, "m")
+    if not np.all(network.lower < network.upper):
+        Refuse(
+            f"{path}.upper",
+            network.upper,
+            f"> {path}.lower = {Show(network.lower)} m on every axis",
+        )
+    count = network.count
+    if count is None or len(count) != n or min(count) < 1:
+        Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
+    if math.prod(count) > MAX_BASIS_FUNCTIONS:
+        Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+    CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
+
+
+def CheckSimulatorConfig(simulator: SimulatorConfig, max_transport_step: float) -> None:
+    """Checks `simulator`.
+
+    Args:
+        simulator: What to check.
+        max_transport_step: Longest step that the channels allow, s.
+    """
+    CheckChoice(
+        "simulator.integration_scheme",
+        simulator.integration_scheme,
+        INTEGRATION_SCHEMES,
+    )
+    # Below 1e-14 no step passes the error test.
+    CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
+    CheckNumber(
+        "simulator.max_step_size",
+        simulator.max_step_size,
+        "s",
+        minimum=SHORTEST_TIME,
+    )
+    if simulator.max_step_size > max_transport_step:
+        Refuse(
+            "simulator.max_step_size",
+            simulator.max_step_size,
+            f"<= {max_transport_step:g} s, the smallest non-zero transport delay",
+        )
+    if simulator.start_time != 0:
+        Refuse("simulator.start_time", simulator.start_time, "0 s")
+    CheckNumber(
+        "simulator.target_realtime_rate", simulator.target_realtime_rate, minimum=0
+    )

@@ -1,0 +1,517 @@
+"""Scenarios: one task, its robot, channels, tissue and controller, as plain data.
+
+A scenario is a tree of dataclasses: a `Scenario` is a teleoperation, and what has a
+`trajectory` is a `TrackingScenario`. `LoadScenario` reads one from YAML with Drake's
+`yaml_load_typed`, applies overrides and validates it; `ScenarioToYaml` writes it back.
+Units are SI throughout. Vectors have one entry per task axis (n = 1 for the slider,
+n = 2 for the planar arm); the first axis is x, along which the environment is layered.
+
+"thesis" is P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
+Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it does
+not state is marked "assumed" or "fitted" in the scenario files.
+"""
+
+import copy
+import functools
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import yaml
+from pydrake.systems.analysis import SimulatorConfig
+
+from teleop_drake.laws.layered_force import (
+    contact_position,
+    layer_index,
+    puncture_position,
+)
+from teleop_drake.robots import CheckRobot, TaskInertiaInverse
+from teleop_drake.scenario.config import (
+    ARCHITECTURES,
+    CHANNELS,
+    CONTROLLERS,
+    DISTURBANCES,
+    MAX_FREQUENCY,
+    TRACKING_CONTROLLERS,
+    ChannelConfig,
+    ChannelProfile,
+    CheckChannelConfig,
+    CheckControllerConfig,
+    CheckGain,
+    CheckHapticDeviceConfig,
+    CheckLayers,
+    CheckNetworkConfig,
+    CheckRobotConfig,
+    CheckSimulatorConfig,
+    CheckSurgeonConfig,
+    ControllerConfig,
+    DefaultSimulator,
+    DisturbanceConfig,
+    EnvironmentConfig,
+    GainMatrix,
+    HapticDeviceConfig,
+    LayerConfig,
+    RobotConfig,
+    SurgeonConfig,
+    TrackingControllerConfig,
+    TrajectoryConfig,
+)
+from teleop_drake.scenario.tree import (
+    REQUIRED,
+    CheckChoice,
+    CheckNumber,
+    CheckVector,
+    Choices,
+    FromTree,
+    Normalize,
+    ParseFile,
+    ParseOverrides,
+    ParseYaml,
+    ReadText,
+    Refuse,
+    ScenarioError,
+    SetPath,
+    Show,
+    ToTree,
+)
+
+__all__ = [
+    "ARCHITECTURES",
+    "CHANNELS",
+    "CONTROLLERS",
+    "TRACKING_CONTROLLERS",
+    "AnyScenario",
+    "ChannelConfig",
+    "ChannelProfile",
+    "ControllerConfig",
+    "DisturbanceConfig",
+    "EnvironmentConfig",
+    "GainMatrix",
+    "HapticDeviceConfig",
+    "LayerConfig",
+    "LoadScenario",
+    "RobotConfig",
+    "Scenario",
+    "ScenarioError",
+    "ScenarioFromYaml",
+    "ScenarioNames",
+    "ScenarioToYaml",
+    "SurgeonConfig",
+    "TrackingControllerConfig",
+    "TrackingScenario",
+    "TrajectoryConfig",
+]
+
+_SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
+
+
+@dataclass(kw_only=True, eq=False)
+class _ScenarioBase:
+    """What every scenario has."""
+
+    # Short name; the file's stem where the file gives none.
+    name: str = ""
+    # One sentence for `teleop-drake list`.
+    description: str = ""
+    # Where the task comes from.
+    source: str = ""
+    # Simulated time, s, > 0.
+    duration: float = REQUIRED
+    robot: RobotConfig = field(default_factory=RobotConfig)
+
+    # What was found valid last, as text in which 1 and True differ; not a field. To
+    # validate costs as much as to make the diagram, and whoever takes a scenario does.
+    _valid = ""
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, (Scenario, TrackingScenario)):
+            return NotImplemented
+        return ScenarioToYaml(self) == ScenarioToYaml(other)
+
+    # Mutable, so not hashable.
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def num_axes(self) -> int:
+        """Number of task axes n, from the size of `robot.start`."""
+        return len(self.robot.start)
+
+    def Validate(self) -> None:
+        """Checks every field.
+
+        Raises:
+            ScenarioError: naming the first bad field, its value and what is allowed.
+        """
+        tree = ToTree(self)
+        if repr(tree) == self._valid:
+            return
+        # The round trip checks the types, and leaves arrays where a user who edits a
+        # scenario in Python may have put lists.
+        scenario = FromTree(tree, cast(type[AnyScenario], type(self)))
+        _CheckScenario(scenario)
+        self._Remember(tree)
+
+    def _Remember(self, tree: dict[str, Any]) -> None:
+        """Remembers that this is valid, unless that depends on a file."""
+        channels = (tree.get("forward_channel"), tree.get("return_channel"))
+        if not any(channel and channel["trace"] for channel in channels):
+            self._valid = repr(tree)
+
+
+@dataclass(kw_only=True, eq=False)
+class Scenario(_ScenarioBase):
+    """One simulation of a teleoperation, completely described.
+
+    Two scenarios are equal when every field is. Fields may be edited in Python, with
+    anything that numpy.asarray takes for a vector; call `Validate` afterwards.
+    """
+
+    surgeon: SurgeonConfig = field(default_factory=SurgeonConfig)
+    haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
+    forward_channel: ChannelConfig = field(default_factory=ChannelConfig)
+    return_channel: ChannelConfig = field(default_factory=ChannelConfig)
+    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    controller: ControllerConfig = field(default_factory=ControllerConfig)
+    # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
+    # at most 1000. Assumed.
+    divergence_speed_ratio: float = 5.0
+    # Drake's own. A transport channel needs max_step_size <= its delay; start_time
+    # is 0.
+    simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
+
+    @property
+    def contact_surface(self) -> float | None:
+        """Position in m along x of the surface that the tool can collide with.
+
+        The start of the stiffest layer, if what lies in front of it is softer: the
+        layer before it or, for the first layer, the empty space that the tool then
+        has to start in. None where there is no such surface.
+        """
+        layers = self.environment.layers
+        if layers and self.robot.start[0] < layers[0].start:
+            layers = [LayerConfig(name="empty", start=-math.inf), *layers]
+        return contact_position(layers)
+
+    @property
+    def puncture_position(self) -> float | None:
+        """End in m along x of the first layer that a softer one follows, or None."""
+        return puncture_position(self.environment.layers)
+
+    @property
+    def initial_psi(self) -> np.ndarray:
+        """Psi at time 0 in 1/kg (n, n).
+
+        Where the controller has `auto`, (I + Lambda D_e) M_r^-1 at the start pose.
+        The thesis estimates M_r^-1 for zero joint angles (eq. 5.52), where the
+        planar arm is singular.
+        """
+        psi = self.controller.initial_psi
+        n = self.num_axes
+        if not isinstance(psi, str):
+            return GainMatrix(psi, n)
+        layers = self.environment.layers
+        index = layer_index([layer.start for layer in layers], self.robot.start[0])
+        D_e = np.zeros((n, n))
+        D_e[0, 0] = layers[index].damping if index >= 0 else 0.0
+        return (
+            np.eye(n) + GainMatrix(self.controller.Lambda, n) @ D_e
+        ) @ TaskInertiaInverse(
+            model=self.robot.model,
+            start=self.robot.start,
+            elbow=self.robot.elbow,
+            mass=self.robot.mass,
+        )
+
+    @property
+    def max_transport_step(self) -> float:
+        """Smallest non-zero delay of a transport or variable channel in s, the longest
+        step allowed; or inf.
+
+        Raises:
+            ScenarioError: If a variable channel's parameters are not allowed.
+        """
+        smallest = math.inf
+        for path in ("forward_channel", "return_channel"):
+            channel = getattr(self, path)
+            if channel.kind == "transport" and channel.delay > 0:
+                smallest = min(smallest, channel.delay)
+            elif channel.kind == "variable":
+                profile = ChannelProfile(channel, self.duration, path=path)
+                smallest = min(smallest, profile.minimum)
+        return smallest
+
+
+@dataclass(kw_only=True, eq=False)
+class TrackingScenario(_ScenarioBase):
+    """One simulation of the tracking task of chapter 3, completely described.
+
+    An arm follows a trajectory while it learns a disturbance. There is neither a
+    surgeon nor a delay. For the rest see `Scenario`.
+    """
+
+    # Acceleration of gravity along the task axes, m/s^2, n entries.
+    gravity: np.ndarray = REQUIRED
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    controller: TrackingControllerConfig = field(
+        default_factory=TrackingControllerConfig
+    )
+    # The run ends as diverged when |v_WT| exceeds this, m/s, > 0. Assumed.
+    divergence_speed: float = 10.0
+    # Drake's own; start_time is 0.
+    simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
+
+
+AnyScenario = Scenario | TrackingScenario
+"""What LoadScenario() returns and simulate() takes."""
+
+
+def ScenarioNames() -> list[str]:
+    """Returns the names of the built-in scenarios in alphabetical order."""
+    return sorted(path.stem for path in _SCENARIO_DIR.glob("*.yaml"))
+
+
+def LoadScenario(
+    name_or_path: str | os.PathLike[str],
+    overrides: Mapping[str, Any] | Iterable[str] = (),
+) -> Any:
+    """Loads a scenario, applies overrides and validates the result.
+
+    Args:
+        name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. What the
+            file leaves out has the default of its dataclass, if there is one.
+        overrides: Either a mapping such as {"forward_channel.delay": 0.05} or strings
+            "PATH=VALUE" with a YAML value. A path is dotted; an element of a list is
+            addressed by its number or its `name` ("environment.layers.bone.stiffness",
+            "surgeon.velocity.0"). Later ones win.
+
+    Returns:
+        A TrackingScenario if the file has a key `trajectory`, else a Scenario; Any to
+        a type checker, which cannot know. A `simulator.max_step_size` that a built-in
+        scenario or the default brings along is reduced to the smallest transport
+        delay; one that the caller gives is not.
+
+    Raises:
+        ScenarioError: if the file cannot be read or anything in it is not allowed.
+    """
+    path, is_builtin = _FindScenario(name_or_path)
+    tree, is_step_given = copy.deepcopy(_CompleteTree(path, ReadText(path)))
+    is_step_given &= not is_builtin
+    for dotted, value in ParseOverrides(overrides):
+        SetPath(tree, dotted, value)
+        is_step_given |= dotted in ("simulator", "simulator.max_step_size")
+    scenario = FromTree(tree, _SchemaOf(tree))
+    if isinstance(scenario, Scenario) and not is_step_given:
+        _CheckChannels(scenario)
+        scenario.simulator.max_step_size = min(
+            scenario.simulator.max_step_size, scenario.max_transport_step
+        )
+    _CheckScenario(scenario)
+    scenario._Remember(ToTree(scenario))
+    return scenario
+
+
+@functools.lru_cache(maxsize=16)
+def _CompleteTree(path: Path, text: str) -> tuple[dict[str, Any], bool]:
+    """Returns the tree of a scenario file, and whether it has a longest step.
+
+    What the file leaves out has its default. A sweep comes here once for each run.
+    """
+    tree = ParseFile(path, text)
+    tree.setdefault("name", path.stem)
+    simulator = tree.get("simulator")
+    is_step_given = isinstance(simulator, dict) and "max_step_size" in simulator
+    _ResolveTraces(tree, path.parent)
+    return ToTree(FromTree(tree, _SchemaOf(tree))), is_step_given
+
+
+def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
+    """Makes the paths of traces relative to the folder of the scenario file."""
+    for key in ("forward_channel", "return_channel"):
+        channel = tree.get(key)
+        if isinstance(channel, dict) and isinstance(channel.get("trace"), str):
+            channel["trace"] = str(folder / channel["trace"])
+
+
+def ScenarioFromYaml(text: str) -> AnyScenario:
+    """Returns the scenario that `ScenarioToYaml` wrote.
+
+    A trace that it names is not read, so a recording can be loaded without it.
+
+    Raises:
+        ScenarioError: if the text is not YAML or anything in it is not allowed.
+    """
+    tree = ParseYaml(text, "scenario")
+    scenario = FromTree(tree, _SchemaOf(tree))
+    _CheckScenario(scenario, reads_traces=False)
+    return scenario
+
+
+def ScenarioToYaml(scenario: _ScenarioBase) -> str:
+    """Returns YAML text from which `LoadScenario` or `ScenarioFromYaml` gives an
+    equal scenario.
+
+    The text is plain ASCII, has every field, and depends on nothing but their values.
+
+    Raises:
+        ScenarioError: if a field has the wrong type.
+    """
+    tree = Normalize(ToTree(scenario), type(scenario), "")
+    return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
+
+
+def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
+    """Returns the file to read, and whether it is a built-in one."""
+    text = os.fspath(name_or_path)
+    if text in ScenarioNames():
+        return _SCENARIO_DIR / f"{text}.yaml", True
+    path = Path(text)
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
+        return path, False
+    allowed = Choices(text, ScenarioNames())
+    Refuse("scenario", text, f"{allowed} or a YAML file")
+
+
+def _SchemaOf(tree: Any) -> type[AnyScenario]:
+    """Returns the class that a tree describes."""
+    is_tracking = isinstance(tree, dict) and "trajectory" in tree
+    return TrackingScenario if is_tracking else Scenario
+
+
+def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
+    """Checks the values of a scenario that has the right types."""
+    if (
+        not scenario.name
+        or not scenario.name.isprintable()
+        or set("/\\") & set(scenario.name)
+    ):
+        Refuse("name", scenario.name, "one line of text without / and \\")
+    CheckNumber("duration", scenario.duration, "s", above=0)
+    CheckRobotConfig(scenario.robot)
+    if isinstance(scenario, TrackingScenario):
+        _CheckTracking(scenario)
+    else:
+        _CheckTeleoperation(scenario, reads_traces)
+
+
+def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
+    CheckNumber(
+        "divergence_speed_ratio",
+        scenario.divergence_speed_ratio,
+        above=1,
+        maximum=1000,
+    )
+    n = scenario.num_axes
+    CheckSurgeonConfig(scenario.surgeon, n)
+    CheckHapticDeviceConfig(scenario.haptic_device)
+    channels = (scenario.forward_channel, scenario.return_channel)
+    max_step = math.inf
+    if reads_traces or all(channel.trace is None for channel in channels):
+        _CheckChannels(scenario)
+        max_step = scenario.max_transport_step
+    CheckLayers(scenario.environment.layers)
+    CheckControllerConfig(scenario.controller, n)
+    _CheckInitialPsi(scenario)
+    CheckSimulatorConfig(scenario.simulator, max_step)
+    surface = scenario.contact_surface
+    if surface is not None and scenario.robot.start[0] >= surface:
+        Refuse(
+            "robot.start",
+            scenario.robot.start,
+            f"in front of the contact surface (x < {surface:g} m)",
+        )
+
+
+def _CheckTracking(scenario: TrackingScenario) -> None:
+    # The controller's model has no friction, and a slider does.
+    CheckChoice("robot.model", scenario.robot.model, ["two_link_arm"])
+    n = scenario.num_axes
+    CheckVector("gravity", scenario.gravity, n, "m/s^2")
+    _CheckTrajectory(scenario)
+
+    CheckChoice("disturbance.kind", scenario.disturbance.kind, DISTURBANCES)
+    gain = scenario.disturbance.gain
+    if (
+        gain is None
+        or not np.all(np.isfinite(gain))
+        or GainMatrix(gain, n).shape != (n, n)
+    ):
+        allowed = f"a finite number or {n} x {n} matrix (N/m)"
+        Refuse("disturbance.gain", gain, allowed)
+
+    controller = scenario.controller
+    CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
+    CheckGain("controller.Lambda", controller.Lambda, n)
+    CheckGain("controller.G1", controller.G1, n)
+    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
+    CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    CheckNetworkConfig(controller.network, n)
+    CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
+    CheckSimulatorConfig(scenario.simulator, math.inf)
+
+
+def _CheckTrajectory(scenario: TrackingScenario) -> None:
+    trajectory, n = scenario.trajectory, scenario.num_axes
+    CheckVector("trajectory.centre", trajectory.centre, n, "m")
+    CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
+    CheckNumber(
+        "trajectory.frequency",
+        trajectory.frequency,
+        "rad/s",
+        minimum=0,
+        maximum=MAX_FREQUENCY,
+    )
+    CheckNumber("trajectory.phase", trajectory.phase, "rad")
+    # It runs along a line, whose farthest point is an end. The nearest may be inside.
+    centre, amplitude = trajectory.centre, trajectory.amplitude
+    with np.errstate(all="ignore"):
+        nearest = np.clip(-(centre @ amplitude) / (amplitude @ amplitude), -1, 1)
+    for share in (-1.0, 1.0, 0.0 if np.isnan(nearest) else nearest):
+        try:
+            CheckRobot(
+                model=scenario.robot.model,
+                start=centre + share * amplitude,
+                elbow=scenario.robot.elbow,
+            )
+        except ValueError as e:
+            reason = str(e).removeprefix("robot.start: ")
+            raise ScenarioError(
+                f"trajectory.amplitude = {Show(amplitude)}: must keep the trajectory "
+                f"in reach ({reason})"
+            ) from None
+
+
+def _CheckChannels(scenario: Scenario) -> None:
+    CheckNumber("duration", scenario.duration, "s", above=0)
+    for path in ("forward_channel", "return_channel"):
+        CheckChannelConfig(path, getattr(scenario, path), scenario.duration)
+
+
+def _CheckInitialPsi(scenario: Scenario) -> None:
+    controller, n = scenario.controller, scenario.num_axes
+    minimum = controller.minimum_psi
+    if (
+        isinstance(controller.initial_psi, str)
+        and controller.kind != "adaptive_backstepping"
+    ):
+        return
+    psi = scenario.initial_psi
+    if (
+        (isinstance(controller.initial_psi, float) and controller.initial_psi <= 0)
+        or psi.shape != (n, n)
+        or not np.all(np.isfinite(psi))
+        or not np.min(np.linalg.svd(psi, compute_uv=False)) > minimum
+        or not np.linalg.slogdet(psi)[0] > 0
+    ):
+        value = Show(controller.initial_psi)
+        if value == "'auto'":
+            value += f", here {Show(psi)}"
+        raise ScenarioError(
+            f"controller.initial_psi = {value}: must be auto, a positive number or a "
+            f"{n} x {n} matrix with positive determinant, its singular values > "
+            f"minimum_psi = {minimum:g}"
+        )

@@ -1,0 +1,330 @@
+"""Runs a scenario and records it."""
+
+import copy
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.numerics.interpolation import (
+    find_crossing,
+    interpolate,
+)
+from teleop_drake.recording import Event, Recording, SolverStatistics
+from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.simulation.ensemble import MakeEnsemble, MemberSignals
+from teleop_drake.simulation.run_monitor import RunMonitor, TeleoperatorMonitor
+from teleop_drake.simulation.stale_cache_guard import MakeSimulator
+from teleop_drake.tasks.tracking import MakeNetworkTracking
+from teleop_drake.teleoperator import MakeTeleoperator
+
+# Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
+# better than a microsecond.
+_EVENT_ACCURACY = 1e-4
+
+
+def MakeDiagram(scenario: AnyScenario) -> Diagram:
+    """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+    """
+    if isinstance(scenario, TrackingScenario):
+        return MakeNetworkTracking(scenario)
+    return MakeTeleoperator(scenario)
+
+
+def simulate(
+    scenario: AnyScenario,
+    *,
+    teleoperator: Diagram | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Simulates a scenario from its start and records all signals of the loop.
+
+    The signals, with n task axes and one row for each step of the integrator:
+
+    | name                                          | size | unit            |
+    |-----------------------------------------------|------|-----------------|
+    | tool_position, tool_velocity, tool_acceleration | n    | m, m/s, m/s^2   |
+    | joint_position, joint_velocity, joint_torque  | nq, nv, nv | of the joints |
+    | environment_force, control_force              | n    | N               |
+    | environment_layer                             | 1    | index           |
+    | forward_packet_sent, forward_packet_received  | m_f  | of the architecture |
+    | return_packet_sent, return_packet_received    | m_r  | of the architecture |
+    | surgeon_mode                                  | 1    | see Surgeon     |
+    | and the telemetry of the control law, for instance psi and weights_1 |||
+
+    In the thesis's architectures the packets are [F_h; v_d] and [p_WT; v_WT], 2n each.
+    All others have these signals as well, and the telemetry of both sides:
+
+    | name                                          | size | unit            |
+    |-----------------------------------------------|------|-----------------|
+    | velocity_command, force_command               | n    | m/s, N          |
+    | felt_position, felt_velocity                  | n    | m, m/s          |
+
+    A TrackingScenario has neither packets nor layers nor a surgeon, but
+    desired_position, desired_velocity, desired_acceleration and disturbance_estimate
+    (n each).
+
+    A run ends early, as a recording that says why, if the tool's speed exceeds
+    divergence_speed_ratio times the commanded speed (divergence_speed, for a
+    TrackingScenario), if the solver cannot go on, or with the step at Ctrl-C (at once
+    at a second one).
+
+    Args:
+        scenario: What to simulate.
+        teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
+            scenario with systems of your own; None makes the scenario's.
+        progress: Called now and then with the simulated time in s.
+
+    Returns:
+        The recording.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+    """
+    if teleoperator is None:
+        diagram = MakeDiagram(scenario)  # Validates the scenario.
+    else:
+        scenario.Validate()
+        diagram = teleoperator
+
+    def MakeMonitor(simulator: Simulator) -> RunMonitor:
+        if not isinstance(scenario, TrackingScenario):
+            return TeleoperatorMonitor(scenario, diagram, simulator, progress)
+        return RunMonitor(
+            diagram,
+            simulator.get_mutable_context(),
+            duration=scenario.duration,
+            speed_limit=scenario.divergence_speed,
+            limit_name=f"{scenario.divergence_speed:g} m/s",
+            progress=progress,
+        )
+
+    run = _Simulate(diagram, scenario.simulator, scenario.duration, MakeMonitor)
+    times, signals = run.monitor.recorder.Finish()
+    if run.monitor.failure:
+        _EndAtSpeed(run.monitor.speed_limit, times, signals)
+    return _MakeRecording(scenario, run, times, signals)
+
+
+def simulate_ensemble(
+    scenarios: Sequence[Scenario],
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> list[Recording]:
+    """Simulates scenarios that differ in their delays only, all in one Diagram.
+
+    The members share their steps and the calls from Drake to Python: nine neighbours
+    of fifty delays take about half the time of nine runs. A step is as short as any of
+    them needs it, so each differs from its simulate() by no more than both differ from
+    the exact solution. If one of them diverges, or the solver cannot go on, all are
+    simulated alone.
+
+    Args:
+        scenarios: As MakeEnsemble takes them.
+        progress: Called now and then with the simulated time in s.
+
+    Returns:
+        The recording of each. Its solver statistics are those of the ensemble, except
+        that each has its share of the real time.
+
+    Raises:
+        ScenarioError: If a scenario is not valid, or they cannot be one ensemble.
+    """
+    diagram = MakeEnsemble(scenarios)
+    first, num_members = scenarios[0], len(scenarios)
+    simulator_config = copy.copy(first.simulator)
+    simulator_config.max_step_size = min(
+        scenario.simulator.max_step_size for scenario in scenarios
+    )
+    run = _Simulate(
+        diagram,
+        simulator_config,
+        first.duration,
+        lambda simulator: TeleoperatorMonitor(
+            first, diagram, simulator, progress, num_members
+        ),
+    )
+    assert isinstance(run.monitor, TeleoperatorMonitor)
+    if run.termination == "diverged":
+        return [simulate(scenario, progress=progress) for scenario in scenarios]
+    run.wall_time /= num_members
+    times, signals = run.monitor.recorder.Finish()
+    recordings = []
+    for member, scenario in enumerate(scenarios):
+        own = MemberSignals(
+            times,
+            signals,
+            member=member,
+            num_members=num_members,
+            crossings=run.monitor.crossings[member],
+        )
+        recordings.append(_MakeRecording(scenario, run, *own))
+    return recordings
+
+
+@dataclass(kw_only=True)
+class _Simulation:
+    """What came out of a simulation.
+
+    Attributes:
+        diagram: What was simulated.
+        monitor: What watched it.
+        simulator: What simulated it.
+        wall_time: Real time that it took, in s.
+        termination: As in Recording, and so is the reason.
+        reason: Why it did not complete.
+    """
+
+    diagram: Diagram
+    monitor: RunMonitor
+    simulator: Simulator
+    wall_time: float
+    termination: str
+    reason: str
+
+
+def _Simulate(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    make_monitor: Callable[[Simulator], RunMonitor],
+) -> _Simulation:
+    """Simulates a diagram under the eyes of a monitor."""
+    simulator, guard = MakeSimulator(diagram)
+    ApplySimulatorConfig(config, simulator)
+    root_context = simulator.get_mutable_context()
+    root_context.SetAccuracy(_EVENT_ACCURACY)
+    monitor = make_monitor(simulator)
+    simulator.set_monitor(monitor.Monitor)
+    termination, reason = "completed", ""
+    start = clock.monotonic()
+    with monitor.InterruptAtSteps():
+        simulator.Initialize()
+        try:
+            while not (
+                monitor.failure
+                or monitor.is_interrupted
+                or root_context.get_time() >= duration
+            ):
+                if monitor.AtJump():
+                    # This calls the monitor as well, which records the other side.
+                    simulator.AdvancePendingEvents()
+                simulator.AdvanceTo(monitor.NextStop())
+        except KeyboardInterrupt:
+            monitor.is_interrupted = True
+        except RuntimeError as error:
+            # The integrator gives up when its smallest step is still too inaccurate.
+            termination, reason = "diverged", str(error).splitlines()[0]
+    if monitor.is_interrupted:  # However it ended: more runs may be to come.
+        termination, reason = "interrupted", "interrupted by the user"
+    elif monitor.failure:
+        termination, reason = "diverged", monitor.failure
+    wall_time = clock.monotonic() - start
+    # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
+    simulator.clear_monitor()
+    guard.Watch(None)
+    return _Simulation(
+        diagram=diagram,
+        monitor=monitor,
+        simulator=simulator,
+        wall_time=wall_time,
+        termination=termination,
+        reason=reason,
+    )
+
+
+def _MakeRecording(
+    scenario: AnyScenario,
+    run: _Simulation,
+    times: np.ndarray,
+    signals: dict[str, np.ndarray],
+) -> Recording:
+    """Makes the recording of a run, or of a member of an ensemble."""
+    integrator = run.simulator.get_integrator()
+    root_context = run.simulator.get_context()
+    return Recording(
+        scenario=scenario,
+        time=times,
+        signals=signals,
+        events=(
+            _FindEvents(scenario, times, signals)
+            if isinstance(scenario, Scenario)
+            else []
+        ),
+        solver=SolverStatistics(
+            scheme=scenario.simulator.integration_scheme,
+            accuracy=scenario.simulator.accuracy,
+            steps=integrator.get_num_steps_taken(),
+            derivative_evaluations=integrator.get_num_derivative_evaluations(),
+            wall_time_s=run.wall_time,
+            real_time_factor=float(times[-1]) / run.wall_time,
+        ),
+        channels={
+            system.get_name(): system.Statistics(
+                system.GetMyContextFromRoot(root_context)
+            )
+            for system in run.diagram.GetSystems()
+            if isinstance(system, NetworkDelay)
+        },
+        termination=run.termination,
+        reason=run.reason,
+    )
+
+
+def _EndAtSpeed(
+    limit: float, times: np.ndarray, signals: dict[str, np.ndarray]
+) -> None:
+    """Moves the last sample, in place, to where the speed of the tool has its limit."""
+    velocity = signals["tool_velocity"]
+    if len(times) < 2 or not np.linalg.norm(velocity[-1]) > limit:
+        return
+    end = find_crossing(
+        times,
+        velocity,
+        len(times) - 2,
+        lambda v: float(np.linalg.norm(v)) >= limit,
+    )
+    last = {name: interpolate(times, x, np.array([end])) for name, x in signals.items()}
+    times[-1] = end
+    for name, value in last.items():
+        signals[name][-1] = value[0]
+
+
+def _FindEvents(
+    scenario: Scenario, times: np.ndarray, signals: dict[str, np.ndarray]
+) -> list[Event]:
+    """Finds the instants at which the tool or the surgeon crosses a border."""
+    events = []
+    x = signals["tool_position"][:, 0]
+    for position, names in (
+        (scenario.puncture_position, ("puncture", "heal")),
+        (scenario.contact_surface, ("contact", "release")),
+    ):
+        if position is None:
+            continue
+        for i in np.flatnonzero(np.diff(x >= position)):
+            is_forward = bool(x[i + 1] >= position)
+
+            def is_beyond(
+                p: np.ndarray, border: float = position, forward: bool = is_forward
+            ) -> bool:
+                return bool(p[0] >= border) == forward
+
+            time = find_crossing(times, x[:, np.newaxis], int(i), is_beyond)
+            events.append(Event(name=names[0 if is_forward else 1], time=time))
+    mode = signals["surgeon_mode"][:, 0]
+    for i in np.flatnonzero(np.diff(mode)):
+        name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"
+        events.append(Event(name=name, time=float(times[i + 1])))
+    return sorted(events, key=lambda event: event.time)

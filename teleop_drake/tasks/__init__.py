@@ -1,0 +1,1 @@
+"""What is asked of the operator and the robot, and what counts."""

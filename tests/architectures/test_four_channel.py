@@ -1,0 +1,185 @@
+"""Lawrence's architecture: what the operator feels, by the blocks and on paper."""
+
+import numpy as np
+import pytest
+from phasors import FeltImpedance
+
+from teleop_drake.architectures import MakeArchitecture, ResolveController
+from teleop_drake.architectures.four_channel_master import FourChannelMaster
+from teleop_drake.architectures.four_channel_slave import FourChannelSlave
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
+
+KIND = "four_channel"
+VARIANTS = ("four_channel", "position_position", "position_force", "force_force")
+# The slider of the one-axis task, and what it may be pushed against.
+ROBOT = (0.5, 0.1)
+TISSUE, BONE = (0.01, 0.5), (150.0, 0.0)
+
+
+def Scenario(*overrides, name="one_dof", delay=None):
+    overrides = [f"controller.{KIND}.{item}" for item in overrides]
+    if delay is not None:
+        overrides += [f"{way}_channel.delay={delay}" for way in ("forward", "return")]
+    return LoadScenario(name, [f"controller.kind={KIND}", *overrides])
+
+
+def Felt(scenario, omega, environment, **gains):
+    k, d = environment
+    m, c = ROBOT
+    s = 1j * omega
+    sides = MakeArchitecture(scenario)
+    delays = (scenario.forward_channel.delay, scenario.return_channel.delay)
+    return FeltImpedance(
+        sides.master_side,
+        sides.slave_side,
+        s,
+        delays=delays,
+        robot=m * s + c,
+        environment=k / s + d,
+    )
+
+
+@pytest.mark.parametrize("environment", [TISSUE, BONE, (0.0, 0.0), (3.0, 2.0)])
+@pytest.mark.parametrize("omega", [0.3, 3.0, 30.0])
+def test_ideal_gains_without_delay_let_the_environment_be_felt(environment, omega):
+    k, d = environment
+    Z_e = k / (1j * omega) + d
+    errors = []
+    for bandwidth in (1e4, 1e6):
+        scenario = Scenario(f"acceleration_bandwidth={bandwidth}", delay=0.0)
+        errors.append(abs(Felt(scenario, omega, environment) - Z_e))
+    # The filters on the accelerations are all that is left.
+    scale = abs(Z_e) + abs(0.5 * omega)
+    assert errors[1] < 1e-4 * scale
+    assert errors[1] < 0.02 * errors[0] or errors[0] < 1e-9
+
+
+def test_without_accelerations_they_do_at_low_frequency():
+    Z_e = 3.0 / 0.01j + 2.0
+    felt = Felt(Scenario(delay=0.0), 0.01, (3.0, 2.0))
+    assert felt == pytest.approx(Z_e, rel=1e-3)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("environment", [TISSUE, BONE])
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+@pytest.mark.parametrize("omega", [0.5, 7.0])
+def test_felt_impedance_is_lawrences(variant, environment, delay, omega):
+    """Z_to from Z_m, Z_s, C1 to C6, C_m and C_s, solved on paper."""
+    scenario = Scenario(f"variant={variant}", "C5=-0.2", "C6=0.3", delay=delay)
+    config = ResolveController(scenario)
+    s = 1j * omega
+    z = np.exp(-s * delay)
+    (k, d), (m, c) = environment, ROBOT
+    Z_e, Z_s, Z_m = k / s + d, m * s + c, 0.5 * s + 0.1
+
+    def Local(gains):
+        return gains.damping[0, 0] + gains.stiffness[0, 0] / s
+
+    C_m, C_s = Local(config.C_m), Local(config.C_s)
+    # Without accelerations the models in C1 and C4 are dampings.
+    C1 = config.C1 * (config.slave_damping[0, 0] + C_s)
+    C4 = -config.C4 * (config.master_damping[0, 0] + C_m)
+    C2, C3, C5, C6 = config.C2, config.C3, config.C5, config.C6
+    # (Z_s + C_s + (1 + C5) Z_e) V_s = z (C1 V_m + C3 F_h), and
+    # (Z_m + C_m) V_m = (1 + C6) F_h - z (C2 Z_e + C4) V_s.
+    N = Z_s + C_s + (1 + C5) * Z_e
+    back = z * z * (C2 * Z_e + C4) / N
+    expected = (Z_m + C_m + back * C1) / (1 + C6 - back * C3)
+    felt = Felt(scenario, omega, environment)
+    assert felt == pytest.approx(expected, rel=1e-9)
+
+
+def test_defaults_derive_from_the_delays_and_the_robot():
+    config = ResolveController(Scenario())
+    assert config.bandwidth == pytest.approx(1 / 0.2)
+    assert config.C_s.damping == pytest.approx(2 * 0.5 * 5)
+    assert config.C_s.stiffness == pytest.approx(0.5 * 25)
+    assert config.slave_damping == pytest.approx(0.1)
+    assert (config.C1, config.C2, config.C3, config.C4) == (1, 1, 1, 1)
+    assert (config.C5, config.C6) == (0, 0)
+    assert ResolveController(Scenario(delay=0)).bandwidth == pytest.approx(25)
+    config = ResolveController(Scenario("variant=position_force", "C2=0.5"))
+    assert (config.C1, config.C2, config.C3, config.C4) == (1, 0.5, 0, 0)
+    assert (config.C5, config.C6) == (0, -0.5)
+    assert not np.any(config.C_m.stiffness) and np.any(config.C_s.stiffness)
+    # The arm's model is its apparent mass, with its coupling of the axes.
+    config = ResolveController(Scenario(name="two_dof_combined"))
+    assert config.slave_mass.shape == (2, 2)
+    assert config.slave_damping == pytest.approx(np.zeros((2, 2)))
+    assert config.C_s.stiffness == pytest.approx(config.C_m.stiffness)
+
+
+@pytest.mark.parametrize(
+    ("variant", "name"),
+    [(variant, "one_dof") for variant in VARIANTS]
+    # In force-force nothing ties the motions of two different masses together.
+    + [(variant, "two_dof_puncture") for variant in VARIANTS[:3]],
+)
+def test_without_delay_the_tool_follows_the_command(variant, name):
+    scenario = Scenario(f"variant={variant}", name=name, delay=0)
+    scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
+    recording = simulate(scenario)
+    assert recording.termination == "completed"
+    v = recording["tool_velocity"][-1, 0]
+    assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
+
+
+def test_more_transparency_costs_stability():
+    """At 0.1 s each way, position-position settles on the bone, position-force not."""
+    collision = {}
+    for variant in ("position_position", "position_force"):
+        scenario = Scenario(f"variant={variant}")
+        scenario.simulator.accuracy = 1e-6
+        collision[variant] = RunMetrics(simulate(scenario))
+    assert collision["position_position"]["collision"]["settling_time"] < 2
+    assert collision["position_force"]["diverged"]
+
+
+def test_a_lasting_force_arrives_as_it_was_sent():
+    """Position-position on the bone: 0.2 N along x and nothing along y."""
+    scenario = Scenario("variant=position_position", name="two_dof_collision")
+    scenario.duration, scenario.simulator.accuracy = 9.0, 1e-6
+    recording = simulate(scenario)
+    assert recording["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.02)
+    assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)
+
+
+GAINS = {"damping": [[1.0]], "local_damping": [[1.0]], "local_stiffness": [[1.0]]}
+MASTER = {"mass": [[1.0]], "C2": 1.0, "C4": 1.0, "C6": 0.0, "start": [0.0], **GAINS}
+SLAVE = {"mass": [[1.0]], "C1": 1.0, "C3": 1.0, "C5": 0.0, "start": [0.0], **GAINS}
+
+
+@pytest.mark.parametrize(
+    ("block", "good", "bad"),
+    [
+        (FourChannelMaster, MASTER, {"mass": [[0.0]]}),
+        (FourChannelMaster, MASTER, {"damping": [[-1.0]]}),
+        (FourChannelMaster, MASTER, {"C4": np.nan}),
+        (FourChannelMaster, MASTER, {"start": [np.inf]}),
+        (FourChannelSlave, SLAVE, {"local_stiffness": np.eye(2)}),
+        (FourChannelSlave, SLAVE, {"acceleration_bandwidth": 0.0}),
+        (FourChannelSlave, SLAVE, {"C5": np.inf}),
+    ],
+)
+def test_bad_parameters_of_the_blocks(block, good, bad):
+    block(**good)
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        block(**{**good, **bad})
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("variant=three_channel", "controller.four_channel.variant = three_channel: "),
+        ("C1=.inf", "controller.four_channel.C1 = inf: must be a finite number"),
+        ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
+        ("acceleration_bandwidth=0", "acceleration_bandwidth = 0.0: must be"),
+        ("C_s={gain: 1}", "controller.four_channel.C_s.gain = 1: unknown key"),
+    ],
+)
+def test_bad_input_is_named(override, message):
+    with pytest.raises(ScenarioError, match=message):
+        Scenario(override)

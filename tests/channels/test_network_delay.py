@@ -1,0 +1,229 @@
+"""Tests of the delay in packets with fates of their own."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Integrator
+
+from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.packet_network import (
+    DelayProfile,
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+)
+from teleop_drake.channels.sampled_delay import SampledDelay
+
+H = 0.01
+
+
+def make_network(*, delay=0.1, h=H, **arguments):
+    return PacketNetwork(
+        profile=DelayProfile(delay=delay), sample_period=h, **arguments
+    )
+
+
+def make(*, receiver=None, **arguments):
+    return NetworkDelay(
+        network=make_network(**arguments),
+        receiver=receiver,
+        size=2,
+        initial_value=[-1.0, -2.0],
+    )
+
+
+BUSY = {
+    "jitter": Jitter(kind="gamma", std=0.03, minimum=0.05),
+    "loss": Loss(kind="burst", probability=0.2, burst_length=3),
+    "seed": 2,
+}
+POLICIES = [
+    Receiver(),
+    Receiver(policy="playout", depth=0.03),
+    Receiver(policy="extrapolate"),
+]
+
+
+class Ramp:
+    """A delay fed by the signal [1, 2] t + [3, -4]."""
+
+    def __init__(self, dut):
+        builder = DiagramBuilder()
+        slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
+        ramp = builder.AddNamedSystem("ramp", Integrator([3.0, -4.0]))
+        self.dut = builder.AddNamedSystem("dut", dut)
+        builder.Connect(slope.get_output_port(), ramp.get_input_port())
+        builder.Connect(ramp.get_output_port(), dut.get_input_port())
+        self.simulator = Simulator(builder.Build())
+        self.context = dut.GetMyContextFromRoot(self.simulator.get_context())
+
+    def Eval(self):
+        return self.dut.get_output_port().Eval(self.context).copy()
+
+    def Output(self, time):
+        """Returns the output at a time, after the events there."""
+        self.simulator.AdvanceTo(time)
+        self.simulator.AdvancePendingEvents()
+        return self.Eval()
+
+
+def signal(time):
+    return np.array([1.0, 2.0]) * time + [3.0, -4.0]
+
+
+def expected_output(network, receiver, time):
+    """Returns the output at a time by looking at every packet."""
+    shown = [network.Shown(k, receiver) for k in range(math.floor(time / H + 1e-9) + 1)]
+    k = max((k for k in range(len(shown)) if shown[k] <= time), default=None)
+    if k is None:
+        return np.array([-1.0, -2.0])
+    value = signal(k * H)
+    # The one that it replaced is the newest of those that came before it.
+    has_slope = any(shown[j] < shown[k] for j in range(k))
+    if receiver.policy == "extrapolate" and has_slope:
+        value = value + np.array([1.0, 2.0]) * (time - shown[k])
+    return value
+
+
+@pytest.mark.parametrize("receiver", POLICIES, ids=lambda receiver: receiver.policy)
+def test_every_policy_against_a_look_at_every_packet(receiver):
+    network = make_network(**BUSY)
+    ramp = Ramp(
+        NetworkDelay(
+            network=network, receiver=receiver, size=2, initial_value=[-1.0, -2.0]
+        )
+    )
+    np.testing.assert_array_equal(ramp.Eval(), [-1.0, -2.0])
+    for time in np.arange(0.00713, 3.0, 0.0137):
+        expected = expected_output(network, receiver, time)
+        np.testing.assert_allclose(ramp.Output(time), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("receiver", POLICIES, ids=lambda receiver: receiver.policy)
+@pytest.mark.parametrize("delay", [0.1, 0.004, 0.0])
+def test_jumps_are_announced_and_have_two_sides(receiver, delay):
+    network = make_network(
+        delay=delay, loss=BUSY["loss"], jitter=Jitter(kind="normal", std=delay / 2)
+    )
+    ramp = Ramp(
+        NetworkDelay(
+            network=network, receiver=receiver, size=2, initial_value=[-1.0, -2.0]
+        )
+    )
+    shown = [network.Shown(k, receiver) for k in range(60)]
+    # Those that no newer packet overtakes.
+    jumps = sorted(
+        {s for k, s in enumerate(shown) if s < min(shown[k + 1 :], default=9)}
+    )
+    for jump in [jump for jump in jumps if jump < 0.4]:
+        while (announced := ramp.dut.NextJumpTime(ramp.context)) > jump:
+            # Sent later than the end of the next step: known before it arrives.
+            ramp.Output(ramp.context.get_time() + H / 4)
+        assert announced == jump
+        ramp.simulator.AdvanceTo(jump)
+        before = ramp.Eval()
+        ramp.simulator.AdvancePendingEvents()
+        after = ramp.Eval()
+        expected = expected_output(network, receiver, jump)
+        np.testing.assert_allclose(after, expected, atol=1e-12)
+        # What happens at the start, happens before anything can be looked at.
+        if receiver.policy != "extrapolate" and jump > 0:
+            assert np.any(before != after)
+            expected = expected_output(network, receiver, jump - 1e-9)
+            np.testing.assert_allclose(before, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.13, 0.0123456])
+def test_a_constant_delay_is_that_of_the_sampled_channel(delay):
+    arguments = {"size": 2, "initial_value": [-1.0, -2.0]}
+    ours = Ramp(make(delay=delay))
+    sampled = Ramp(SampledDelay(delay=delay, sample_period=H, **arguments))
+    for time in [*np.arange(0.001, 1.0, 0.0031), 1.1, 1.2, 1.2 + delay]:
+        np.testing.assert_allclose(
+            ours.Output(time), sampled.Output(time), rtol=0, atol=1e-13
+        )
+
+
+def test_extrapolation_of_a_ramp_is_the_ramp():
+    ramp = Ramp(make(receiver=Receiver(policy="extrapolate")))
+    for time in (0.1234, 0.5, 0.777):
+        np.testing.assert_allclose(ramp.Output(time), signal(time - 0.1), atol=1e-12)
+
+
+def test_a_deep_enough_buffer_takes_the_jitter_away():
+    jitter = Jitter(kind="uniform", std=0.02)
+    receiver = Receiver(policy="playout", depth=0.04)
+    ours = Ramp(make(receiver=receiver, jitter=jitter))
+    constant = Ramp(make(delay=0.14))
+    for time in np.arange(0.00313, 1.0, 0.0137):
+        np.testing.assert_allclose(ours.Output(time), constant.Output(time), atol=1e-12)
+
+
+def test_no_feedthrough():
+    for delay in (0.1, 0.0):
+        assert not make(delay=delay).HasDirectFeedthrough(0, 0)
+
+
+def test_cloned_context_continues_identically():
+    ramp = Ramp(make(**BUSY))
+    ramp.Output(0.5)
+    clones = [ramp.simulator.get_context().Clone() for _ in range(2)]
+    outputs = []
+    # The original goes on in the meantime, without touching the clones.
+    ramp.Output(1.0)
+    for clone in clones:
+        simulator = Simulator(ramp.simulator.get_system(), clone)
+        context = ramp.dut.GetMyContextFromRoot(clone)
+        for time in np.arange(0.51, 1.5, 0.013):
+            simulator.AdvanceTo(time)
+            simulator.AdvancePendingEvents()
+            outputs.append(ramp.dut.get_output_port().Eval(context).tobytes())
+    half = len(outputs) // 2
+    assert outputs[:half] == outputs[half:]
+    np.testing.assert_allclose(
+        np.frombuffer(outputs[-1]), ramp.Output(time), rtol=0, atol=1e-13
+    )
+
+
+def test_same_seed_same_bytes():
+    outputs = []
+    for seed in (2, 2, 3):
+        ramp = Ramp(make(**(BUSY | {"seed": seed})))
+        outputs.append(
+            b"".join(ramp.Output(t).tobytes() for t in np.arange(0.1, 2, 0.013))
+        )
+    assert outputs[0] == outputs[1] != outputs[2]
+
+
+def test_state_is_bounded():
+    ramp = Ramp(make(**BUSY))
+    ramp.Output(20.0)
+    packets = ramp.context.get_abstract_state(0).get_value()
+    assert len(packets.packets) < 30
+
+
+def test_statistics_are_those_of_the_packets_sent():
+    ramp = Ramp(make(**BUSY))
+    ramp.Output(2.0)
+    statistics = ramp.dut.Statistics(ramp.context)
+    assert statistics.sent == 200
+    arrivals = make_network(**BUSY).Arrivals(200)
+    assert statistics.lost == np.sum(np.isinf(arrivals)) > 10
+    assert statistics.received == np.sum(arrivals <= 2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"size": 0}, "size: 0"),
+        ({"initial_value": [0.0]}, "initial_value: 1 elements; allowed: 2"),
+        ({"receiver": Receiver(policy="last")}, "receiver.policy = 'last'"),
+    ],
+)
+def test_bad_parameters(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        NetworkDelay(**({"network": make_network(), "size": 2} | arguments))

@@ -1,0 +1,196 @@
+"""Tests of the transport delay that varies with time."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    DiscreteStateIndex,
+    LeafSystem,
+)
+from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
+from scipy.optimize import brentq
+
+from teleop_drake.channels.packet_network import DelayProfile, Sinusoid
+from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.variable_delay import VariableDelay
+
+# dT/dt is between -0.75 and 0.75; below -1 nothing changes.
+WAVE = DelayProfile(
+    delay=0.2, drift=0.01, sinusoid=Sinusoid(amplitude=0.15, frequency=5.0, phase=0.3)
+)
+TRACE = DelayProfile(
+    delay=0.01, trace=([7.0, 7.3, 7.4, 9.0, 12.0], [0.1, 0.2, 0.05, 0.3, 0.1])
+)
+PROFILES = {"wave": WAVE, "trace": TRACE}
+
+
+class Step(LeafSystem):
+    """Jumps from one value to another at a time, by an unrestricted update."""
+
+    def __init__(self, *, time, before, after):
+        super().__init__()
+        self.DeclareDiscreteState(np.array(before, dtype=float))
+        self._after = np.array(after, dtype=float)
+        self.DeclareStateOutputPort("y", DiscreteStateIndex(0))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1e12, time, self._Jump)
+
+    def _Jump(self, context, state):
+        state.get_mutable_discrete_state(0).SetFromVector(self._after)
+
+
+def make_simulator(diagram, context=None):
+    simulator = Simulator(diagram, context)
+    ApplySimulatorConfig(
+        SimulatorConfig(
+            integration_scheme="runge_kutta5",
+            accuracy=1e-9,
+            use_error_control=True,
+            max_step_size=0.02,
+        ),
+        simulator,
+    )
+    return simulator
+
+
+def build(source, dut):
+    """Returns (simulator, log of the delayed signal, integral's context)."""
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", source)
+    dut = builder.AddNamedSystem("dut", dut)
+    size = dut.get_output_port().size()
+    integrator = builder.AddNamedSystem("integrator", Integrator(size))
+    builder.Connect(source.get_output_port(0), dut.get_input_port())
+    builder.Connect(dut.get_output_port(), integrator.get_input_port())
+    logger = LogVectorOutput(dut.get_output_port(), builder)
+    simulator = make_simulator(builder.Build())
+    return simulator, logger.FindLog(simulator.get_context())
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_smooth_signal_is_delayed_exactly(name):
+    profile = PROFILES[name]
+    simulator, log = build(
+        Sine(amplitude=1.0, frequency=3.0, phase=0.3, size=2),
+        VariableDelay(profile=profile, size=2, initial_value=[7.0, 8.0]),
+    )
+    simulator.AdvanceTo(3.0)
+    t = log.sample_times()
+    origin = t - [profile(time) for time in t]
+    arrived = origin > 0
+    error = np.abs(log.data() - np.sin(3 * origin + 0.3))[:, arrived]
+    assert error.max() < 1e-6
+    assert np.all(log.data()[:, origin < 0] == [[7.0], [8.0]])
+    assert np.sum(arrived) > 100
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_step_arrives_exactly(name):
+    profile = PROFILES[name]
+    dut = VariableDelay(profile=profile, size=1, initial_value=[7.0])
+    simulator, _ = build(Step(time=0.4321, before=[1.0], after=[3.0]), dut)
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    simulator.Initialize()
+    for origin, before, after in ((0.0, 7.0, 1.0), (0.4321, 1.0, 3.0)):
+        arrival = brentq(lambda t, s=origin: t - profile(t) - s, origin, 3.0)
+        simulator.AdvanceTo(origin + 0.01)
+        simulator.AdvancePendingEvents()
+        jump = dut.NextJumpTime(context)
+        assert jump == pytest.approx(arrival, abs=1e-10)
+        simulator.AdvanceTo(jump)
+        # Before the jump within the step that ends there, after it in the next one.
+        assert dut.get_output_port().Eval(context)[0] == before
+        simulator.AdvancePendingEvents()
+        assert dut.get_output_port().Eval(context)[0] == after
+    assert dut.NextJumpTime(context) == math.inf
+    steps = simulator.get_num_steps_taken()
+    simulator.AdvanceTo(jump + 0.5)
+    # No step was refused because of the jump.
+    assert simulator.get_num_steps_taken() - steps < 60
+
+
+def test_without_stops_the_integrator_finds_the_jump():
+    dut = VariableDelay(profile=WAVE, size=1, initial_value=[7.0])
+    simulator, _ = build(Step(time=0.4321, before=[1.0], after=[3.0]), dut)
+    simulator.AdvanceTo(2.0)
+    first = brentq(lambda t: t - WAVE(t), 0.0, 1.0)
+    second = brentq(lambda t: t - WAVE(t) - 0.4321, 0.4, 1.5)
+    expected = 7 * first + (second - first) + 3 * (2.0 - second)
+    integral = simulator.get_context().get_continuous_state_vector()[0]
+    assert integral == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_constant_delay_is_that_of_the_transport_channel():
+    logs = []
+    for dut in (
+        VariableDelay(profile=DelayProfile(delay=0.1234), size=1),
+        TransportDelay(delay=0.1234, size=1),
+    ):
+        simulator, log = build(Sine(amplitude=1.0, frequency=2.0, phase=0, size=1), dut)
+        simulator.AdvanceTo(2.0)
+        logs.append(log)
+    for time in (0.0, 0.5, 1.234, 2.0):
+        values = [np.interp(time, log.sample_times(), log.data()[0]) for log in logs]
+        assert values[0] == pytest.approx(values[1], abs=1e-4)
+    np.testing.assert_allclose(logs[0].data()[0][-1], logs[1].data()[0][-1], atol=1e-9)
+
+
+def test_no_feedthrough():
+    assert not VariableDelay(profile=WAVE, size=1).HasDirectFeedthrough(0, 0)
+
+
+def test_cloned_context_continues_identically():
+    dut = VariableDelay(profile=WAVE, size=1)
+    simulator, _ = build(Sine(amplitude=1.0, frequency=2.0, phase=0.3, size=1), dut)
+    simulator.AdvanceTo(1.0)
+    clone = simulator.get_context().Clone()
+    simulator.AdvanceTo(2.0)
+    other = make_simulator(simulator.get_system(), clone)
+    other.AdvanceTo(2.0)
+    values = [
+        dut.get_output_port().Eval(dut.GetMyContextFromRoot(root))[0]
+        for root in (simulator.get_context(), clone)
+    ]
+    assert values[0] == pytest.approx(values[1], abs=1e-9)
+    assert values[0] == pytest.approx(math.sin(2 * (2 - WAVE(2.0)) + 0.3), abs=1e-7)
+
+
+def test_beyond_the_end_of_the_trace_is_refused():
+    profile = DelayProfile(delay=0.1, trace=([0.0, 1.0], [0.0, 0.1]))
+    simulator, _ = build(
+        Sine(amplitude=1.0, frequency=2.0, phase=0.3, size=1),
+        VariableDelay(profile=profile, size=1),
+    )
+    with pytest.raises(ValueError, match="must be at most 1 s, the duration"):
+        simulator.AdvanceTo(1.5)
+
+
+def test_evaluation_far_beyond_the_last_step_is_refused():
+    dut = VariableDelay(profile=WAVE, size=1)
+    simulator, _ = build(Sine(amplitude=1.0, frequency=2.0, phase=0.3, size=1), dut)
+    simulator.AdvanceTo(1.0)
+    simulator.get_mutable_context().SetTime(2.0)
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    with pytest.raises(RuntimeError, match=r"VariableDelay 'dut': .* at most"):
+        dut.get_output_port().Eval(context)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"size": 0}, "size: 0"),
+        ({"initial_value": [1.0, 2.0]}, "initial_value: 2 elements"),
+        ({"max_sample_interval": 0.06}, "max_sample_interval: 0.06; allowed"),
+        ({"profile": DelayProfile(delay=0.0)}, "never less than 1e-06 s"),
+        ({"profile": DelayProfile(delay=0.1, drift=1.5)}, "drift = 1.5: must be such"),
+    ],
+)
+def test_bad_parameters(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        VariableDelay(**({"profile": WAVE, "size": 1} | arguments))

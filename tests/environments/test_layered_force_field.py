@@ -1,0 +1,243 @@
+"""Tests of the environment."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Gain,
+    Integrator,
+)
+
+from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.scenario import LayerConfig
+
+
+def Layers():
+    return [
+        LayerConfig(name="tissue", start=-math.inf, stiffness=0.01, damping=0.5),
+        LayerConfig(name="free", start=0.0075),
+        LayerConfig(name="bone", start=0.015, stiffness=150.0, reference=0.015),
+    ]
+
+
+def Force(x, v, *, layers=None, num_axes=2):
+    dut = LayeredForceField(
+        layers=Layers() if layers is None else layers, num_axes=num_axes
+    )
+    context = dut.CreateDefaultContext()
+    p, velocity = np.full((2, num_axes), 3.0)
+    p[0], velocity[0] = x, v
+    dut.GetInputPort("tool_position").FixValue(context, p)
+    dut.GetInputPort("tool_velocity").FixValue(context, velocity)
+    force = dut.GetOutputPort("environment_force").Eval(context)
+    assert np.all(force[1:] == 0)
+    return force[0], dut.GetOutputPort("layer").Eval(context)[0]
+
+
+@pytest.mark.parametrize("num_axes", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("x", "v", "force", "layer"),
+    [
+        (0.005, 0.001, 0.01 * 0.005 + 0.5 * 0.001, 0),
+        (-2.0, 0.0, -0.02, 0),
+        (0.0075, 0.001, 0.0, 1),
+        (0.010, 0.001, 0.0, 1),
+        (0.0151, 0.001, 0.015, 2),
+    ],
+)
+def test_force_of_each_layer(x, v, force, layer, num_axes):
+    assert Force(x, v, num_axes=num_axes) == (pytest.approx(force), layer)
+
+
+def test_nothing_before_the_first_layer():
+    layers = [LayerConfig(name="wall", start=1.0, stiffness=5.0, reference=1.0)]
+    assert Force(0.5, 1.0, layers=layers) == (0.0, -1)
+    assert Force(2.0, 1.0, layers=layers) == (5.0, 0)
+
+
+def MakeMass(field, *, speed):
+    """A unit mass thrown against the field: x'' = -F_e."""
+    builder = DiagramBuilder()
+    dut = builder.AddNamedSystem("dut", field)
+    velocity = builder.AddNamedSystem("velocity", Integrator(np.array([speed])))
+    position = builder.AddNamedSystem("position", Integrator(1))
+    negative = builder.AddNamedSystem("negative", Gain(-1.0, 1))
+    builder.Connect(velocity.get_output_port(), position.get_input_port())
+    builder.Connect(position.get_output_port(), dut.GetInputPort("tool_position"))
+    builder.Connect(velocity.get_output_port(), dut.GetInputPort("tool_velocity"))
+    builder.Connect(dut.GetOutputPort("environment_force"), negative.get_input_port())
+    builder.Connect(negative.get_output_port(), velocity.get_input_port())
+    return builder.Build(), dut, position, velocity
+
+
+@pytest.mark.parametrize("locate", [True, False])
+def test_crossing_a_jump_is_integrated_accurately(locate):
+    """Through damping 1 for one metre, then freely: closed form."""
+    layers = [
+        LayerConfig(name="oil", start=-math.inf, damping=1.0),
+        LayerConfig(name="air", start=1.0),
+    ]
+    diagram, dut, position, velocity = MakeMass(
+        LayeredForceField(layers=layers, num_axes=1), speed=2.0
+    )
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(
+        SimulatorConfig(
+            integration_scheme="runge_kutta5",
+            accuracy=1e-10,
+            use_error_control=True,
+            max_step_size=0.5,
+        ),
+        simulator,
+    )
+    context = simulator.get_mutable_context()
+    if locate:
+        context.SetAccuracy(1e-6)
+    simulator.AdvanceTo(3.0)
+    # v = 2 - x in the oil, so x = 1 at t = ln 2 and v = 1 from there.
+    assert velocity.get_output_port().Eval(velocity.GetMyContextFromRoot(context))[
+        0
+    ] == pytest.approx(1.0, abs=1e-8)
+    assert position.get_output_port().Eval(position.GetMyContextFromRoot(context))[
+        0
+    ] == pytest.approx(1.0 + 3.0 - math.log(2), abs=1e-7)
+    region = dut.GetMyContextFromRoot(context).get_discrete_state_vector()[0]
+    assert region == (1 if locate else 0)
+
+
+def test_tool_may_come_back():
+    """A ball on a spring that hangs behind a border: in, out, and in again."""
+    layers = [
+        LayerConfig(name="air", start=-math.inf),
+        LayerConfig(name="gel", start=1.0, stiffness=1.0, reference=0.0),
+    ]
+    diagram, dut, _, velocity = MakeMass(
+        LayeredForceField(layers=layers, num_axes=1), speed=1.0
+    )
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    context.SetAccuracy(1e-6)
+    regions = set()
+    simulator.set_monitor(
+        lambda root: regions.add(
+            dut.GetMyContextFromRoot(root).get_discrete_state_vector()[0]
+        )
+    )
+    simulator.AdvanceTo(4.0)
+    assert regions == {0.0, 1.0}
+    # It is thrown back with the speed at which it came.
+    assert velocity.get_output_port().Eval(velocity.GetMyContextFromRoot(context))[
+        0
+    ] == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_undamped_spring_needs_no_event():
+    diagram, dut, _, _ = MakeMass(
+        LayeredForceField(layers=Layers()[1:], num_axes=1), speed=0.001
+    )
+    context = diagram.CreateDefaultContext()
+    context.SetAccuracy(1e-6)
+    assert dut.DoGetWitnessFunctions(dut.GetMyContextFromRoot(context)) == []
+
+
+def test_initial_region_follows_the_initial_position():
+    builder = DiagramBuilder()
+    dut = builder.AddSystem(LayeredForceField(layers=Layers(), num_axes=1))
+    source = builder.AddSystem(ConstantVectorSource([0.01]))
+    for name in ("tool_position", "tool_velocity"):
+        builder.Connect(source.get_output_port(), dut.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_context().SetAccuracy(1e-6)
+    simulator.Initialize()
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    assert context.get_discrete_state_vector()[0] == 1
+    assert dut.GetOutputPort("environment_force").Eval(context)[0] == 0
+
+
+def test_feedthrough():
+    dut = LayeredForceField(layers=Layers(), num_axes=1)
+    force = dut.GetOutputPort("environment_force").get_index()
+    layer = dut.GetOutputPort("layer").get_index()
+    position = dut.GetInputPort("tool_position").get_index()
+    velocity = dut.GetInputPort("tool_velocity").get_index()
+    assert dut.HasDirectFeedthrough(position, force)
+    assert dut.HasDirectFeedthrough(velocity, force)
+    assert dut.HasDirectFeedthrough(position, layer)
+    assert not dut.HasDirectFeedthrough(velocity, layer)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stiffness": math.nan}, "layers.bone.stiffness: nan"),
+        ({"damping": -1.0}, "layers.bone.damping: -1.0"),
+        ({"reference": math.inf}, "layers.bone.reference: inf"),
+        ({"start": 0.0075}, "layers.bone.start: 0.0075"),
+        ({"start": 0.001}, "layers.bone.start: 0.001"),
+    ],
+)
+def test_bad_layers(change, message):
+    layers = Layers()
+    for name, value in change.items():
+        setattr(layers[-1], name, value)
+    with pytest.raises(ValueError, match=message):
+        LayeredForceField(layers=layers, num_axes=1)
+
+
+@pytest.mark.parametrize("accuracy", [None, 1e-4])
+def test_several_tools_are_in_material_of_their_own(accuracy):
+    x, v = [-0.1, 0.001, 0.0075, 0.02], [0.001, 0.002, -0.003, 0.004]
+    dut = LayeredForceField(layers=Layers(), num_axes=2, num_members=4)
+    context = dut.CreateDefaultContext()
+    context.SetAccuracy(accuracy)
+    zero = np.zeros(4)
+    dut.GetInputPort("tool_position").FixValue(
+        context, np.column_stack((x, zero)).ravel()
+    )
+    dut.GetInputPort("tool_velocity").FixValue(
+        context, np.column_stack((v, zero)).ravel()
+    )
+    Simulator(dut, context).Initialize()
+    F_e = dut.GetOutputPort("environment_force").Eval(context).reshape(4, 2)
+    layer = dut.GetOutputPort("layer").Eval(context)
+    for i in range(4):
+        assert (F_e[i, 0], layer[i]) == (pytest.approx(Force(x[i], v[i])[0]), i // 1.5)
+    assert (F_e[:, 1] == 0).all()
+
+
+def test_each_tool_changes_its_region_when_it_gets_there():
+    """Both ways: one comes out of the tissue while the other goes in."""
+    layers = Layers()[:2]
+    builder = DiagramBuilder()
+    dut = builder.AddNamedSystem(
+        "dut", LayeredForceField(layers=layers, num_axes=1, num_members=3)
+    )
+    velocity = builder.AddNamedSystem(
+        "velocity", ConstantVectorSource([0.001, -0.002, 0.0])
+    )
+    position = builder.AddNamedSystem("position", Integrator([0.007, 0.0095, 0.0]))
+    impulse = builder.AddNamedSystem("impulse", Integrator(3))
+    builder.Connect(velocity.get_output_port(), position.get_input_port())
+    builder.Connect(position.get_output_port(), dut.GetInputPort("tool_position"))
+    builder.Connect(velocity.get_output_port(), dut.GetInputPort("tool_velocity"))
+    builder.Connect(dut.GetOutputPort("environment_force"), impulse.get_input_port())
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    context.SetAccuracy(1e-6)
+    simulator.Initialize()
+    simulator.AdvanceTo(2.0)
+    mine = dut.GetMyContextFromRoot(context)
+    assert dut.GetOutputPort("layer").Eval(mine).tolist() == [1, 0, 0]
+    # By the mean of x and the time in the tissue.
+    result = impulse.get_output_port().Eval(impulse.GetMyContextFromRoot(context))
+    first = 0.5 * (0.01 * 0.00725 + 0.5 * 0.001)
+    second = 1.0 * (0.01 * 0.0065 - 0.5 * 0.002)
+    np.testing.assert_allclose(result, [first, second, 0.0], rtol=1e-6, atol=1e-12)

@@ -1,0 +1,128 @@
+"""Tests of analysis.figures: they show what the analysis found."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from teleop_drake.analysis.stability import (
+    POSITION,
+    AnalyzeStability,
+    ChartStability,
+    StabilityAnalysis,
+)
+from teleop_drake.figures.analysis import (
+    PlotBode,
+    PlotNyquist,
+    PlotStabilityChart,
+    PlotStableDelays,
+)
+from teleop_drake.figures.runs import SaveFigure
+from teleop_drake.scenario import LoadScenario
+
+
+@functools.cache
+def Analysis(name="one_dof", kind="direct_force"):
+    return AnalyzeStability(LoadScenario(name, {"controller.kind": kind}))
+
+
+def Lines(ax, width):
+    return [
+        line
+        for line in ax.get_lines()
+        if line.get_linewidth() == width and len(line.get_xdata()) > 100
+    ]
+
+
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+@pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
+@pytest.mark.parametrize("plot", [PlotBode, PlotNyquist, PlotStableDelays])
+def test_can_be_drawn(plot, kind, name, tmp_path):
+    figure = plot(Analysis(name, kind))
+    assert isinstance(figure, Figure)
+    SaveFigure(figure, tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_bode_shows_the_phase_margin():
+    analysis = Analysis()
+    axes = np.reshape(PlotBode(analysis).axes, (2, 3))
+    for ax, point in zip(axes[1], analysis.points, strict=True):
+        (thin,), (thick,) = Lines(ax, 0.6), Lines(ax, 1.2)
+        w = point.margin.frequency
+        phase = np.interp(w, thin.get_xdata(), thin.get_ydata())
+        assert phase + 180 == pytest.approx(
+            np.degrees(point.margin.phase_margin), abs=1
+        )
+        delayed = np.interp(w, thick.get_xdata(), thick.get_ydata())
+        assert phase - delayed == pytest.approx(np.degrees(w * point.delay), abs=1)
+
+
+def test_nyquist_shows_the_delayed_loop():
+    ax = PlotNyquist(Analysis()).axes[1]
+    (thin,), (thick,) = Lines(ax, 0.6)[:1], Lines(ax, 1.2)
+    undelayed = np.array(thin.get_xdata()) + 1j * np.array(thin.get_ydata())
+    delayed = np.array(thick.get_xdata()) + 1j * np.array(thick.get_ydata())
+    np.testing.assert_allclose(np.abs(delayed), np.abs(undelayed))
+    free = Analysis()["free"]
+    i = int(np.argmin(np.abs(np.abs(delayed) - 1)))
+    turn = np.angle(undelayed[i] / delayed[i])
+    assert turn == pytest.approx(free.margin.frequency * free.delay, rel=1e-2)
+
+
+def test_bars_are_the_intervals():
+    analysis = Analysis()
+    (ax,) = PlotStableDelays(analysis).axes
+    bars = [
+        (patch.get_x(), patch.get_x() + patch.get_width())
+        for patch in ax.patches
+        if patch.get_zorder() == 2
+    ]
+    expected = [x for point in analysis.points for x in point.stable_delays]
+    np.testing.assert_allclose(bars, expected)
+    labels = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert labels == ["tissue", "free", "bone"]
+
+
+def test_bars_of_two_controllers_are_told_apart():
+    both = [Analysis(), Analysis(kind="adaptive_backstepping")]
+    (ax,) = PlotStableDelays(both).axes
+    labels = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert labels[0] == "direct force, tissue" and len(set(labels)) == 6
+
+
+def test_chart_has_a_panel_for_each_point(tmp_path):
+    chart = ChartStability(
+        "one_dof",
+        "robot.mass",
+        [0.3, 0.5, 1.0],
+        overrides=["controller.kind=direct_force"],
+    )
+    figure = PlotStabilityChart(chart)
+    assert [ax.get_title() for ax in figure.axes] == ["tissue", "free", "bone"]
+    assert all(ax.get_xlabel() == "robot.mass" for ax in figure.axes)
+    SaveFigure(figure, tmp_path / "a.png")
+    stable = [p for p in figure.axes[1].patches if p.get_zorder() == 2]
+    ends = [intervals[0][1] for intervals in chart.StableDelays("free")]
+    np.testing.assert_allclose([p.get_height() for p in stable], ends)
+
+
+def test_chart_along_the_path_has_one_panel():
+    chart = ChartStability("one_dof", POSITION, [0.002, 0.01, 0.0151])
+    (ax,) = PlotStabilityChart(chart).axes
+    assert ax.get_xlabel() == "tool position x [m]"
+    assert len([p for p in ax.patches if p.get_zorder() == 1]) == 3
+
+
+def test_nothing_to_draw():
+    analysis = Analysis()
+    empty = dataclasses.replace(analysis, points=[])
+    assert isinstance(empty, StabilityAnalysis)
+    for plot in (PlotBode, PlotNyquist, PlotStableDelays):
+        with pytest.raises(ValueError, match="allowed"):
+            plot(empty)
+    chart = ChartStability("one_dof", "robot.mass", [1.0])
+    with pytest.raises(ValueError, match=r"robot\.mass: one value"):
+        PlotStabilityChart(chart)

@@ -1,0 +1,358 @@
+"""The pictures of rendering.py: reproducible, complete, and of the right format."""
+
+import os
+import re
+import shlex
+import struct
+import subprocess
+import sys
+import zlib
+from importlib import metadata
+from xml.etree import ElementTree
+
+import pytest
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Adder, Gain, Integrator, PassThrough
+
+from teleop_drake.figures import block_diagram as rendering
+from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg, WriteDiagram
+
+# What every picture of MakeLoop() must show, opened or not.
+PORTS = {"reference", "response", "position"}
+PARTS = {"command", "actuator", "mass", "sensor"}
+INSIDE_MASS = {"velocity", "damping"}
+
+
+class Actuator(LeafSystem):
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("demand", 1)
+        self.DeclareVectorOutputPort(
+            "push",
+            1,
+            lambda context, output: None,
+            prerequisites_of_calc={self.nothing_ticket()},
+        )
+
+
+def _MakeMass() -> Diagram:
+    builder = DiagramBuilder()
+    balance = builder.AddNamedSystem("balance", Adder(2, 1))
+    velocity = builder.AddNamedSystem("velocity", Integrator(1))
+    damping = builder.AddNamedSystem("damping", Gain(-0.5, 1))
+    builder.Connect(balance.get_output_port(), velocity.get_input_port())
+    builder.Connect(velocity.get_output_port(), damping.get_input_port())
+    builder.Connect(damping.get_output_port(), balance.get_input_port(1))
+    builder.ExportInput(balance.get_input_port(0), "force")
+    builder.ExportOutput(velocity.get_output_port(), "response")
+    return builder.Build()
+
+
+def MakeLoop() -> Diagram:
+    """A loop of four parts, one of them a diagram and one written in Python."""
+    builder = DiagramBuilder()
+    command = builder.AddNamedSystem("command", Adder(2, 1))
+    actuator = builder.AddNamedSystem("actuator", Actuator())
+    mass = builder.AddNamedSystem("mass", _MakeMass())
+    sensor = builder.AddNamedSystem("sensor", PassThrough(1))
+    builder.Connect(command.get_output_port(), actuator.GetInputPort("demand"))
+    builder.Connect(actuator.GetOutputPort("push"), mass.GetInputPort("force"))
+    builder.Connect(mass.GetOutputPort("response"), sensor.get_input_port())
+    builder.Connect(sensor.get_output_port(), command.get_input_port(1))
+    builder.ExportInput(command.get_input_port(0), "reference")
+    builder.ExportOutput(mass.GetOutputPort("response"), "response")
+    builder.ExportOutput(sensor.get_output_port(), "position")
+    loop = builder.Build()
+    loop.set_name("loop")
+    return loop
+
+
+@pytest.fixture(params=["system dot", "embedded dot"])
+def dot_on_path(request, monkeypatch, tmp_path):
+    """Runs a test with a `dot` on the PATH and without one."""
+    directory = tmp_path / "bin"
+    directory.mkdir()
+    monkeypatch.setenv("PATH", str(directory))
+    if request.param == "embedded dot":
+        return None
+    # Stands for Graphviz's own program: it logs how it was called and can write PDF.
+    embedded = shlex.quote(rendering._EmbeddedDot())
+    dot = directory / "dot"
+    dot.write_text(
+        f"""#!/bin/sh
+echo "$@" >> {shlex.quote(str(directory))}/calls
+case "$1" in
+  -Tpdf) echo "%PDF-1.5 made by a system dot" ;;
+  *) exec {embedded} "$@" ;;
+esac
+"""
+    )
+    dot.chmod(0o755)
+    return directory / "calls"
+
+
+def _Labels(svg: str) -> set[str]:
+    """The pieces of text that a reader of the picture sees."""
+    root = ElementTree.fromstring(svg.encode())
+    return {
+        (element.text or "").removeprefix("name=")
+        for element in root.iter("{http://www.w3.org/2000/svg}text")
+    }
+
+
+def test_dot_text_is_known_to_the_last_byte():
+    # The same for every version of Drake: nothing else ties the text to its bytes.
+    builder = DiagramBuilder()
+    first = builder.AddNamedSystem("first", Actuator())
+    second = builder.AddNamedSystem("second", PassThrough(1))
+    builder.Connect(first.GetOutputPort("push"), second.get_input_port())
+    builder.Connect(second.get_output_port(), first.GetInputPort("demand"))
+    builder.ExportOutput(second.get_output_port(), "result")
+    assert DiagramDot(builder.Build()).splitlines() == [
+        "digraph _0 {",
+        "rankdir=LR",
+        'graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]',
+        'node [fontname="Helvetica"]',
+        "edge [arrowsize=0.8]",
+        "subgraph cluster0diagram {",
+        "color=black",
+        "concentrate=true",
+        'label=<<TABLE BORDER="0"><TR><TD>',
+        "<B>Diagram</B>",
+        "</TD></TR></TABLE>>;",
+        "subgraph clusters0out {",
+        "rank=same",
+        "color=lightgrey",
+        "style=filled",
+        'label="output ports"',
+        "s0out [shape=none, label=<",
+        '<TABLE BORDER="0" COLOR="green" CELLSPACING="3" STYLE="rounded">',
+        '<TR><TD BORDER="1" PORT="0">result</TD></TR>',
+        "</TABLE>",
+        ">];",
+        "}",
+        "subgraph cluster0subsystems {",
+        "color=white",
+        'label=""',
+        "s1 [shape=none, border=0, label=<",
+        '<TABLE BORDER="0" CELLSPACING="0">',
+        '<TR><TD BORDER="1" COLSPAN="2">',
+        "<B>Actuator</B><BR/>",
+        "name=first",
+        "</TD></TR>",
+        "<TR>",
+        '<TD PORT="u0" BORDER="1" >demand</TD>',
+        '<TD PORT="y0" BORDER="1" >push</TD>',
+        "</TR>",
+        "</TABLE>",
+        ">];",
+        "s2 [shape=none, border=0, label=<",
+        '<TABLE BORDER="0" CELLSPACING="0">',
+        '<TR><TD BORDER="1" COLSPAN="2">',
+        "<B>PassThrough</B><BR/>",
+        "name=second",
+        "</TD></TR>",
+        "<TR>",
+        '<TD PORT="u0" BORDER="1" >u</TD>',
+        '<TD PORT="y0" BORDER="1" >y</TD>',
+        "</TR>",
+        "</TABLE>",
+        ">];",
+        "s1:y0:e -> s2:u0:w [weight=10]",
+        "s2_y0_turn [shape=point, width=0.02]",
+        "{rank=same; s2; s2_y0_turn}",
+        "s2:y0:e -> s2_y0_turn:e [dir=none, arrowsize=0]",
+        "s1_u0_turn [shape=point, width=0.02]",
+        "{rank=same; s1; s1_u0_turn}",
+        "s1_u0_turn:e -> s2_y0_turn:w [dir=none, arrowsize=0]",
+        "s1_u0_turn:w -> s1:u0:w",
+        "s2:y0:e -> s0out:0:w [color=palegreen3, penwidth=0.7]",
+        "}",
+        "}",
+        "}",
+    ]
+
+
+def test_dot_text_is_the_same_in_every_build_and_process():
+    expected = DiagramDot(MakeLoop())
+    # Drake's own text differs here: it sorts connections by memory address and numbers
+    # systems through the life of the process.
+    keep = [MakeLoop() for _ in range(20)]
+    assert MakeLoop().GetGraphvizString() != keep[0].GetGraphvizString()
+    assert {DiagramDot(loop) for loop in keep} == {expected}
+    for seed in ("1", "2"):
+        output = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                "from test_rendering import *; print(end=DiagramDot(MakeLoop()))",
+            ],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            cwd=os.path.dirname(__file__),
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        assert output == expected
+
+
+def test_max_depth_opens_that_many_levels():
+    loop = MakeLoop()
+    named = [
+        set(re.findall(r"name=(\w+)", DiagramDot(loop, max_depth=depth)))
+        for depth in (0, 1, 2, None)
+    ]
+    assert named[0] == {"loop"}
+    assert named[1] == {"loop"} | PARTS
+    assert named[2] == {"loop", "balance"} | PARTS | INSIDE_MASS
+    assert named[3] == named[2]
+    with pytest.raises(ValueError, match="max_depth is -1"):
+        DiagramDot(loop, max_depth=-1)
+
+
+def test_only_the_connection_that_closes_a_loop_is_led_around():
+    dot = DiagramDot(MakeLoop())
+    number = {
+        name: node
+        for node, name in re.findall(r"^s(\d+) \[[^;]*?name=(\w+)", dot, re.M | re.S)
+    }
+    assert set(re.findall(r"^s(\d+)\w*:\w+:e -> \S+_turn", dot, re.M)) == {
+        number["sensor"],
+        number["damping"],
+    }
+    assert set(re.findall(r"^\S+_turn:w -> s(\d+):u1:w", dot, re.M)) == {
+        number["command"],
+        number["balance"],
+    }
+
+
+def test_systems_without_a_name_leave_no_address():
+    builder = DiagramBuilder()
+    a, b = builder.AddSystem(Actuator()), builder.AddSystem(Gain(1.0, 1))
+    builder.Connect(a.get_output_port(), b.get_input_port())
+    dot = DiagramDot(builder.Build())
+    assert "@" not in dot
+    assert "\nname=" not in dot
+    assert "<B>Actuator</B>" in dot
+
+
+def test_labels_that_look_like_markup_stay_labels(dot_on_path):
+    names = ["s3 -> s4", "<B>a.b</B>", 'a "b" & c', "Größe ψ", "$x_1$"]
+    builder = DiagramBuilder()
+    for name in names:
+        system = builder.AddNamedSystem(name, Gain(1.0, 1))
+        builder.ExportInput(system.get_input_port(), f"in {name}")
+    labels = _Labels(RenderSvg(builder.Build()))
+    assert labels >= set(names) | {f"in {name}" for name in names}
+
+
+@pytest.mark.parametrize("max_depth", [1, None])
+def test_svg_shows_every_name(dot_on_path, max_depth):
+    labels = _Labels(RenderSvg(MakeLoop(), max_depth=max_depth))
+    expected = {"loop", "Actuator", "demand", "push", "force"} | PORTS | PARTS
+    if max_depth is None:
+        expected |= INSIDE_MASS
+    assert expected <= labels
+    assert (dot_on_path is not None) == bool(
+        dot_on_path and dot_on_path.read_text().startswith("-Tsvg")
+    )
+
+
+def test_every_suffix_gives_a_file_of_its_kind(dot_on_path, tmp_path):
+    loop = MakeLoop()
+    for suffix in ("svg", "png", "pdf", "dot", "SVG"):
+        WriteDiagram(loop, tmp_path / f"loop.{suffix}")
+    assert (tmp_path / "loop.dot").read_text() == DiagramDot(loop)
+    svg = (tmp_path / "loop.svg").read_text()
+    assert svg == RenderSvg(loop) == (tmp_path / "loop.SVG").read_text()
+    png = (tmp_path / "loop.png").read_bytes()
+    assert png.startswith(b"\x89PNG\r\n")
+    # An SVG point is 1/72 inch.
+    points = float(re.search(r'width="([\d.]+)pt"', svg)[1])
+    assert struct.unpack(">I", png[16:20])[0] / (points / 72) >= 150
+    pdf = (tmp_path / "loop.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-")
+    if dot_on_path is None:
+        assert _PdfText(pdf) == _Labels(svg) - {""}
+    else:
+        assert b"made by a system dot" in pdf
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "bin",
+        *(f"loop.{suffix}" for suffix in ("svg", "png", "pdf", "dot", "SVG")),
+    }
+
+
+def _PdfText(pdf: bytes) -> set[str]:
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.S)
+    page = max((zlib.decompress(stream) for stream in streams), key=len)
+    return {
+        text.decode().removeprefix("name=")
+        for text in re.findall(rb"\((.+?)\) Tj", page)
+    }
+
+
+def test_pdf_of_the_embedded_dot_is_reproducible(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", "")
+    for name in ("a.pdf", "b.pdf"):
+        WriteDiagram(MakeLoop(), tmp_path / name)
+    content = (tmp_path / "a.pdf").read_bytes()
+    assert content == (tmp_path / "b.pdf").read_bytes()
+    assert b"Date" not in content
+
+
+def test_pdf_of_the_embedded_dot_has_letters_of_other_scripts(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", "")
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("ψ", Gain(1.0, 1))
+    WriteDiagram(builder.Build(), tmp_path / "psi.pdf")
+    # The standard fonts have no such letter, so the file brings a font along.
+    assert b"/DejaVuSans" in re.sub(
+        rb"[A-Z]{6}\+", b"", (tmp_path / "psi.pdf").read_bytes()
+    )
+
+
+def test_unknown_suffix_is_refused_before_anything_is_written(tmp_path):
+    for name in ("loop.jpg", "loop", "loop.svg.gz"):
+        with pytest.raises(ValueError, match=r"must end in one of .svg, .png, .pdf"):
+            WriteDiagram(MakeLoop(), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_path_that_cannot_be_written_is_named(tmp_path):
+    missing = tmp_path / "missing" / "loop.dot"
+    with pytest.raises(FileNotFoundError) as error:
+        WriteDiagram(MakeLoop(), missing)
+    assert error.value.filename == str(missing)
+    directory = tmp_path / "directory.dot"
+    directory.mkdir()
+    with pytest.raises(OSError) as error:
+        WriteDiagram(MakeLoop(), directory)
+    assert error.value.filename == str(directory)
+    assert list(tmp_path.iterdir()) == [directory]
+
+
+def test_without_any_renderer_the_error_names_the_remedies(monkeypatch, tmp_path):
+    def no_files(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(metadata, "files", no_files)
+    path = tmp_path / "loop.png"
+    path.write_bytes(b"an older picture")
+    with pytest.raises(RuntimeError) as error:
+        WriteDiagram(MakeLoop(), path)
+    message = str(error.value)
+    assert "Graphviz" in message and "pip install graphviz-pure" in message
+    assert ".dot" in message and "\n" not in message
+    assert path.read_bytes() == b"an older picture"
+    WriteDiagram(MakeLoop(), tmp_path / "loop.dot")
+    assert (tmp_path / "loop.dot").read_text() == DiagramDot(MakeLoop())
+
+
+def test_a_renderer_that_fails_is_quoted(monkeypatch, tmp_path):
+    dot = tmp_path / "dot"
+    dot.write_text("#!/bin/sh\necho 'Format: \"svg\" not recognized' >&2\nexit 1\n")
+    dot.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(RuntimeError, match='Format: "svg" not recognized'):
+        RenderSvg(MakeLoop())

@@ -1,0 +1,340 @@
+import dataclasses
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from teleop_drake.figures.runs import PlotComparison, PlotRun, PlotWeights, SaveFigure
+from teleop_drake.recording import Event, Recording, SolverStatistics
+from teleop_drake.scenario import LoadScenario
+
+TASKS = {"one_dof": 1, "two_dof_combined": 2}
+
+
+def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
+    """Makes up a run which oscillates by 1 %, times exp(growth) at the end."""
+    scenario = LoadScenario(name, {"controller.kind": kind})
+    n = scenario.num_axes
+    x0, v_d = scenario.robot.start, scenario.surgeon.velocity
+    assert scenario.puncture_position is not None
+    t_puncture = float((scenario.puncture_position - x0[0]) / v_d[0])
+    duration = 3 * t_puncture
+    half = np.linspace(0, t_puncture, 40)
+    t = np.concatenate([half, np.linspace(t_puncture, duration, 80)])
+    speed = np.linalg.norm(v_d)
+    wave = speed * 0.01 * np.exp(growth * t / duration) * np.sin(40 * t / duration)
+    v = np.tile(v_d, (len(t), 1)) + wave[:, None]
+    F_e = np.zeros((len(t), n))
+    F_e[: len(half), 0] = 0.5 * v[: len(half), 0]
+    command = np.hstack([0.5 * v, np.tile(v_d, (len(t), 1))])
+    signals = {
+        "tool_position": x0 + np.outer(t, v_d) + 0.1 * wave[:, None],
+        "tool_velocity": v,
+        "environment_force": F_e,
+        "control_force": 0.5 * v,
+        "forward_packet_sent": command,
+    }
+    if kind == "adaptive_backstepping":
+        signals["psi"] = np.tile(4.0 * np.eye(n).ravel(), (len(t), 1))
+        signals["weights_1"] = np.outer(wave, np.arange(1, 5 * n + 1))
+        signals["weights_3"] = -signals["weights_1"]
+    return Recording(
+        scenario=scenario,
+        time=t,
+        signals=signals,
+        events=[Event(name="puncture", time=t_puncture)],
+        solver=SolverStatistics(
+            scheme="runge_kutta5",
+            accuracy=1e-8,
+            steps=len(t),
+            derivative_evaluations=7 * len(t),
+            wall_time_s=1.0,
+            real_time_factor=1.0,
+        ),
+        termination="diverged" if growth > 0 else "completed",
+    )
+
+
+def Pair(name: str, growth: float = 0.0) -> dict[str, Recording]:
+    return {
+        "direct force": MakeRecording(name, "direct_force", growth),
+        "adaptive": MakeRecording(name, "adaptive_backstepping"),
+    }
+
+
+def Panel(figure: Figure, label: str, column: int = 0) -> Axes:
+    """Returns the panel whose row has the label."""
+    rows = [ax.get_ylabel() for ax in figure.axes[::2]]
+    matches = [i for i, text in enumerate(rows) if label in text]
+    assert len(matches) == 1, rows
+    return figure.axes[2 * matches[0] + column]
+
+
+def Curves(ax: Axes) -> list:
+    """Returns the lines that show a signal: not those across a panel, not markers."""
+    return [
+        line
+        for line in ax.lines
+        if len(line.get_xdata()) > 2 and line.get_linestyle() != "None"
+    ]
+
+
+@pytest.mark.parametrize(("name", "n"), TASKS.items())
+def test_comparison_shows_every_signal(name, n):
+    recordings = Pair(name)
+    figure = PlotComparison(recordings)
+    labels = ["velocity $v_x", "sensed force $F_{e,x}", "position $x"]
+    labels += ["control force $F_{c,x}"]
+    if n == 2:
+        labels += ["velocity $v_y", "position $y", "control force $F_{c,y}"]
+    assert len(figure.axes) == 2 * len(labels)
+    for label in labels:
+        for column in (0, 1):
+            ax = Panel(figure, label, column)
+            if (label, column) == ("position $x", 1):
+                assert not ax.get_visible()
+                continue
+            curves = Curves(ax)
+            # Both runs, and what is commanded to either.
+            assert len(curves) == (4 if "velocity" in label else 2)
+            colors = {curve.get_color() for curve in curves[-2:]}
+            styles = {curve.get_linestyle() for curve in curves[-2:]}
+            assert len(colors) == len(styles) == 2
+        assert re.search(r"\[[mµ]?(m|m/s|N)\]$", Panel(figure, label).get_ylabel())
+    assert figure.axes[-2].get_xlabel() == "time [s]"
+    assert re.fullmatch(r"position \$x\$ \[m?m\]", figure.axes[-1].get_xlabel())
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["direct force", "adaptive", "commanded velocity", "puncture"]
+
+
+def test_curves_are_the_signals():
+    recordings = Pair("one_dof")
+    figure = PlotComparison(recordings)
+    direct = recordings["direct force"]
+    time, position = (Panel(figure, "velocity", k) for k in (0, 1))
+    assert "[mm/s]" in time.get_ylabel()
+    curve, against_x = Curves(time)[-2], Curves(position)[-2]
+    t, v = curve.get_xdata(), curve.get_ydata()
+    assert np.all(np.diff(t) >= 0)
+    assert len(t) > 1000  # Smooth, although there are 120 samples.
+    unique = np.unique(direct.time)
+    expected = direct.Interpolate("tool_velocity", unique)[:, 0]
+    np.testing.assert_allclose(np.interp(unique, t, v), 1e3 * expected, rtol=1e-12)
+    x = direct.Interpolate("tool_position", unique)[:, 0]
+    np.testing.assert_allclose(
+        np.interp(unique, t, against_x.get_xdata()), 1e3 * x, rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_array_equal(against_x.get_ydata(), v)
+
+
+def test_a_jump_stays_a_jump():
+    figure = PlotComparison(Pair("one_dof"))
+    curve = Curves(Panel(figure, "sensed force"))[-1]
+    t, F = curve.get_xdata(), curve.get_ydata()
+    (i,) = np.flatnonzero(np.diff(t) == 0)
+    assert F[i] > 0.3
+    assert np.all(F[i + 1 :] == 0)
+    assert np.all(F[:i] > 0.3)
+
+
+def test_puncture_and_contact_are_marked():
+    recordings = Pair("one_dof")
+    figure = PlotComparison(recordings)
+    ax = Panel(figure, "sensed force")
+    markers = [line for line in ax.lines if line.get_marker() == "^"]
+    assert len(markers) == 2
+    for marker in markers:
+        assert marker.get_xdata() == [pytest.approx(7.5)]
+        assert marker.get_ydata()[0] > 0.3  # As it was just before.
+    # The contact surface is a border in the range, but nothing touched it: no square.
+    assert [text.get_text() for text in figure.axes[1].texts] == ["puncture", "contact"]
+    assert not any(line.get_marker() == "s" for line in ax.lines)
+
+    recordings["adaptive"].events.append(Event(name="contact", time=15.0))
+    recordings["adaptive"].events.append(Event(name="contact", time=16.0))
+    ax = Panel(PlotComparison(recordings), "sensed force")
+    (square,) = [line for line in ax.lines if line.get_marker() == "s"]
+    assert square.get_xdata() == [15.0]
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_divergence_leaves_the_range_useful(name):
+    recordings = Pair(name, growth=10.0)
+    direct, adaptive = (x["tool_velocity"][:, 0] for x in recordings.values())
+    assert np.ptp(direct) > 1e3 * np.ptp(adaptive)
+    figure = PlotComparison(recordings)
+    ax = Panel(figure, "velocity $v_x")
+    assert np.ptp(ax.get_ylim()) < 5 * np.ptp(Curves(ax)[-1].get_ydata())
+    (end,) = [line for line in ax.lines if line.get_marker() == "x"]
+    assert end.get_xdata() == [recordings["direct force"].time[-1]]
+    low, high = ax.get_ylim()
+    assert low <= end.get_ydata()[0] <= high
+    legend = figure.legends[0].get_texts()[0].get_text()
+    assert re.fullmatch(r"direct force \(diverges at [0-9.]+ s\)", legend)
+
+
+def test_a_run_that_diverges_alone_is_visible():
+    recording = MakeRecording("one_dof", "direct_force", growth=20.0)
+    ax = Panel(PlotRun(recording), "velocity")
+    curve = Curves(ax)[-1]
+    v = curve.get_ydata()
+    early = v[curve.get_xdata() <= 0.7 * recording.time[-1]]
+    low, high = ax.get_ylim()
+    assert low < early.min() < early.max() < high
+    assert high - low < 0.2 * np.ptp(v)
+
+
+@pytest.mark.parametrize(
+    ("size", "unit"),
+    [
+        (2e-8, "nN"),
+        (9e-5, "µN"),
+        (2e-4, "mN"),
+        (0.05, "mN"),
+        (0.2, "N"),
+        (90.0, "N"),
+        (200.0, "kN"),
+        (0.0, "N"),
+    ],
+)
+def test_units_have_suitable_prefixes(size, unit):
+    recording = MakeRecording("one_dof", "direct_force")
+    recording.signals["control_force"] = (
+        size * np.linspace(0, 1, len(recording.time))[:, None]
+    )
+    ax = Panel(PlotRun(recording), "control force")
+    assert ax.get_ylabel().endswith(f"[{unit}]")
+    scale = {"n": 1e9, "µ": 1e6, "m": 1e3, "N": 1, "k": 1e-3}[unit[0]]
+    assert max(Curves(ax)[0].get_ydata()) == pytest.approx(size * scale)
+    low, high = ax.get_ylim()
+    assert low < 0 < size * scale < high or size == 0
+
+
+def test_constant_signal_is_not_blown_up():
+    recording = MakeRecording("one_dof", "adaptive_backstepping")
+    recording["psi"][-1] += 1e-9
+    ax = Panel(PlotWeights(recording), "Psi")
+    low, high = ax.get_ylim()
+    assert high - low == pytest.approx(0.08, rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "n"), TASKS.items())
+def test_run_shows_what_an_adaptive_controller_learns(name, n):
+    plain = PlotRun(MakeRecording(name, "direct_force"))
+    recording = MakeRecording(name, "adaptive_backstepping")
+    figure = PlotRun(recording)
+    assert len(figure.axes) == len(plain.axes) + 6
+    assert len(Curves(Panel(figure, "Psi"))) == n * n
+    assert len(Curves(Panel(figure, "W_1"))) == 5 * n
+    assert len(Curves(Panel(figure, "W_3", 1))) == 5 * n
+    assert Panel(figure, "Psi").get_ylabel().endswith("[1/kg]")
+
+    weights = PlotWeights(recording)
+    assert len(weights.axes) == 6
+    if n == 2:
+        names = [text.get_text() for text in weights.axes[0].get_legend().get_texts()]
+        assert names == [rf"$\Psi_{{{k}}}$" for k in ("11", "12", "21", "22")]
+
+
+def test_many_runs_differ_in_colour_or_style():
+    run = MakeRecording("one_dof", "direct_force")
+    figure = PlotComparison({f"run {k}": run for k in range(9)})
+    curves = Curves(Panel(figure, "position"))
+    assert len(curves) == 9
+    looks = {(to_hex(line.get_color()), str(line._dash_pattern)) for line in curves}
+    assert len(looks) == 9
+
+
+def test_one_sample_can_be_drawn(tmp_path):
+    recording = MakeRecording("two_dof_combined", "adaptive_backstepping")
+    first = dataclasses.replace(
+        recording,
+        time=recording.time[:1],
+        signals={name: x[:1] for name, x in recording.signals.items()},
+        events=[],
+    )
+    SaveFigure(PlotRun(first), tmp_path / "first.png")
+
+
+def test_bad_arguments():
+    with pytest.raises(ValueError, match="recordings: empty"):
+        PlotComparison({})
+    with pytest.raises(ValueError, match=r"\[1, 2\] task axes"):
+        PlotComparison({name: MakeRecording(name, "direct_force") for name in TASKS})
+    with pytest.raises(ValueError, match="psi"):
+        PlotWeights(MakeRecording("one_dof", "direct_force"))
+
+
+def test_no_global_state_changes(tmp_path):
+    before = dict(matplotlib.rcParams)
+    figures = pyplot.get_fignums()
+    with matplotlib.rc_context({"axes.prop_cycle": "cycler('color', ['r'])"}):
+        red = PlotComparison(Pair("one_dof"))
+    SaveFigure(red, tmp_path / "figure.svg")
+    assert dict(matplotlib.rcParams) == before
+    assert pyplot.get_fignums() == figures
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
+def test_saved_figures_are_reproducible(tmp_path, suffix):
+    contents = []
+    for k in range(2):
+        path = tmp_path / f"figure{k}.{suffix}"
+        SaveFigure(PlotComparison(Pair("one_dof", growth=5.0)), path)
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert len(contents[0]) > 10_000
+    magic = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[suffix]
+    assert contents[0].startswith(magic)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        f"figure0.{suffix}",
+        f"figure1.{suffix}",
+    ]
+
+
+def test_saving_fails_without_leftovers(tmp_path, monkeypatch):
+    figure = PlotRun(MakeRecording("one_dof", "direct_force"))
+    with pytest.raises(ValueError, match=r"figure\.gif'; allowed: \*\.png"):
+        SaveFigure(figure, tmp_path / "figure.gif")
+    with pytest.raises(OSError, match="missing"):
+        SaveFigure(figure, tmp_path / "missing" / "figure.png")
+    target = tmp_path / "figure.png"
+    target.write_text("old")
+
+    def fail(*args, **kwargs):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(figure, "savefig", fail)
+    with pytest.raises(OSError, match="disk full"):
+        SaveFigure(figure, target)
+    assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
+    assert target.read_text() == "old"
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_nothing_overlaps(name):
+    """Labels, legend and panels keep clear of each other."""
+    recordings = Pair(name, growth=5.0)
+    for recording in recordings.values():
+        recording.events.append(Event(name="contact", time=recording.time[-1]))
+    figure = PlotComparison(recordings)
+    figure.draw_without_rendering()
+    boxes = [figure.legends[0].get_window_extent()]
+    boxes += [
+        ax.get_tightbbox()
+        for ax in figure.axes[::2] + figure.axes[1::2]
+        if ax.get_visible()
+    ]
+    for i, first in enumerate(boxes):
+        assert first.x0 >= 0
+        assert first.x1 <= figure.bbox.width
+        for second in boxes[i + 1 :]:
+            width = min(first.x1, second.x1) - max(first.x0, second.x0)
+            height = min(first.y1, second.y1) - max(first.y0, second.y0)
+            # Two points: the cross of a diverged run may reach over its panel.
+            assert min(width, height) < 2 * figure.dpi / 72

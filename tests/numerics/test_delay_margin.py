@@ -1,0 +1,357 @@
+"""Tests of laws.delay_margin against published examples and closed forms.
+
+Each example is dx/dt = A0 x + A1 x(t - T), or its characteristic equation. Beside the
+published number stands its derivation.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvals
+
+from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.delay_margin import (
+    delay_margin,
+    eigenloci,
+    find_crossings,
+    is_delay_robust,
+    neutral_root_count,
+    stable_delays,
+    unstable_roots,
+)
+from teleop_drake.numerics.state_space import StateSpace
+
+
+def Retarded(A0, A1):
+    """The loop of dx/dt = A0 x + A1 x(t - T)."""
+    A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
+    U, sigma, Vt = np.linalg.svd(A1)
+    rank = int(np.sum(sigma > 1e-12))
+    return StateSpace(
+        A=A0, B=U[:, :rank] * sigma[:rank], C=-Vt[:rank], D=np.zeros((rank, rank))
+    )
+
+
+def Scalar(numerator, denominator):
+    """L(s) = numerator/denominator in controllable canonical form."""
+    den = np.array(denominator, dtype=float)
+    num = np.concatenate([np.zeros(len(den) - len(numerator)), numerator]) / den[0]
+    den = den / den[0]
+    n = len(den) - 1
+    A = np.eye(n, k=1)
+    A[-1] = -den[:0:-1]
+    C = (num[1:] - num[0] * den[1:])[::-1]
+    return StateSpace(A=A, B=np.eye(n)[:, -1:], C=C[None], D=[[num[0]]])
+
+
+def test_hayes():
+    """dx/dt = -x(t - T): pi/2.
+
+    N. D. Hayes, "Roots of the transcendental equation associated with a certain
+    difference-differential equation", J. London Math. Soc. s1-25 (1950).
+    """
+    margin = delay_margin(Retarded([[0]], [[-1]]))
+    assert margin.frequency == pytest.approx(1.0, rel=1e-12)
+    assert margin.delay == pytest.approx(math.pi / 2, rel=1e-12)
+    assert margin.phase_margin == pytest.approx(math.pi / 2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.5, 1.0), (-0.5, 1.0), (3.0, 4.0)])
+def test_first_order(a, b):
+    """dx/dt = -a x - b x(t - T): j w + a = -b e^(-j w T), so w^2 = b^2 - a^2 and
+    cos w T = -a/b."""
+    expected = math.acos(-a / b) / math.sqrt(b**2 - a**2)
+    assert delay_margin(Retarded([[-a]], [[-b]])).delay == pytest.approx(
+        expected, rel=1e-12
+    )
+
+
+def test_first_order_at_every_delay():
+    """a > |b|: stable independent of delay (Hayes)."""
+    loop = Retarded([[-2.0]], [[-1.0]])
+    assert find_crossings(loop) == []
+    assert delay_margin(loop) is None
+    assert stable_delays(loop, 100.0) == [(0.0, 100.0)]
+
+
+def test_benchmark_of_two_states():
+    """Delay margin acos(-0.9)/sqrt(0.19) = 6.1725..., in closed form.
+
+    The matrices are those that criteria for delay-dependent stability are commonly
+    compared on. They are triangular: s + 2 + e^(-s T) never crosses the axis, and
+    s + 0.9 + e^(-s T) does, at w = sqrt(1 - 0.81), where cos w T = -0.9.
+    """
+    loop = Retarded([[-2, 0], [0, -0.9]], [[-1, 0], [-1, -1]])
+    margin = delay_margin(loop)
+    assert margin.delay == pytest.approx(6.1725, abs=1e-4)
+    exact = math.acos(-0.9) / math.sqrt(1 - 0.81)
+    assert margin.delay == pytest.approx(exact, rel=1e-10)
+    assert stable_delays(loop, 20.0) == [(0.0, margin.delay)]
+
+
+def test_delay_that_stabilises():
+    """s^2 - 0.1 s + 2 = e^(-s T): stable from 0.1002 to 1.7179 only, in closed form.
+
+    (2 - w^2)^2 + 0.01 w^2 = 1, and the delays from real and imaginary part:
+    cos w T = 2 - w^2, sin w T = 0.1 w.
+    """
+    loop = Retarded([[0, 1], [-2, 0.1]], [[0, 0], [1, 0]])
+    crossings = find_crossings(loop)
+    w2 = np.roots([1, -4 + 0.01, 3])
+    expected = sorted(
+        (math.sqrt(x), math.atan2(0.1 * math.sqrt(x), 2 - x) / math.sqrt(x)) for x in w2
+    )
+    assert [(c.frequency, c.delay) for c in crossings] == [
+        pytest.approx(x, rel=1e-11) for x in expected
+    ]
+    assert [c.direction for c in crossings] == [-1, 1]
+    assert delay_margin(loop) is None
+    ((begin, end),) = stable_delays(loop, 50.0)
+    assert begin == pytest.approx(expected[0][1], rel=1e-11)
+    assert end == pytest.approx(expected[1][1], rel=1e-11)
+    assert (begin, end) == (pytest.approx(0.1002, abs=1e-4), pytest.approx(1.718, 1e-3))
+
+
+def test_oscillator_with_delayed_positive_feedback():
+    """s^2 + w0^2 = k e^(-s T): stable for
+    2 pi i/sqrt(w0^2 - k) < T < (2 i + 1) pi/sqrt(w0^2 + k).
+
+    C. Abdallah, P. Dorato, J. Benitez-Read and R. Byrne, "Delayed positive feedback
+    can stabilize oscillatory systems", Proc. American Control Conference (1993): as
+    e^(-j w T) has to be real, it is 1 or -1. Without delay the roots are on the axis.
+    """
+    loop = Scalar([-0.1], [1, 0, 1])
+    expected = []
+    for i in range(20):
+        begin = 2 * math.pi * i / math.sqrt(1 - 0.1)
+        end = (2 * i + 1) * math.pi / math.sqrt(1 + 0.1)
+        if begin < end:
+            expected.append((begin, end))
+    assert len(expected) == 5
+    found = stable_delays(loop, 200.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def CookeGrossman(a, c, d):
+    """All switches of s^2 + a s + c + d e^(-s T), by hand.
+
+    K. L. Cooke and Z. Grossman, "Discrete delay, distributed delay and stability
+    switches", J. Math. Anal. Appl. 86 (1982): w^4 + (a^2 - 2 c) w^2 + c^2 - d^2 = 0
+    has two positive roots; the larger one destabilises, the smaller one stabilises.
+    """
+    p, q = a**2 - 2 * c, c**2 - d**2
+    root = math.sqrt(p**2 - 4 * q)
+    switches = []
+    for w2, direction in (((-p + root) / 2, 1), ((-p - root) / 2, -1)):
+        w = math.sqrt(w2)
+        # e^(-j w T) = (w^2 - c - j a w)/d
+        phase = math.atan2(a * w / d, (w2 - c) / d) % (2 * math.pi)
+        switches.append((w, phase / w, direction))
+    return switches
+
+
+def test_windows_reopen_finitely_often():
+    a, c, d = 0.2, 1.0, 0.6
+    loop = Scalar([d], [1, a, c])
+    (w1, T1, _), (w2, T2, _) = CookeGrossman(a, c, d)
+    crossings = find_crossings(loop)
+    assert [(x.frequency, x.delay, x.direction) for x in crossings] == [
+        pytest.approx((w2, T2, -1), rel=1e-11),
+        pytest.approx((w1, T1, 1), rel=1e-11),
+    ]
+    changes = sorted(
+        [(T1 + 2 * math.pi * k / w1, 2) for k in range(40)]
+        + [(T2 + 2 * math.pi * k / w2, -2) for k in range(40)]
+    )
+    expected, begin, count = [], 0.0, 0
+    for T, change in changes:
+        if T > 60:
+            break
+        if count == 0 and change > 0:
+            expected.append((begin, T))
+        count += change
+        if count == 0:
+            begin = T
+    assert len(expected) == 2
+    found = stable_delays(loop, 60.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_number_of_unstable_roots_is_what_collocation_finds():
+    loop = Scalar([0.6], [1, 0.2, 1.0])
+    delays, counts = unstable_roots(loop, 30.0)
+    assert counts.max() >= 4
+    for begin, end, count in zip(delays, [*delays[1:], 30.0], counts, strict=True):
+        roots = characteristic_roots(
+            loop.A, loop.B, -loop.C, -loop.D, delay=(begin + end) / 2, count=12
+        )
+        assert np.sum(roots.real > 0) == count
+
+
+def KroneckerFrequencies(A0, A1):
+    """Crossing frequencies without any sweep.
+
+    J. Chen, G. Gu and C. N. Nett (1995): where j w is an eigenvalue of A0 + z A1 with
+    |z| = 1, the Kronecker sum of the matrix and its conjugate is singular: a quadratic
+    eigenvalue problem in z.
+    """
+    A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
+    n = len(A0)
+    identity = np.eye(n)
+    Q2 = np.kron(A1, identity)
+    Q1 = np.kron(A0, identity) + np.kron(identity, A0)
+    Q0 = np.kron(identity, A1)
+    zero, one = np.zeros((n * n, n * n)), np.eye(n * n)
+    z = eigvals(
+        np.block([[zero, one], [-Q0, -Q1]]), np.block([[one, zero], [zero, Q2]])
+    )
+    frequencies = []
+    for value in z[np.isfinite(z)]:
+        if abs(abs(value) - 1) < 1e-6:
+            s = np.linalg.eigvals(A0 + A1 * value)
+            frequencies += [x.imag for x in s if abs(x.real) < 1e-5 and x.imag > 1e-3]
+    return np.unique(np.round(frequencies, 6))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_matrix_pencil_finds_the_same_frequencies(seed):
+    """Random coupled systems with 4 states and 2 delayed signals."""
+    random = np.random.default_rng(seed)
+    A0 = random.normal(size=(4, 4)) - 1.5 * np.eye(4)
+    A1 = random.normal(size=(4, 2)) @ random.normal(size=(2, 4))
+    crossings = find_crossings(Retarded(A0, A1))
+    np.testing.assert_allclose(
+        [c.frequency for c in crossings], KroneckerFrequencies(A0, A1), rtol=1e-5
+    )
+    # At each crossing's delay there is a root on the axis.
+    loop = Retarded(A0, A1)
+    for crossing in crossings:
+        roots = characteristic_roots(
+            loop.A, loop.B, -loop.C, -loop.D, delay=crossing.delay, count=40
+        )
+        assert np.min(np.abs(roots - 1j * crossing.frequency)) < 1e-6
+
+
+def test_narrow_resonance_is_not_overlooked():
+    """|L| exceeds 1 over 1e-6 of its frequency only."""
+    zeta = 1e-7
+    loop = Scalar([3e-7, 0.0], [1, 2 * zeta, 1])
+    crossings = find_crossings(loop)
+    # |j w g/(1 - w^2 + 2 j zeta w)| = 1: (1 - w^2)^2 = w^2 (g^2 - 4 zeta^2)
+    g = math.sqrt(9e-14 - 4 * zeta**2)
+    expected = [(math.sqrt(g**2 + 4) - g) / 2, (math.sqrt(g**2 + 4) + g) / 2]
+    assert [c.frequency for c in crossings] == [
+        pytest.approx(x, rel=1e-12) for x in expected
+    ]
+    assert [c.direction for c in crossings] == [-1, 1]
+
+
+def test_flat_top_between_two_points_of_the_sweep():
+    """|L| just exceeds 1 between two neighbours of the sweep."""
+    a = 0.6
+    # |1/(s^2 + a s + 1)| peaks at w^2 = 1 - a^2/2 with 1/(a sqrt(1 - a^2/4)).
+    peak = 1 / (a * math.sqrt(1 - a**2 / 4))
+    for share, num_crossings in ((1 + 1e-9, 2), (1 - 1e-9, 0)):
+        crossings = find_crossings(Scalar([share / peak], [1, a, 1]))
+        assert len(crossings) == num_crossings
+
+
+def test_identical_axes_cross_twice():
+    one = Scalar([2.0], [1, 1, 0.5])
+    two = StateSpace(
+        **{name: np.kron(np.eye(2), getattr(one, name)) for name in "ABCD"}
+    )
+    (crossing,) = find_crossings(one)
+    assert find_crossings(two) == [crossing, crossing]
+    assert stable_delays(two, 9.0) == stable_delays(one, 9.0)
+
+
+def test_feedthrough():
+    """L = b + c/s: roots of s (1 + b z) + c z, a neutral equation.
+
+    |b| < 1 is needed at any delay. |L| = 1 at w = c/sqrt(1 - b^2), where
+    arg L = -atan(c/(w b)).
+    """
+    b, c = 0.5, 1.0
+    loop = StateSpace(A=[[0.0]], B=[[1.0]], C=[[c]], D=[[b]])
+    assert is_delay_robust(loop)
+    w = c / math.sqrt(1 - b**2)
+    margin = delay_margin(loop)
+    assert margin.frequency == pytest.approx(w, rel=1e-11)
+    assert margin.delay == pytest.approx((math.pi - math.atan2(c, w * b)) / w, 1e-11)
+    for b in (1.0, -1.2):
+        loop = StateSpace(A=[[-1.0]], B=[[1.0]], C=[[c]], D=[[b]])
+        assert not is_delay_robust(loop)
+        assert stable_delays(loop, 1.0) == []
+
+
+def test_neutral_root():
+    """s + 1 - e^(-s T) has the root 0 at every T, and otherwise stable ones: with
+    x = Re s > 0, |s + 1| > 1 > |e^(-s T)|."""
+    loop = Scalar([-1.0], [1, 1])
+    assert neutral_root_count(loop) == 1
+    assert find_crossings(loop) == []
+    assert stable_delays(loop, 5.0) == [(0.0, 5.0)]
+
+
+def test_root_that_passes_a_neutral_one():
+    """s - 1 + e^(-s T) = s (1 - T + s T^2/2 - ...): at T = 1 a real root passes 0."""
+    loop = Scalar([1.0], [1, -1])
+    (crossing,) = find_crossings(loop)
+    assert (crossing.frequency, crossing.direction) == (0.0, 1)
+    assert crossing.delay == pytest.approx(1.0, rel=1e-10)
+    assert delay_margin(loop) == crossing
+    assert stable_delays(loop, 5.0) == [(0.0, crossing.delay)]
+    for T in (0.5, 2.0):
+        roots = characteristic_roots([[1.0]], [[1.0]], [[-1.0]], [[0.0]], delay=T)
+        others = roots[np.abs(roots) > 1e-9]
+        assert (others.real.max() > 0) == (T > 1)
+
+
+def test_roots_that_pass_two_neutral_ones():
+    """Two loops as above with different gains: T = 1 and T = 1/2."""
+    loop = StateSpace(
+        A=np.diag([1.0, 2.0]), B=np.eye(2), C=np.diag([1.0, 2.0]), D=np.zeros((2, 2))
+    )
+    assert neutral_root_count(loop) == 2
+    passages = find_crossings(loop)
+    assert sorted(x.delay for x in passages) == pytest.approx([0.5, 1.0], rel=1e-9)
+    assert unstable_roots(loop, 2.0)[1].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("c", "direction"), [(0.1, -1), (-0.1, 1)])
+def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
+    """s^2 + c (1 - e^(-s T)) = s [s + c T - ...]: a double root 0 at T = 0, of which
+    one stays and one goes to -c T."""
+    loop = Scalar([-c], [1, 0, c])
+    delays, counts = unstable_roots(loop, 0.5)
+    passage = find_crossings(loop)[0]
+    assert (passage.frequency, passage.delay) == (0.0, 0.0)
+    assert passage.direction == direction
+    assert counts[0] == (direction > 0)
+    roots = characteristic_roots(loop.A, loop.B, -loop.C, -loop.D, delay=0.3, count=6)
+    slow = roots[(np.abs(roots) < 0.1) & (np.abs(roots) > 1e-7)]
+    assert len(slow) == 1
+    assert slow[0].real == pytest.approx(-0.3 * c, rel=0.05)
+    assert len(delays) == len(counts)
+
+
+def test_unstable_without_delay_and_with():
+    loop = Scalar([0.5], [1, -1])
+    assert delay_margin(loop) is None
+    assert stable_delays(loop, 5.0) == []
+
+
+def test_open_loop():
+    loop = StateSpace(
+        A=np.zeros((0, 0)), B=np.zeros((0, 0)), C=np.zeros((0, 0)), D=np.zeros((0, 0))
+    )
+    assert find_crossings(loop) == []
+    assert stable_delays(loop, 1.0) == [(0.0, 1.0)]
+
+
+def test_eigenloci_descend():
+    loop = Retarded([[-1, 0.3], [0.2, -2]], [[1, 2], [0, 3]])
+    sizes = np.abs(eigenloci(loop, np.geomspace(0.1, 10, 30)))
+    assert np.all(np.diff(sizes, axis=1) <= 0)

@@ -1,0 +1,99 @@
+"""Tests of the ENO interpolation against functions it must reproduce."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from teleop_drake.numerics.interpolation import (
+    NUM_STENCIL_POINTS,
+    evaluate_newton,
+    interpolate,
+    newton_polynomial,
+    stencil_window,
+)
+
+
+@given(
+    steps=st.lists(st.floats(0.3, 1.0), min_size=NUM_STENCIL_POINTS, max_size=20),
+    coefficients=st.lists(st.floats(-1, 1), min_size=1, max_size=NUM_STENCIL_POINTS),
+    fraction=st.floats(0, 1),
+)
+def test_polynomials_are_exact(steps, coefficients, fraction):
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    times /= times[-1]
+    values = np.polyval(coefficients, times)
+    for i in range(len(times) - 1):
+        t = times[i] + fraction * (times[i + 1] - times[i])
+        polynomial = newton_polynomial(times, np.stack([values, -values], axis=1), i)
+        expected = np.polyval(coefficients, t) * np.array([1, -1])
+        for form in (polynomial, polynomial.tolist()):
+            result = evaluate_newton(form, t)
+            np.testing.assert_allclose(result, expected, rtol=0, atol=1e-9)
+
+
+def test_order_of_convergence():
+    errors = []
+    query = np.linspace(0.5, 2.5, 1001)
+    for count in (30, 60):
+        times = np.linspace(0, 3, count)
+        result = interpolate(times, np.sin(5 * times)[:, np.newaxis], query)
+        errors.append(np.abs(result[:, 0] - np.sin(5 * query)).max())
+    assert errors[0] / errors[1] > 2 ** (NUM_STENCIL_POINTS - 0.5)
+
+
+def test_jump_stays_a_jump():
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.3, 1.7, 2.0])
+    values = np.where(np.arange(9) < 5, times**2, 10 - times)[:, np.newaxis]
+    query = np.array([0.1, 0.99, 1.0, 1.0 + 1e-9, 1.5, 2.0])
+    expected = np.where(query <= 1.0, query**2, 10 - query)
+    np.testing.assert_allclose(
+        interpolate(times, values, query)[:, 0], expected, atol=1e-8
+    )
+
+
+def test_kink_does_not_ring():
+    times = np.linspace(-1, 1, 21)
+    query = np.linspace(-1, 1, 999)
+    result = interpolate(times, np.abs(times)[:, np.newaxis], query)[:, 0]
+    # The kink is at a sample: the interpolant is exact on both sides of it.
+    np.testing.assert_allclose(result, np.abs(query), atol=1e-12)
+
+
+def test_clustered_samples_do_not_amplify_rounding():
+    cluster = 1.0 + np.cumsum(np.full(30, 1e-7))
+    times = np.concatenate([np.linspace(0, 0.95, 20), cluster, np.arange(1.1, 2, 0.1)])
+    result = interpolate(
+        times, np.sin(times)[:, np.newaxis], query := np.linspace(0, 1.9, 5000)
+    )
+    assert np.abs(result[:, 0] - np.sin(query)).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    "i, indices, place", [(3, [3, 4, 5], 0), (4, [3, 4, 5], 1), (0, [0, 1, 2], 0)]
+)
+def test_window_stops_at_jumps(i, indices, place):
+    times = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
+    window, position = stencil_window(times, i)
+    assert (window.tolist(), position) == (indices, place)
+
+
+def test_queries_are_clamped_and_hold_constant_signals():
+    times, values = np.array([1.0, 2.0]), np.array([[3.0], [3.0]])
+    np.testing.assert_array_equal(
+        interpolate(times, values, np.array([0.0, 1.5, 9.0]))[:, 0], [3.0, 3.0, 3.0]
+    )
+
+
+def test_many_queries_are_as_one():
+    rng = np.random.default_rng(0)
+    times = np.cumsum(rng.uniform(0.1, 1.0, 30))
+    times[12] = times[11]
+    values = rng.normal(size=(30, 3))
+    query = np.sort(rng.uniform(times[0], times[-1], 200))
+    together = interpolate(times, values, query)
+    for t, row in zip(query, together, strict=True):
+        np.testing.assert_array_equal(
+            interpolate(times, values, np.array([t])), row[np.newaxis]
+        )
+    assert interpolate(times, values, np.empty(0)).shape == (0, 3)

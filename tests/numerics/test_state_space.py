@@ -1,0 +1,99 @@
+"""Tests of teleop_drake.numerics.state_space."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.state_space import StateSpace, minimal_realization
+
+
+def System(A, B, C, D=None):
+    B, C = np.atleast_2d(B), np.atleast_2d(C)
+    D = np.zeros((len(C), B.shape[1])) if D is None else D
+    return StateSpace(A=np.atleast_2d(A), B=B, C=C, D=D)
+
+
+def test_frequency_response_of_a_known_filter():
+    # 1/(s^2 + 0.2 s + 1) + 3
+    system = System([[0, 1], [-1, -0.2]], [[0], [1]], [[1, 0]], [[3.0]])
+    w = np.array([0.0, 0.5, 1.0, 20.0])
+    s = 1j * w
+    np.testing.assert_allclose(
+        system.FrequencyResponse(w)[:, 0, 0], 1 / (s**2 + 0.2 * s + 1) + 3, rtol=1e-13
+    )
+
+
+def test_matrices_are_copies_and_read_only():
+    A = np.array([[-1.0]])
+    system = System(A, [[1.0]], [[1.0]])
+    A[0, 0] = 5.0
+    assert system.A[0, 0] == -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        system.A[0, 0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
+        (([[1.0, 0.0]], [[1.0]], [[1.0]], [[0.0]]), "A: shape"),
+        (([[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]]), "B: shape"),
+        (([[1.0]], [[1.0]], [[1.0], [2.0]], [[0.0]]), "C: shape"),
+        (([[np.nan]], [[1.0]], [[1.0]], [[0.0]]), "A: must be a finite"),
+    ],
+)
+def test_bad_sizes(matrices, message):
+    with pytest.raises(ValueError, match=message):
+        System(*matrices)
+
+
+def test_minimal_realization_of_a_minimal_system_keeps_it():
+    system = System([[0, 1], [-2, -3]], [[0], [1]], [[1, 0.7]])
+    minimal, hidden = minimal_realization(system)
+    assert minimal.num_states == 2 and len(hidden) == 0
+    w = np.geomspace(0.01, 100, 20)
+    np.testing.assert_allclose(
+        minimal.FrequencyResponse(w), system.FrequencyResponse(w), rtol=1e-12
+    )
+
+
+def test_cancelled_integrator_is_found():
+    """(25 s + 50)/(s (s + 25)) times s/(m s^2 + c s + k), in this order and that."""
+    H = System([[0, 1], [0, -25]], [[0], [1]], [[50, 25]])
+    S = System([[0, 1], [-300, -0.2]], [[0], [2]], [[0, 1]])
+    for first, second in ((H, S), (S, H)):
+        cascade = System(
+            np.block([[second.A, second.B @ first.C], [np.zeros((2, 2)), first.A]]),
+            np.vstack([np.zeros((2, 1)), first.B]),
+            np.hstack([second.C, np.zeros((1, 2))]),
+        )
+        minimal, hidden = minimal_realization(cascade)
+        np.testing.assert_allclose(hidden, [0.0], atol=1e-10)
+        np.testing.assert_allclose(
+            np.sort_complex(np.linalg.eigvals(minimal.A)),
+            np.sort_complex(
+                np.concatenate([np.roots([1, 0.2, 300]), [-25.0]]).astype(complex)
+            ),
+            rtol=1e-9,
+        )
+
+
+def test_hidden_modes_in_badly_scaled_and_mixed_coordinates():
+    """Units and a change of coordinates must not bring a hidden mode back."""
+    random = np.random.default_rng(3)
+    A = np.diag([-1.0, -2.0, 0.5, -7.0, 0.0])
+    B = np.array([[1.0], [1.0], [0.0], [1.0], [0.0]])  # 0.5 and 0 are not reached.
+    C = np.array([[1.0, 1.0, 1.0, 0.0, 1.0]])  # -7 is not seen.
+    scale = np.diag([1e-4, 1e3, 1.0, 1e2, 1e-2])
+    T = scale @ np.linalg.qr(random.normal(size=(5, 5)))[0]
+    system = System(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T))
+    minimal, hidden = minimal_realization(system)
+    np.testing.assert_allclose(np.sort(hidden.real), [-7.0, 0.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(
+        np.sort(np.linalg.eigvals(minimal.A)), [-2.0, -1.0], rtol=1e-6
+    )
+
+
+def test_system_without_input_hides_everything():
+    system = System([[-1.0]], np.zeros((1, 1)), [[1.0]])
+    minimal, hidden = minimal_realization(system)
+    assert minimal.num_states == 0
+    np.testing.assert_allclose(hidden, [-1.0])

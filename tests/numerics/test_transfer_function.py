@@ -1,0 +1,63 @@
+"""State-space realisations against the rational function itself."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.transfer_function import realize_transfer_function
+
+POINTS = [1.0, -0.3, 2.0 + 1.0j, 40.0j, -7.0 + 0.1j]
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator"),
+    [
+        ([25, 50], [1, 25, 0]),
+        ([0, 0, 25, 50], [1, 25, 0]),
+        ([3], [2, 1, 5, 7]),
+        ([4, 3, 2, 1], [2, 5, 7, 11]),
+        ([6], [4]),
+        ([0], [1, 1]),
+    ],
+)
+@pytest.mark.parametrize("num_axes", [1, 3])
+def test_realisation_has_the_transfer_function(numerator, denominator, num_axes):
+    A, B, C, D = realize_transfer_function(numerator, denominator, num_axes=num_axes)
+    order = len(denominator) - 1
+    assert A.shape == (num_axes * order, num_axes * order)
+    for s in POINTS:
+        H = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+        expected = np.polyval(numerator, s) / np.polyval(denominator, s)
+        np.testing.assert_allclose(H, expected * np.eye(num_axes), atol=1e-13)
+
+
+def test_controllable_canonical_form_of_the_haptic_device():
+    A, B, C, D = realize_transfer_function([25, 50], [1, 25, 0])
+    np.testing.assert_array_equal(A, [[0, 1], [0, -25]])
+    np.testing.assert_array_equal(B, [[0], [1]])
+    np.testing.assert_array_equal(C, [[50, 25]])
+    np.testing.assert_array_equal(D, [[0]])
+
+
+def test_states_of_one_axis_stand_together():
+    A, B, _, _ = realize_transfer_function([25, 50], [1, 25, 0], num_axes=2)
+    np.testing.assert_array_equal(
+        A, [[0, 1, 0, 0], [0, -25, 0, 0], [0, 0, 0, 1], [0, 0, 0, -25]]
+    )
+    np.testing.assert_array_equal(B, [[0, 0], [1, 0], [0, 0], [0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "num_axes", "message"),
+    [
+        ([1, 2, 3], [1, 2], 1, "must be proper.*degrees 2 and 1"),
+        ([1], [0, 1], 1, "denominator must start with a nonzero coefficient"),
+        ([1], [], 1, "denominator must be a vector"),
+        ([[1]], [1], 1, "numerator must be a vector"),
+        ([1], [1, float("nan")], 1, "denominator must be finite"),
+        ([float("inf")], [1, 1], 1, "numerator must be finite"),
+        ([1], [1, 1], 0, "num_axes must be >= 1, got 0"),
+    ],
+)
+def test_bad_arguments(numerator, denominator, num_axes, message):
+    with pytest.raises(ValueError, match=message):
+        realize_transfer_function(numerator, denominator, num_axes=num_axes)

@@ -1,0 +1,845 @@
+"""Tests of teleop_drake.scenario."""
+
+import copy
+import dataclasses
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from pydrake.systems.analysis import SimulatorConfig
+
+from teleop_drake import scenario as dut
+from teleop_drake.scenario import (
+    GainMatrix,
+    LoadScenario,
+    Scenario,
+    ScenarioError,
+    ScenarioFromYaml,
+    ScenarioNames,
+    ScenarioToYaml,
+    TrackingScenario,
+)
+
+SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
+BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
+TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
+
+MINIMAL = """
+duration: 2
+robot: {model: slider, start: [0.0]}
+surgeon: {velocity: [0.001]}
+controller: {kind: direct_force}
+"""
+
+
+@pytest.fixture
+def minimal(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.yaml"
+    path.write_text(MINIMAL)
+    return path
+
+
+def test_names():
+    assert ScenarioNames() == TRACKING + BUILT_IN
+
+
+# The thesis's table of tasks (section 2.5) and gains (sections 4.2, 5.2).
+
+
+@pytest.mark.parametrize(
+    "name, start, velocity, puncture, surface, contact_force",
+    [
+        ("one_dof", [0], [0.001], 0.0075, 0.015, [0.005]),
+        ("two_dof_puncture", [0.85, 0], [0.1, 0], 1.1, None, None),
+        ("two_dof_collision", [0.85, 0], [0.1, 0], None, 1.0, [0.2, 0]),
+        ("two_dof_combined", [0.85, 0], [0.1, 0], 1.0, 1.1, [0.2, 0]),
+    ],
+)
+def test_tasks(name, start, velocity, puncture, surface, contact_force):
+    scenario = LoadScenario(name)
+    assert scenario.name == name
+    assert scenario.robot.start.tolist() == start
+    assert scenario.surgeon.velocity.tolist() == velocity
+    assert scenario.puncture_position == puncture
+    assert scenario.contact_surface == surface
+    force = scenario.surgeon.contact_force
+    assert (force if force is None else force.tolist()) == contact_force
+    assert scenario.forward_channel.delay == scenario.return_channel.delay == 0.1
+    layers = {layer.name: layer for layer in scenario.environment.layers}
+    if "tissue" in layers:
+        tissue = layers["tissue"]
+        assert tissue.start == -math.inf
+        assert (tissue.stiffness, tissue.damping, tissue.reference) == (0.01, 0.5, 0)
+    if "bone" in layers:
+        bone = layers["bone"]
+        assert (bone.stiffness, bone.damping, bone.reference) == (150, 0, surface)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_gains(name):
+    controller = LoadScenario(name).controller
+    G1, G2 = (2, 20) if name == "one_dof" else (4, 30)
+    assert (controller.Lambda, controller.P) == (1, 1)
+    assert (controller.G1, controller.G2) == (G1, G2)
+    assert (controller.adaptation_rate, controller.leakage) == (0.1, 0.1)
+
+
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
+def test_files_state_every_field_with_its_source(name):
+    # Null is written out only where it means something.
+    unused = {"robot": {"elbow"} if name == "one_dof" else {"mass", "damping"}}
+    unused["forward_channel"] = unused["return_channel"] = {
+        field.name for field in dataclasses.fields(dut.ChannelConfig)
+    } - {"kind", "delay"}
+    if name in BUILT_IN:
+        unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
+    unused[""] = {"name"}
+    unused["simulator"] = {"start_time", "target_realtime_rate"}
+    text = (SCENARIOS / f"{name}.yaml").read_text()
+
+    def compare(written: dict, complete: dict, path: str) -> None:
+        assert set(complete) - set(written) == unused.get(path, set())
+        for key, value in complete.items():
+            if isinstance(value, dict) and key in written:
+                compare(written[key], value, key)
+
+    written = yaml.safe_load(text)
+    compare(written, yaml.safe_load(ScenarioToYaml(LoadScenario(name))), "")
+    for layer in written.get("environment", {}).get("layers", []):
+        assert set(layer) == {f.name for f in dataclasses.fields(dut.LayerConfig)}
+    for line in text.splitlines():
+        # A value that is neither a section nor the two texts.
+        if re.match(r"\s*(- )?\w+: *[^# ]", line) and not re.match(
+            "description|source", line
+        ):
+            comment = line.partition("#")[2]
+            assert re.search(
+                r"eq\. |section|chapter|assumed|fitted|without effect|surface", comment
+            ), line
+
+
+# Round trip.
+
+
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
+def test_round_trip(name, tmp_path):
+    overrides = {
+        "controller.Lambda": 2.5,
+        "simulator.accuracy": 1e-9,
+        "description": "Überprüfung:\n - two lines, 'quotes' and # more",
+    }
+    if name.startswith("two_dof"):
+        overrides["controller.initial_psi"] = [[4.0, -1.0], [-1.0, 3.0]]
+    scenario = LoadScenario(name, overrides)
+    text = ScenarioToYaml(scenario)
+    assert text.isascii()
+    path = tmp_path / "other.yaml"
+    path.write_text(text)
+    loaded = LoadScenario(path)
+    assert loaded == scenario
+    assert loaded.name == name
+    assert loaded.description == overrides["description"]
+    assert ScenarioToYaml(loaded) == text
+    assert ScenarioFromYaml(text) == scenario
+    loaded.controller.G1 += 1
+    assert loaded != scenario
+    assert scenario != name
+
+
+def test_copies_are_independent():
+    scenario = LoadScenario("one_dof")
+    other = copy.deepcopy(scenario)
+    other.simulator.accuracy = 1e-3
+    other.robot.start[0] = -1.0
+    assert scenario.simulator.accuracy < 1e-3
+    assert scenario == LoadScenario("one_dof")
+
+
+# Defaults.
+
+
+def test_defaults(minimal):
+    scenario = LoadScenario(minimal)
+    assert scenario.name == "mine"
+    assert scenario.num_axes == 1
+    assert scenario.duration == 2.0 and isinstance(scenario.duration, float)
+    assert scenario.haptic_device.numerator.tolist() == [25, 50]
+    assert scenario.haptic_device.denominator.tolist() == [1, 25, 0]
+    for channel in (scenario.forward_channel, scenario.return_channel):
+        assert channel.kind == "transport"
+        assert channel.delay == 0.1
+    assert scenario.environment.layers == []
+    assert scenario.contact_surface is None
+    assert scenario.puncture_position is None
+    assert scenario.divergence_speed_ratio == 5
+    assert scenario.simulator.integration_scheme == "runge_kutta5"
+    # One loaded scenario must not change the defaults of the next.
+    scenario.haptic_device.numerator[0] = 7
+    scenario.simulator.accuracy = 1
+    again = LoadScenario(minimal)
+    assert again.haptic_device.numerator[0] == 25
+    assert again.simulator.accuracy == 1e-8
+
+
+def test_a_bare_number_is_a_vector_with_one_entry(minimal):
+    scenario = LoadScenario(minimal, ["robot.start=-2", "surgeon.velocity=2e-3"])
+    assert scenario.robot.start.tolist() == [-2]
+    assert scenario.surgeon.velocity.tolist() == [0.002]
+
+
+@pytest.mark.parametrize(
+    "key, path",
+    [
+        ("duration", "duration"),
+        ("robot", "robot.model"),
+        ("surgeon", "surgeon.velocity"),
+        ("controller", "controller.kind"),
+    ],
+)
+def test_missing(key, path, tmp_path):
+    tree = yaml.safe_load(MINIMAL)
+    del tree[key]
+    file = tmp_path / "a.yaml"
+    file.write_text(yaml.safe_dump(tree))
+    with pytest.raises(ScenarioError, match=rf"^{path} = null: must be "):
+        LoadScenario(file)
+
+
+def test_what_only_adaptive_control_needs(minimal):
+    for path in ("controller.G1", "controller.network.lower"):
+        overrides = {
+            "controller.G1": 2,
+            "controller.G2": 20,
+            "controller.network": {"lower": [0], "upper": [1], "count": [3]},
+        }
+        LoadScenario(minimal, overrides | {"controller.kind": "adaptive_backstepping"})
+        overrides[path] = None
+        LoadScenario(minimal, {"controller.network.width": 2})
+        with pytest.raises(ScenarioError, match=path):
+            LoadScenario(
+                minimal, overrides | {"controller.kind": "adaptive_backstepping"}
+            )
+
+
+# Overrides.
+
+
+def test_overrides():
+    text = LoadScenario(
+        "two_dof_combined",
+        [
+            "environment.layers.bone.stiffness=300",
+            "environment.layers.0.damping=1",
+            "surgeon.velocity.0=2e-1",
+            "controller.Lambda=[[2, 0.5], [0.5, 2]]",
+            "controller.initial_psi=4",
+            "haptic_device.numerator.1=60",
+            "robot.elbow=up",
+            "surgeon.contact_force=null",
+            "simulator.use_error_control=false",
+            "controller.network.count.1=7",
+            "duration=1",
+            "duration=3",
+        ],
+    )
+    mapping = LoadScenario(
+        "two_dof_combined",
+        {
+            "environment.layers.bone.stiffness": np.float64(300),
+            "environment.layers.tissue.damping": np.int64(1),
+            "surgeon.velocity": (0.2, 0.0),
+            "controller.Lambda": np.array([[2, 0.5], [0.5, 2]]),
+            "controller.initial_psi": 4,
+            "haptic_device.numerator": [25, 60],
+            "robot.elbow": "up",
+            "surgeon.contact_force": None,
+            "simulator.use_error_control": False,
+            "controller.network.count": [5, 7],
+            "duration": 3.0,
+        },
+    )
+    assert text == mapping
+    assert text.environment.layers[2].stiffness == 300
+    assert text.environment.layers[0].damping == 1
+    assert text.surgeon.velocity.tolist() == [0.2, 0]
+    assert text.controller.Lambda.tolist() == [[2, 0.5], [0.5, 2]]
+    assert text.controller.initial_psi == 4
+    assert text.controller.network.count == [5, 7]
+    assert text.surgeon.contact_force is None
+    assert text.simulator.use_error_control is False
+    assert text.duration == 3
+
+
+def test_one_string_is_one_override():
+    assert LoadScenario("one_dof", "duration=3").duration == 3
+
+
+def test_step_of_a_built_in_scenario_follows_the_delay():
+    def step(**delays: float) -> float:
+        return LoadScenario(
+            "two_dof_combined",
+            {f"{key}_channel.delay": value for key, value in delays.items()},
+        ).simulator.max_step_size
+
+    longest = step()
+    assert step(forward=longest) == longest
+    assert step(forward=0.002) == 0.002
+    assert step(forward=0.002, **{"return": 0.001}) == 0.001
+    assert step(forward=0.0, **{"return": 0.001}) == 0.001
+    assert step(forward=0.0, **{"return": 0.0}) == longest
+
+
+def test_step_that_was_asked_for_is_not_changed(minimal, tmp_path):
+    delay = ["forward_channel.delay=0.01"]
+    message = r"^simulator.max_step_size = 0.02: must be <= 0.01 s"
+    with pytest.raises(ScenarioError, match=message):
+        LoadScenario("one_dof", [*delay, "simulator.max_step_size=0.02"])
+    shorter = ["forward_channel.delay=0.001"]
+    assert LoadScenario(minimal, shorter).simulator.max_step_size == 0.001
+    file = tmp_path / "step.yaml"
+    file.write_text(MINIMAL + "simulator: {max_step_size: 0.02}\n")
+    assert LoadScenario(file).simulator.max_step_size == 0.02
+    with pytest.raises(ScenarioError, match=message):
+        LoadScenario(file, delay)
+    scenario = LoadScenario(file)
+    scenario.forward_channel.delay = 0.01
+    with pytest.raises(ScenarioError, match=message):
+        scenario.Validate()
+
+
+def test_sampled_channels_do_not_limit_the_step():
+    scenario = LoadScenario(
+        "two_dof_combined",
+        [
+            "forward_channel={kind: sampled, delay: 0.02, sample_period: 0.001}",
+            "return_channel.delay=0",
+        ],
+    )
+    assert scenario.max_transport_step == math.inf
+    longest = LoadScenario("two_dof_combined").simulator.max_step_size
+    assert scenario.simulator.max_step_size == longest
+
+
+@pytest.mark.parametrize("delay", [0, 0.001, 0.0123])
+def test_sampled_channel_is_valid(delay):
+    LoadScenario(
+        "one_dof",
+        [
+            "return_channel.kind=sampled",
+            "return_channel.sample_period=0.001",
+            f"return_channel.delay={delay}",
+        ],
+    )
+
+
+# Derived numbers.
+
+
+def test_gain_matrix():
+    assert GainMatrix(3, 2).tolist() == [[3, 0], [0, 3]]
+    assert GainMatrix([[1, 2], [3, 4]], 2).tolist() == [[1, 2], [3, 4]]
+
+
+def test_initial_psi():
+    assert LoadScenario("one_dof").initial_psi.tolist() == [[4.3]]
+    # (1 + Lambda d_e)/m, with Lambda = 2, d_e = 0.5, m = 0.5 in the tissue ...
+    auto = ["controller.initial_psi=auto", "controller.Lambda=2"]
+    assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(4)
+    # ... and 1/m in free space.
+    auto.append("robot.start=[0.01]")
+    assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(2)
+    # In front of every layer as well.
+    auto[-1] = "environment.layers.tissue.start=0.005"
+    assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(2)
+
+
+def test_initial_psi_of_the_arm():
+    # J M^-1 J^T of the arm of Appendix A at (0.85, 0), by its closed form.
+    m, L, l, I = 0.5, 0.75, 0.375, 0.0234
+    q2 = math.acos((0.85**2 - 2 * L * L) / (2 * L * L))
+    q1 = -q2 / 2
+    M11 = 2 * m * l * l + m * L * L + 2 * m * L * l * math.cos(q2) + 2 * I
+    M12 = m * l * l + m * L * l * math.cos(q2) + I
+    M = [[M11, M12], [M12, m * l * l + I]]
+    J = np.array(
+        [
+            [-L * math.sin(q1) - L * math.sin(q1 + q2), -L * math.sin(q1 + q2)],
+            [L * math.cos(q1) + L * math.cos(q1 + q2), L * math.cos(q1 + q2)],
+        ]
+    )
+    expected = J @ np.linalg.inv(M) @ J.T
+    collision = LoadScenario("two_dof_collision")
+    np.testing.assert_allclose(collision.initial_psi, expected, rtol=1e-3)
+    # In tissue the damping acts along x only.
+    combined = LoadScenario("two_dof_combined")
+    np.testing.assert_allclose(
+        combined.initial_psi, np.diag([1.5, 1.0]) @ expected, rtol=1e-3
+    )
+
+
+def Layers(*layers: tuple[float, float]) -> dict:
+    return {
+        "environment.layers": [
+            {"name": f"layer_{i}", "start": start, "stiffness": stiffness}
+            for i, (start, stiffness) in enumerate(layers)
+        ]
+    }
+
+
+@pytest.mark.parametrize(
+    "layers, surface, puncture",
+    [
+        ([], None, None),
+        ([(-math.inf, 5)], None, None),
+        ([(-math.inf, 0), (1, 0)], None, None),
+        # Empty space in front of the first layer is softer than anything.
+        ([(1, 5)], 1, None),
+        ([(1, 5), (2, 0)], 1, 2),
+        ([(1, 0)], None, None),
+        # A tool that starts inside the first layer has no surface in front of it.
+        ([(-1, 5), (1, 0)], None, 1),
+        ([(-math.inf, 1), (1, 5), (2, 3), (3, 4)], 1, 2),
+        ([(-math.inf, 1), (1, 5), (2, 5)], 1, None),
+    ],
+)
+def test_surface_and_puncture(layers, surface, puncture):
+    scenario = LoadScenario("one_dof", Layers(*layers))
+    assert scenario.contact_surface == surface
+    assert scenario.puncture_position == puncture
+
+
+# Bad values: each with the beginning of the one line that must name it.
+
+BAD_ONE_DOF = [
+    ("forward_channel.delay=-0.1", "forward_channel.delay = -0.1: must be 0 or a fin"),
+    ("return_channel.delay=.nan", "return_channel.delay = nan: must be 0 or a finite"),
+    ("return_channel.delay=.inf", "return_channel.delay = inf: must be"),
+    ("return_channel.delay=1e-9", "return_channel.delay = 1e-09: must be"),
+    ("return_channel.delay=true", "return_channel.delay = true: must be a number"),
+    ("return_channel.delay=fast", "return_channel.delay = 'fast': must be a number"),
+    ("return_channel.delay=[1]", "return_channel.delay = [1]: must be a number"),
+    ("return_channel.delay=", "return_channel.delay = null: must be a number"),
+    ("return_channel.sample_period=1", "return_channel.sample_period = 1.0: must be n"),
+    ("return_channel.kind=sampled", "return_channel.sample_period = null: must be a"),
+    ("return_channel.kind=transprot", "return_channel.kind = 'transprot': must be one"),
+    ("robot.model=robot", "robot.model = 'robot': must be one of slider, two_link_arm"),
+    ("robot.model=two_link_arm", "robot.mass: 0.5 must be null"),
+    ("robot.start=[0, 0]", "robot.start: [0.0, 0.0] must be a list of 1 finite number"),
+    ("robot.start=[.inf]", "robot.start: [inf] must be"),
+    ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
+    ("robot.start=1", "robot.start = [1.0]: must be in front of the contact surface"),
+    ("robot.start=[a]", "robot.start = 'a': must be a list of numbers"),
+    ("robot.elbow=up", "robot.elbow: 'up' must be null"),
+    ("robot.mass=0", "robot.mass: 0.0 must be finite and > 0 kg"),
+    ("robot.mass=.nan", "robot.mass: nan must be finite and > 0 kg"),
+    ("robot.damping=-1", "robot.damping: -1.0 must be finite and >= 0 N s/m"),
+    ("surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be non-zero"),
+    ("surgeon.velocity=[1, 2]", "surgeon.velocity = [1.0, 2.0]: must be a list of 1"),
+    ("surgeon.velocity=[.nan]", "surgeon.velocity = [nan]: must be a list of 1 finite"),
+    ("surgeon.contact_force=[]", "surgeon.contact_force = []: must be a list of 1"),
+    ("surgeon.stop_time=-1", "surgeon.stop_time = -1.0: must be a finite number >= 0"),
+    ("haptic_device.numerator=[1, 2, 3, 4]", "haptic_device.numerator must not have"),
+    ("haptic_device.denominator=[0, 1]", "haptic_device.denominator must start with"),
+    ("haptic_device.denominator=[]", "haptic_device.denominator must be a vector"),
+    ("haptic_device.denominator=[1e-308, 0, 0]", "haptic_device.denominator = [1e-30"),
+    ("haptic_device.numerator=[.nan]", "haptic_device.numerator must be finite"),
+    ("environment.layers.bone.stiffness=-1", "environment.layers.bone.stiffness = -1"),
+    ("environment.layers.2.stiffness=.nan", "environment.layers.bone.stiffness = nan"),
+    ("environment.layers.bone.stiffness=.inf", "environment.layers.bone.stiffness = i"),
+    ("environment.layers.free.damping=-1", "environment.layers.free.damping = -1.0: "),
+    ("environment.layers.free.reference=.inf", "environment.layers.free.reference ="),
+    ("environment.layers.free.start=0.02", "environment.layers.bone.start = 0.015: mu"),
+    ("environment.layers.bone.start=0.0075", "environment.layers.bone.start = 0.0075"),
+    ("environment.layers.bone.start=-.inf", "environment.layers.bone.start = -inf: "),
+    ("environment.layers.tissue.start=.inf", "environment.layers.tissue.start = inf:"),
+    ("environment.layers.tissue.start=.nan", "environment.layers.tissue.start = nan:"),
+    ("environment.layers.bone.name=free", "environment.layers.2.name = 'free': must b"),
+    ("environment.layers.bone.name=7", "environment.layers.2.name = 7: must be text"),
+    ("environment.layers.bone.name=a.b", "environment.layers.2.name = 'a.b': must be"),
+    ("environment.layers.1={name: x}", "environment.layers.x.start = null: must be"),
+    ("environment.layers.bne.start=1", "environment.layers.bne.start = 1: unknown key"),
+    ("environment.layers.-1.start=1", "environment.layers.-1.start = 1: unknown key"),
+    ("environment.layers=1", "environment.layers = 1: must be a list"),
+    ("environment=1", "environment = 1: must be a mapping with the keys layers"),
+    ("controller.kind=adaptive", "controller.kind = 'adaptive': must be one of"),
+    (
+        "controller.Lambda=0",
+        "controller.Lambda = 0.0: must be positive, or a symmetric",
+    ),
+    ("controller.G1=[[-1]]", "controller.G1 = [[-1.0]]: must be positive"),
+    ("controller.G2=.inf", "controller.G2 = inf: must be positive"),
+    ("controller.G2=auto", "controller.G2 = 'auto': must be a number or a matrix"),
+    ("controller.G2=[1]", "controller.G2 = [1]: must be a number or a matrix"),
+    ("controller.P=true", "controller.P = true: must be a number or a matrix"),
+    ("controller.adaptation_rate=-1", "controller.adaptation_rate = -1.0: must be a"),
+    ("controller.leakage=-0.1", "controller.leakage = -0.1: must be a finite number"),
+    ("controller.supervision=1.01", "controller.supervision = 1.01: must be a finite "),
+    ("controller.supervision=-0.01", "controller.supervision = -0.01: must be a fin"),
+    ("controller.minimum_psi=0", "controller.minimum_psi = 0.0: must be a finite num"),
+    ("controller.minimum_psi=5", "controller.initial_psi = 4.3: must be auto, a posi"),
+    ("controller.initial_psi=-4", "controller.initial_psi = -4.0: must be auto"),
+    ("controller.initial_psi=best", "controller.initial_psi = 'best': must be a numb"),
+    ("controller.network.count=[0]", "controller.network.count = [0]: must be a list"),
+    ("controller.network.count=[1.5]", "controller.network.count = [1.5]: must be a "),
+    ("controller.network.count=[true]", "controller.network.count = true: must be a "),
+    ("controller.network.count=[99999]", "controller.network.count = [99999]: must b"),
+    ("controller.network.lower=[0.015]", "controller.network.upper = [0.015]: must be"),
+    ("controller.network.upper=[1, 2]", "controller.network.upper = [1.0, 2.0]: must"),
+    ("controller.network.width=0", "controller.network.width = 0.0: must be a finite"),
+    ("duration=0", "duration = 0.0: must be a finite number > 0 (s)"),
+    ("duration=.inf", "duration = inf: must be a finite number > 0 (s)"),
+    ("duration=10**3", "duration = '10**3': must be a number"),
+    ("divergence_speed_ratio=1", "divergence_speed_ratio = 1.0: must be a finite num"),
+    ("simulator.accuracy=0", "simulator.accuracy = 0.0: must be a finite number >= 1"),
+    ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be a finite"),
+    ("simulator.max_step_size=0.2", "simulator.max_step_size = 0.2: must be <= 0.1 s"),
+    ("simulator.integration_scheme=ode45", "simulator.integration_scheme = 'ode45': "),
+    ("simulator.use_error_control=1", "simulator.use_error_control = 1: must be true"),
+    ("simulator.start_time=1", "simulator.start_time = 1.0: must be 0 s"),
+    ("simulator.target_realtime_rate=-1", "simulator.target_realtime_rate = -1.0: mu"),
+    ("simulator.publish_every_time_step=true", "simulator.publish_every_time_step = "),
+    ("name=../escape", "name = '../escape': must be one line of text without / and"),
+    ("name=", "name = null: must be text"),
+    ("description=3", "description = 3: must be text"),
+    ("forward_chanel.delay=1", "forward_chanel.delay = 1: unknown key 'forward_chanel"),
+    ("forward_channel.dely=1", "forward_channel.dely = 1: unknown key 'dely', must be"),
+    ("duration.x=1", "duration.x = 1: unknown key 'x', there is nothing below"),
+    ("duration", "override 'duration': must be PATH=VALUE"),
+    ("=1", "override '=1': must be PATH=VALUE"),
+    ("duration=[", "override of 'duration' at line 1, column 2: must be valid YAML"),
+    ("duration=2020-13-01", "override of 'duration': must be valid YAML (month"),
+    ("duration=!!python/name:os.system x", "override of 'duration' at line 1"),
+    ("duration=&a [*a]", "duration = [[["),
+    ('description="\\ud800"', "description = '\\ud800': must be text"),
+]
+
+
+@pytest.mark.parametrize("override, message", BAD_ONE_DOF)
+def test_bad_values(override, message):
+    with pytest.raises(ScenarioError) as info:
+        LoadScenario("one_dof", [override])
+    assert str(info.value).startswith(message)
+    assert str(info.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "overrides, message",
+    [
+        (["robot.start=[0.85]"], "robot.start: [0.85] must be a list of 2 finite"),
+        (["robot.start=[1.2, 1.2]"], "robot.start: [1.2, 1.2] is 1.69706 m from the"),
+        (["robot.start=[1.5, 0]"], "robot.start: [1.5, 0.0] is 1.5 m from the"),
+        (["robot.start=[0, 0]"], "robot.start: [0.0, 0.0] is 0 m from the"),
+        (["robot.elbow=null"], "robot.elbow: None must be up or down"),
+        (["robot.mass=1"], "robot.mass: 1.0 must be null for two_link_arm"),
+        (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
+        (["controller.G1=[[1, 2], [2, 1]]"], "controller.G1 = [[1.0, 2.0], [2.0, 1.0]"),
+        (["controller.Lambda=[[1]]"], "controller.Lambda = [[1.0]]: must be positive,"),
+        (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
+        # Each is positive definite, the symmetric part of their product is not.
+        (
+            ["controller.G1=[[40, 0], [0, 1]]", "controller.P=[[1, 0.9], [0.9, 1]]"],
+            "controller.P = [[1.0, 0.9], [0.9, 1.0]]: must be such that",
+        ),
+        (
+            ["controller.G1=[[1e308, 0], [0, 1]]", "controller.P=1e9"],
+            "controller.P = 1000000000.0: must be such that",
+        ),
+        (["controller.initial_psi=[[0, 1], [1, 0]]"], "controller.initial_psi = [[0.0"),
+        (["controller.initial_psi=[[1, 1], [1, 1]]"], "controller.initial_psi = [[1.0"),
+        (
+            ["controller.initial_psi=[[.nan, 1], [1, 1]]"],
+            "controller.initial_psi = [[n",
+        ),
+        (["controller.initial_psi=[[4]]"], "controller.initial_psi = [[4.0]]: must be"),
+        (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),
+        (
+            ["controller.network.count=[1000, 1000]"],
+            "controller.network.count = [1000, 1000]: must be at most 10000",
+        ),
+        (
+            ["forward_channel.kind=sampled", "forward_channel.sample_period=0.11"],
+            "forward_channel.sample_period = 0.11: must be at most the delay, 0.1 (s)",
+        ),
+        (
+            ["forward_channel.kind=sampled", "forward_channel.sample_period=0"],
+            "forward_channel.sample_period = 0.0: must be a finite number >= 1e-06 (s)",
+        ),
+        (
+            [
+                "forward_channel.kind=sampled",
+                "forward_channel.sample_period=1e-4",
+                "forward_channel.delay=1000",
+            ],
+            "forward_channel.sample_period = 0.0001: must be a finite number >= 0.01",
+        ),
+        # In this order: what comes later does not matter if it is bad earlier on.
+        (["duration=-1", "environment.layers=x"], "environment.layers = 'x': must be"),
+    ],
+)
+def test_bad_values_of_the_arm(overrides, message):
+    with pytest.raises(ScenarioError) as info:
+        LoadScenario("two_dof_combined", overrides)
+    assert str(info.value).startswith(message)
+    assert str(info.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "override, message",
+    [
+        (
+            "controller.kind=direct_force",
+            "controller.kind = 'direct_force': must be one",
+        ),
+        ("controller.Lambda=-1", "controller.Lambda = -1.0: must be positive"),
+        ("controller.G1=null", "controller.G1 = null: must be positive"),
+        (
+            "controller.adaptation_rate=-1",
+            "controller.adaptation_rate = -1.0: must be ",
+        ),
+        ("controller.adaptation_rate=", "controller.adaptation_rate = null: must be "),
+        (
+            "controller.leakage=.nan",
+            "controller.leakage = nan: must be a finite number",
+        ),
+        (
+            "controller.network.count=[5]",
+            "controller.network.count = [5]: must be a li",
+        ),
+        (
+            "controller.G2=20",
+            "controller.G2 = 20: unknown key 'G2', must be one of kind",
+        ),
+        (
+            "forward_channel.delay=0.1",
+            "forward_channel.delay = 0.1: unknown key 'forwa",
+        ),
+        ("surgeon={}", "surgeon = {}: unknown key 'surgeon', must be one of name"),
+        (
+            "robot={model: slider, start: [0]}",
+            "robot.model = 'slider': must be one of two_link_arm",
+        ),
+        ("robot.start=[2, 0]", "robot.start: [2.0, 0.0] is 2 m from the shoulder"),
+        (
+            "gravity=9.81",
+            "gravity = [9.81]: must be a list of 2 finite numbers (m/s^2)",
+        ),
+        (
+            "trajectory=null",
+            "trajectory = null: must be a mapping with the keys centre",
+        ),
+        ("trajectory.centre=[1]", "trajectory.centre = [1.0]: must be a list of 2"),
+        (
+            "trajectory.amplitude=[.inf, 0]",
+            "trajectory.amplitude = [inf, 0.0]: must be",
+        ),
+        ("trajectory.amplitude=[1, 0]", "trajectory.amplitude = [1.0, 0.0]: must keep"),
+        # Both ends are in reach, the shoulder in between is not.
+        (
+            "trajectory={centre: [0.1, 0], amplitude: [0.9, 0]}",
+            "trajectory.amplitude = [0.9, 0.0]: must keep the trajectory in reach ([0",
+        ),
+        (
+            "trajectory.frequency=-1",
+            "trajectory.frequency = -1.0: must be a finite num",
+        ),
+        (
+            "trajectory.frequency=1e4",
+            "trajectory.frequency = 10000.0: must be a finite",
+        ),
+        ("trajectory.phase=.inf", "trajectory.phase = inf: must be a finite number"),
+        (
+            "disturbance.kind=cubic",
+            "disturbance.kind = 'cubic': must be one of linear,",
+        ),
+        (
+            "disturbance.gain=null",
+            "disturbance.gain = null: must be a finite number or",
+        ),
+        ("disturbance.gain=.inf", "disturbance.gain = inf: must be a finite number or"),
+        (
+            "disturbance.gain=[[1]]",
+            "disturbance.gain = [[1.0]]: must be a finite number",
+        ),
+        ("divergence_speed=0", "divergence_speed = 0.0: must be a finite number > 0 ("),
+        ("simulator.start_time=1", "simulator.start_time = 1.0: must be 0 s"),
+    ],
+)
+def test_bad_values_of_tracking(override, message):
+    with pytest.raises(ScenarioError) as info:
+        LoadScenario("network_tracking_linear", [override])
+    assert str(info.value).startswith(message)
+    assert str(info.value).isprintable()
+
+
+def test_tracking_scenario():
+    scenario = LoadScenario(
+        "network_tracking_linear", ["disturbance.gain=[[1, 2], [3, 4]]"]
+    )
+    assert isinstance(scenario, TrackingScenario)
+    assert scenario.num_axes == 2
+    assert scenario.disturbance.gain.tolist() == [[1, 2], [3, 4]]
+    # Section 3.4.
+    controller = scenario.controller
+    assert (controller.Lambda, controller.G1) == (35, 1)
+    assert (controller.adaptation_rate, controller.leakage) == (5, 0.001)
+    assert LoadScenario("network_tracking_coupled").disturbance.gain == 10
+    # No delay limits the step.
+    step = LoadScenario("network_tracking_linear", ["simulator.max_step_size=2"])
+    assert step.simulator.max_step_size == 2
+    # A line through a point is as good as one along it.
+    LoadScenario("network_tracking_linear", ["trajectory.amplitude=[0, 0]"])
+    scenario.trajectory.amplitude = [2, 0]
+    with pytest.raises(ScenarioError, match=r"^trajectory.amplitude = \[2.0, 0.0\]"):
+        scenario.Validate()
+
+
+@pytest.mark.parametrize(
+    "override, suggestion",
+    [
+        ("controller.kind=adaptive_backsteping", "adaptive_backstepping"),
+        ("robot.model=two_link", "two_link_arm"),
+        ("forward_channel.dealy=1", "delay"),
+        ("environment.layers.bonee.start=1", "bone"),
+        ("simulator.integration_scheme=runge_kuta5", "runge_kutta5"),
+        ("controller={kinds: direct_force}", "kind"),
+    ],
+)
+def test_suggestions(override, suggestion):
+    with pytest.raises(ScenarioError, match=rf"\(did you mean '{suggestion}'\?\)"):
+        LoadScenario("one_dof", [override])
+
+
+# Bad files.
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (b"", "must hold a mapping of scenario fields, not null"),
+        (b"# nothing\n", "must hold a mapping of scenario fields, not null"),
+        (b"[1, 2]", r"must hold a mapping of scenario fields, not \[1, 2\]"),
+        (b"robot: [", "at line 1, column 9: must be valid YAML"),
+        (b"a: 1\nduration: 1\nduration: 2", r"column 1: .*duplicate key 'duration'"),
+        (b"robot: {model: slider, model: slider}", "duplicate key 'model'"),
+        (b"\xff\xfe\x00", "must be readable as UTF-8 text"),
+        (b"\x00", "must be valid YAML"),
+        (b"? [a]\n: 1", "must be valid YAML"),
+        (b"? {a: b}\n: 1", "must be valid YAML"),
+        (b"--- 1\n--- 2", "must be valid YAML"),
+        (b"x: !!bool y", "must be valid YAML"),
+        (b"x: " + b"[" * 1000, "must be valid YAML"),
+        (b"1: 2", "^1 = 2: unknown key 1, must be one of name"),
+        (b"? 'a\n\n  b'\n: 2", r"^'a\\nb' = 2: unknown key"),
+        (b"robot: 1", "^robot = 1: must be a mapping"),
+        (b"simulator: {accuracy: high}", "^simulator.accuracy = 'high': must be a num"),
+    ],
+)
+def test_bad_files(text, message, tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text)
+    with pytest.raises(ScenarioError, match=message) as info:
+        LoadScenario(path)
+    assert str(info.value).isprintable()
+    if not message.startswith("^"):
+        assert str(info.value).startswith(f"scenario file {str(path)!r}")
+
+
+@pytest.mark.parametrize(
+    "name, message",
+    [
+        ("one_dot", r"scenario = 'one_dot': must be .* \(did you mean 'one_dof'\?\)"),
+        ("", "scenario = '': must be one of .*one_dof, .* or a YAML file"),
+        ("nowhere.yaml", "scenario file 'nowhere.yaml': must be readable"),
+        ("no/where", "scenario file 'no/where': must be readable"),
+        ("no\nwhere.yaml", r"scenario file 'no\\nwhere.yaml': must be readable"),
+        ("no\0where.yaml", "scenario file 'no.x00where.yaml': must be readable"),
+        ("x" * 5000, "scenario = 'xxx"),
+    ],
+)
+def test_bad_names(name, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ScenarioError, match=f"^{message}") as info:
+        LoadScenario(name)
+    assert str(info.value).isprintable()
+
+
+def test_bad_text():
+    with pytest.raises(
+        ScenarioError, match=r"^scenario at line 1, column 5: must be v"
+    ):
+        ScenarioFromYaml("a: [")
+    with pytest.raises(ScenarioError, match=r"^scenario = 3: must be a mapping with"):
+        ScenarioFromYaml("3")
+
+
+def test_folder(tmp_path):
+    with pytest.raises(ScenarioError, match="must be readable"):
+        LoadScenario(tmp_path)
+
+
+def test_local_file_without_extension(minimal, monkeypatch):
+    monkeypatch.chdir(minimal.parent)
+    minimal.rename("task")
+    assert LoadScenario("task").name == "task"
+
+
+# Scenarios edited in Python.
+
+
+def test_validate_takes_lists_and_numpy():
+    scenario = LoadScenario("two_dof_combined")
+    scenario.surgeon.velocity = [0.2, 0]
+    scenario.robot.start = (0.9, 0.0)
+    scenario.controller.G1 = np.diag([4.0, 5.0])
+    scenario.controller.network.count = np.array([3, 4])
+    scenario.duration = 1
+    scenario.Validate()
+    assert scenario.num_axes == 2
+    assert scenario.contact_surface == 1.1
+
+
+@pytest.mark.parametrize(
+    "edit, message",
+    [
+        ({"duration": "long"}, "duration = 'long': must be a number"),
+        ({"duration": None}, "duration = null: must be a finite number"),
+        ({"robot": None}, "robot = null: must be a mapping"),
+        ({"simulator": SimulatorConfig(accuracy=-1)}, "simulator.accuracy = -1.0"),
+        ({"surgeon": dut.SurgeonConfig(velocity=[math.nan, 0])}, "surgeon.velocity"),
+    ],
+)
+def test_validate(edit, message):
+    scenario = LoadScenario("two_dof_combined")
+    for key, value in edit.items():
+        setattr(scenario, key, value)
+    with pytest.raises(ScenarioError) as info:
+        scenario.Validate()
+    assert str(info.value).startswith(message)
+
+
+def test_scenario_made_in_python(minimal):
+    scenario = Scenario(
+        name="mine",
+        duration=2,
+        robot=dut.RobotConfig(model="slider", start=[0]),
+        surgeon=dut.SurgeonConfig(velocity=[0.001]),
+        controller=dut.ControllerConfig(kind="direct_force"),
+    )
+    scenario.Validate()
+    assert scenario == LoadScenario(minimal)
+
+
+def test_validated_again_after_each_edit():
+    scenario = LoadScenario("one_dof")
+    scenario.Validate()
+    scenario.surgeon.velocity[0] = np.nan
+    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
+        scenario.Validate()
+    scenario.surgeon.velocity[0] = 1.0
+    scenario.Validate()
+    scenario.surgeon.velocity = [True]
+    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
+        scenario.Validate()

@@ -1,0 +1,479 @@
+"""Tests of simulate(): what is recorded, how runs end, what does not matter."""
+
+import gc
+import math
+import signal
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+from runs import TASKS, Run
+
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+from teleop_drake.simulation import run_monitor, simulate
+from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.teleoperator import MakeTeleoperator
+
+DIRECT, ADAPTIVE = CONTROLLERS
+
+
+def sides(recording, name, time):
+    """Returns a signal on both sides of the jump at a time."""
+    jumps = np.flatnonzero(np.diff(recording.time) == 0)
+    i = jumps[np.argmin(np.abs(recording.time[jumps] - time))]
+    assert recording.time[i] == pytest.approx(time, abs=1e-6)
+    return recording[name][i], recording[name][i + 1]
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS)
+def test_all_signals_of_the_loop(name, kind):
+    recording = Run(name, kind)
+    n = recording.scenario.num_axes
+    widths = {
+        **dict.fromkeys(("tool_position", "tool_velocity", "tool_acceleration"), n),
+        **dict.fromkeys(("joint_position", "joint_velocity", "joint_torque"), n),
+        **dict.fromkeys(("environment_force", "control_force"), n),
+        **dict.fromkeys(("environment_layer", "surgeon_mode"), 1),
+        **{
+            f"{way}_packet_{end}": 2 * n
+            for way in ("forward", "return")
+            for end in ("sent", "received")
+        },
+    }
+    if kind == ADAPTIVE:
+        num_functions = 5**n
+        widths |= {
+            "psi": n * n,
+            "weights_1": n * num_functions,
+            "weights_3": n * num_functions,
+            "auxiliary_error": n,
+            "control_force_error": n,
+        }
+    assert {key: value.shape[1] for key, value in recording.signals.items()} == widths
+    for values in recording.signals.values():
+        assert len(values) == len(recording.time)
+        assert np.all(np.isfinite(values))
+    assert np.all(np.diff(recording.time) >= 0)
+    assert recording.time[0] == 0
+    if recording.termination == "completed":
+        assert recording.time[-1] == recording.scenario.duration
+    np.testing.assert_array_equal(
+        recording["return_packet_sent"],
+        np.hstack((recording["tool_position"], recording["tool_velocity"])),
+    )
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_velocity_and_acceleration_are_derivatives(name):
+    recording = Run(name, ADAPTIVE)
+    t = recording.time
+    for rate, value in (
+        ("tool_velocity", "tool_position"),
+        ("tool_acceleration", "tool_velocity"),
+    ):
+        change = np.diff(recording[value], axis=0)
+        mean = (recording[rate][1:] + recording[rate][:-1]) / 2
+        scale = np.ptp(recording[value])
+        assert np.abs(change - mean * np.diff(t)[:, None]).max() < 2e-3 * scale
+
+
+def test_both_sides_of_the_puncture():
+    recording = Run("one_dof", DIRECT)
+    (time,) = recording.EventTimes("puncture")
+    before, after = sides(recording, "environment_force", time)
+    velocity = recording.Interpolate("tool_velocity", np.array([time]))[0, 0]
+    assert before[0] == pytest.approx(0.01 * 0.0075 + 0.5 * velocity, rel=1e-6)
+    assert after[0] == 0
+    # The position is that of the border to a nanometre.
+    position, _ = sides(recording, "tool_position", time)
+    assert 0.0075 <= position[0] < 0.0075 + 1e-9
+
+
+def test_contact_is_located_and_perceived_one_return_delay_later():
+    for name in ("one_dof", "two_dof_collision", "two_dof_combined"):
+        recording = Run(name, ADAPTIVE)
+        contact = recording.EventTimes("contact")[0]
+        x = recording.Interpolate("tool_position", np.array([contact]))[0, 0]
+        surface = recording.scenario.contact_surface
+        assert x == pytest.approx(surface, abs=1e-9)
+        (switch,) = recording.EventTimes("surgeon_force")
+        assert switch - contact == pytest.approx(0.1, abs=2e-6)
+        before, after = sides(recording, "forward_packet_sent", switch)
+        n = recording.scenario.num_axes
+        np.testing.assert_array_equal(before[n:], recording.scenario.surgeon.velocity)
+        np.testing.assert_array_equal(
+            after, [*recording.scenario.surgeon.contact_force, *[0.0] * n]
+        )
+        # The echo of the jump arrives at the slave exactly one forward delay later.
+        before, after = sides(recording, "forward_packet_received", switch + 0.1)
+        np.testing.assert_array_equal(
+            after[:n], recording.scenario.surgeon.contact_force
+        )
+        assert before[0] != after[0]
+
+
+def test_mirror_image_elbows_give_mirror_image_runs():
+    for kind in CONTROLLERS:
+        down = Run("two_dof_combined", kind, "duration=4")
+        up = Run("two_dof_combined", kind, "duration=4", "robot.elbow=up")
+        times = np.linspace(0, 4, 801)
+        for name in ("tool_position", "tool_velocity", "control_force"):
+            mirror = up.Interpolate(name, times) * [1, -1]
+            scale = np.ptp(down[name])
+            assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
+
+
+@pytest.mark.parametrize("kind", CONTROLLERS)
+@pytest.mark.parametrize("name", TASKS[1:])
+def test_no_force_acts_across_the_layers(name, kind):
+    assert np.all(Run(name, kind)["environment_force"][:, 1] == 0)
+
+
+def test_direct_force_diverges_after_the_puncture():
+    recording = Run("two_dof_puncture", DIRECT)
+    assert recording.termination == "diverged"
+    assert "exceeds 5 times the commanded speed" in recording.reason
+    (puncture,) = recording.EventTimes("puncture")
+    assert puncture < recording.time[-1] < recording.scenario.duration
+    speed = np.linalg.norm(recording["tool_velocity"], axis=1)
+    assert np.argmax(speed) == len(speed) - 1
+    assert Run("two_dof_puncture", ADAPTIVE).termination == "completed"
+
+
+def test_adaptive_settles_on_the_bone_and_direct_force_does_not():
+    for name in ("two_dof_collision", "two_dof_combined"):
+        adaptive, direct = Run(name, ADAPTIVE), Run(name, DIRECT)
+        late = adaptive.time > adaptive.time[-1] - 1
+        assert np.abs(adaptive["tool_velocity"][late]).max() < 0.005
+        assert adaptive["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.01)
+        late = direct.time > direct.time[-1] - 1
+        assert np.abs(direct["tool_velocity"][late, 0]).max() > 0.1
+
+
+class Faulty(LeafSystem):
+    """A control law that returns NaN after one second."""
+
+    def __init__(self):
+        super().__init__()
+        for name in (
+            "haptic_force",
+            "velocity_command",
+            "tool_position",
+            "tool_velocity",
+            "environment_force",
+        ):
+            self.DeclareVectorInputPort(name, 1)
+        self.DeclareVectorOutputPort(
+            "control_force",
+            1,
+            lambda context, force: force.SetFromVector(
+                [1e-4 if context.get_time() <= 1 else math.nan]
+            ),
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+
+def test_a_solver_that_cannot_go_on_ends_the_recording():
+    scenario = LoadScenario(
+        "one_dof", {"controller.kind": DIRECT, "simulator.max_step_size": 0.02}
+    )
+    recording = simulate(
+        scenario, teleoperator=MakeTeleoperator(scenario, control_law=Faulty())
+    )
+    assert recording.termination == "diverged"
+    assert recording.reason
+    assert recording.time[-1] == pytest.approx(1.0, abs=0.02)
+    for values in recording.signals.values():
+        assert np.all(np.isfinite(values))
+
+
+def test_blow_up_ends_early():
+    recording = Run(
+        "two_dof_puncture", DIRECT, "duration=12", "divergence_speed_ratio=20"
+    )
+    assert recording.termination == "diverged"
+    assert "exceeds 20 times" in recording.reason
+    assert recording.time[-1] < recording.scenario.duration
+    for values in recording.signals.values():
+        assert np.all(np.isfinite(values))
+
+
+def test_stop_ends_the_push():
+    recording = Run(
+        "two_dof_collision", ADAPTIVE, "surgeon.stop_time=4.5", "duration=7"
+    )
+    assert recording.EventTimes("surgeon_stop") == [4.5]
+    before, after = sides(recording, "forward_packet_sent", 4.5)
+    assert before[0] == 0.2
+    assert np.all(after == 0)
+    assert abs(recording["environment_force"][-1, 0]) < 0.02
+
+
+def test_sampled_channels_hold_packets():
+    kinds = [
+        f"{way}_channel={{kind: sampled, delay: 0.1, sample_period: 0.01}}"
+        for way in ("forward", "return")
+    ]
+    sampled = Run("two_dof_combined", ADAPTIVE, "duration=2", *kinds)
+    exact = Run("two_dof_combined", ADAPTIVE, "duration=2")
+    assert len(np.unique(sampled["forward_packet_received"][:, 0])) <= 200
+    times = np.linspace(0, 2, 401)
+    difference = sampled.Interpolate("tool_position", times) - exact.Interpolate(
+        "tool_position", times
+    )
+    assert 0 < np.abs(difference).max() < 0.005
+
+
+def test_delays_of_the_packets_in_the_recording():
+    # At steps so short that interpolation does not count.
+    recording = Run(
+        "two_dof_combined",
+        DIRECT,
+        "forward_channel.delay=0.0731",
+        "simulator.max_step_size=0.03",
+    )
+    times = np.unique(recording.time[(recording.time > 0.5) & (recording.time < 2)])
+    for way, delay in (("forward", 0.0731), ("return", 0.1)):
+        sent = recording.Interpolate(f"{way}_packet_sent", times - delay)
+        received = recording.Interpolate(f"{way}_packet_received", times)
+        assert np.abs(sent - received).max() < 1e-6
+
+
+@pytest.mark.parametrize("forward", [0.05, 0.1, 0.3, 1 / 3])
+@pytest.mark.parametrize("back", [0.05, 0.1, 0.15, 0.3])
+def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
+    """0.05 + 0.05 and 0.1 differ by a rounding error in some runs."""
+    delays = {"forward_channel.delay": forward, "return_channel.delay": back}
+    scenario = LoadScenario("one_dof", delays | {"duration": 1.0})
+    steps = []
+
+    def watch(time):
+        steps.append(time)
+        assert len(steps) < 1000
+
+    recording = simulate(scenario, progress=watch)
+    assert recording.termination == "completed"
+    assert len(recording.time) < 500
+
+
+def test_same_scenario_same_bytes():
+    runs = [
+        simulate(LoadScenario("two_dof_collision", {"duration": 2.0})) for _ in range(2)
+    ]
+    np.testing.assert_array_equal(runs[0].time, runs[1].time)
+    for name, values in runs[0].signals.items():
+        np.testing.assert_array_equal(values, runs[1][name])
+
+
+def test_diagram_of_ones_own_is_simulated():
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    law = DirectForce(num_axes=1)
+    recording = simulate(
+        scenario, teleoperator=MakeTeleoperator(scenario, control_law=law)
+    )
+    reference = Run("one_dof", DIRECT, "duration=2.0")
+    np.testing.assert_array_equal(
+        recording["tool_position"], reference["tool_position"]
+    )
+
+
+def test_progress_is_reported_in_order():
+    reports = []
+    simulate(LoadScenario("one_dof", {"duration": 6.0}), progress=reports.append)
+    assert reports
+    assert reports == sorted(reports)
+    assert reports[0] >= 0
+    assert reports[-1] <= 6.0
+
+
+def test_interrupt_keeps_what_there_is():
+    def interrupt(time):
+        signal.raise_signal(signal.SIGINT)
+
+    recording = simulate(LoadScenario("one_dof"), progress=interrupt)
+    assert recording.termination == "interrupted"
+    assert 0 < recording.time[-1] < recording.scenario.duration
+    assert len(recording["tool_position"]) == len(recording.time)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
+    """Raised in the machine code of a law, it would become a SystemError."""
+    scenario = LoadScenario("one_dof")
+    network = GaussianNetwork.evaluate_members
+    calls = 0
+
+    def interrupt_once(self, u, u_dot):
+        nonlocal calls
+        calls += 1
+        if calls == 1000:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise SystemError("returned a result with an exception set") from None
+        return network(self, u, u_dot)
+
+    reference = Run("one_dof", ADAPTIVE)
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_once)
+    recording = simulate(scenario)
+    assert (recording.termination, recording.reason) == (
+        "interrupted",
+        "interrupted by the user",
+    )
+    assert 1000 < calls < 1010
+    num_samples = len(recording.time)
+    np.testing.assert_array_equal(recording.time, reference.time[:num_samples])
+    np.testing.assert_array_equal(
+        recording["control_force"], reference["control_force"][:num_samples]
+    )
+
+
+def test_interrupt_in_the_step_that_diverges(monkeypatch):
+    """Otherwise a comparison would go on with its next run."""
+    scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
+    assert simulate(scenario).termination == "diverged"
+    network = GaussianNetwork.evaluate_members
+    limit = 1.1 * abs(scenario.surgeon.velocity[0])
+    is_interrupted = False
+
+    def interrupt_at_limit(self, u, u_dot):
+        nonlocal is_interrupted
+        if abs(u_dot[0]) > limit and not is_interrupted:
+            is_interrupted = True
+            signal.raise_signal(signal.SIGINT)
+        return network(self, u, u_dot)
+
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_at_limit)
+    assert simulate(scenario).termination == "interrupted"
+
+
+def test_second_interrupt_does_not_wait(monkeypatch):
+    def interrupt_twice(self, u, u_dot):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("the second one did not interrupt")
+
+    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_twice)
+    with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
+        simulate(LoadScenario("one_dof"))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
+def test_interrupts_that_are_handled_elsewhere(handler):
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    previous = signal.signal(signal.SIGINT, handler)
+    try:
+        recording = simulate(
+            scenario, progress=lambda time: signal.raise_signal(signal.SIGINT)
+        )
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert recording.termination == "completed"
+
+
+def test_simulation_in_a_thread():
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    with ThreadPoolExecutor() as threads:
+        recording = threads.submit(simulate, scenario).result()
+    assert recording.termination == "completed"
+
+
+def test_invalid_scenario_is_refused_before_anything_runs():
+    scenario = LoadScenario("one_dof")
+    scenario.simulator.max_step_size = 0.2
+    with pytest.raises(ScenarioError, match=r"simulator\.max_step_size"):
+        simulate(scenario, progress=lambda time: pytest.fail("simulated"))
+
+
+def test_solver_statistics():
+    recording = Run("two_dof_combined", ADAPTIVE)
+    solver = recording.solver
+    assert solver.scheme == "runge_kutta5"
+    assert solver.accuracy == recording.scenario.simulator.accuracy
+    assert 0 < solver.steps < solver.derivative_evaluations
+    assert solver.real_time_factor == pytest.approx(
+        recording.time[-1] / solver.wall_time_s
+    )
+
+
+@pytest.mark.parametrize("scheme", ["runge_kutta3", "runge_kutta2", "radau3"])
+def test_other_integrators_agree(scheme):
+    other = Run(
+        "one_dof",
+        DIRECT,
+        "duration=9",
+        f"simulator.integration_scheme={scheme}",
+        "simulator.max_step_size=0.002",
+    )
+    reference = Run("one_dof", DIRECT, "duration=9")
+    times = np.linspace(0, 9, 501)
+    difference = other.Interpolate("tool_velocity", times) - reference.Interpolate(
+        "tool_velocity", times
+    )
+    assert np.abs(difference).max() < 2e-6
+
+
+def test_save_and_load(tmp_path):
+    recording = Run("one_dof", ADAPTIVE)
+    path = tmp_path / "run.npz"
+    recording.Save(path)
+    loaded = LoadRecording(path)
+    assert loaded.scenario == recording.scenario
+    assert loaded.events == recording.events
+    assert loaded.solver == recording.solver
+    assert (loaded.termination, loaded.reason) == ("completed", "")
+    np.testing.assert_array_equal(loaded.time, recording.time)
+    for name, values in recording.signals.items():
+        np.testing.assert_array_equal(loaded[name], values)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_save_leaves_nothing_half_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        np, "savez_compressed", lambda *_, **__: (_ for _ in ()).throw(OSError("full"))
+    )
+    with pytest.raises(OSError, match="full"):
+        Run("one_dof", ADAPTIVE).Save(tmp_path / "run.npz")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(OSError):
+        Run("one_dof", ADAPTIVE).Save(tmp_path / "nowhere" / "run.npz")
+
+
+def test_load_refuses_other_files(tmp_path):
+    path = tmp_path / "other.npz"
+    np.savez(path, x=np.zeros(3))
+    with pytest.raises(ValueError, match="not a recording"):
+        LoadRecording(path)
+
+
+def test_spring_hit_peaks_at_v_sqrt_k_m():
+    """Erratum 10: an undamped hit at 1 mm/s, the force on the tool withdrawn."""
+    recording = Run("one_dof", DIRECT)
+    contact = recording.EventTimes("contact")[0]
+    release = recording.EventTimes("release")[0]
+    times = np.linspace(contact, release, 2001)
+    force = recording.Interpolate("environment_force", times)[:, 0]
+    speed = recording.Interpolate("tool_velocity", times[:1])[0, 0]
+    # The haptic force still pushes and the rail brakes: both are small.
+    assert force.max() == pytest.approx(speed * math.sqrt(150 * 0.5), rel=0.01)
+
+
+def test_a_run_leaves_no_samples_behind(monkeypatch):
+    recorders = []
+
+    class Recorder(run_monitor.Recorder):
+        def __init__(self, *args):
+            super().__init__(*args)
+            recorders.append(weakref.ref(self))
+
+    monkeypatch.setattr(run_monitor, "Recorder", Recorder)
+    simulate(LoadScenario("one_dof", {"duration": 0.1}))
+    gc.collect()
+    assert [recorder() for recorder in recorders] == [None]

@@ -1,0 +1,828 @@
+"""Tests of teleop_drake.sweep and of the command `sweep`."""
+
+import csv
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import (
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import Run
+
+from teleop_drake.cli import main
+from teleop_drake.figures.runs import SaveFigure
+from teleop_drake.figures.sweeps import PlotStability, PlotSweep
+from teleop_drake.scenario import (
+    ARCHITECTURES,
+    CONTROLLERS,
+    LoadScenario,
+    ScenarioError,
+    ScenarioToYaml,
+)
+from teleop_drake.simulation import simulate
+from teleop_drake.sweep import (
+    FlattenMetrics,
+    MetricUnits,
+    ParseValues,
+    PlanSweep,
+    SelectMetrics,
+    Sweep,
+    SweepError,
+    SweepResult,
+)
+from teleop_drake.sweep.workers import WorkerProcesses
+from teleop_drake.tasks.metrics import RunSummary
+
+SHORT = {"duration": 0.2, "simulator.accuracy": 1e-5}
+OPTIONS = ["--duration", "0.2", "--accuracy", "1e-5"]
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def processes():
+    with WorkerProcesses(2) as executor:
+        yield executor
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+def Files(folder):
+    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+# What is swept.
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0:0.4:5", [0.0, 0.1, 0.2, 0.3, 0.4]),
+        ("0:0.3:4", [0.0, 0.1, 0.2, 0.3]),
+        ("-1:1e-3:2", [-1.0, 0.001]),
+        ("2:5:1", [2.0]),
+        ("0.1", [0.1]),
+        ("1,2.5", [1, 2.5]),
+        ("auto,4.3,null", ["auto", 4.3, None]),
+        ("[0.1, 0],[0.2, 0]", [[0.1, 0], [0.2, 0]]),
+        ("{kind: sampled, delay: 0.1}", [{"kind": "sampled", "delay": 0.1}]),
+    ],
+)
+def test_parse_values(text, values):
+    assert ParseValues(text) == values
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "0:1", "0:1:2:3", "0:1:0", "0:1:-2", "0:1:2.5", "0:inf:3", "a:b:3", "::"),
+        *("0:1:100001", "1,,2", "[", "]", "2020-13-01"),
+    ],
+)
+def test_parse_refuses(text):
+    with pytest.raises(SweepError) as info:
+        ParseValues(text)
+    assert str(info.value).startswith(f"{text!r}: ")
+    assert "\n" not in str(info.value)
+
+
+def test_records_are_those_of_single_runs(threads):
+    grid = {"controller": CONTROLLERS, "delay": np.array([0.0, 0.05])}
+    result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
+    assert result.axes == {"controller": list(CONTROLLERS), "delay": [0.0, 0.05]}
+    for run, record in enumerate(result.records):
+        varied = {"controller": CONTROLLERS[run // 2], "delay": [0.0, 0.05][run % 2]}
+        expected = RunSummary(
+            simulate(
+                LoadScenario(
+                    "one_dof",
+                    {
+                        "controller.kind": varied["controller"],
+                        "forward_channel.delay": varied["delay"],
+                        "return_channel.delay": varied["delay"],
+                    }
+                    | SHORT,
+                )
+            )
+        )
+        del expected["solver"]["wall_time_s"], expected["solver"]["real_time_factor"]
+        head = {"run": run, "varied": varied, "status": "completed", "reason": ""}
+        assert record == head | expected
+    assert result.shape == (2, 2)
+    error = result.Values("velocity_rms_error.x")
+    assert error[1, 0] == result.records[2]["metrics"]["velocity_rms_error"][0]
+    assert np.isnan(result.Values("puncture.force")).all()
+    assert (result.Status() == "completed").all()
+    threads.submit(int).result()  # The executor stays open.
+
+
+def test_neighbours_can_be_simulated_together(threads):
+    delays = [0.0, 0.04, 0.05, 0.06, 0.07]
+    grid = {"controller": CONTROLLERS, "delay": delays, "seed": [0, 1]}
+    with pytest.raises(SweepError, match="ensemble = 0: must be 1 or more"):
+        PlanSweep("one_dof", grid, ensemble=0)
+    del grid["seed"]
+    plan = PlanSweep("one_dof", grid, ensemble=3)
+    assert plan.groups == [[0, 1], [2, 3, 4], [5, 6], [7, 8, 9]]
+
+    def Run(ensemble, out, resume=False):
+        overrides = SHORT | {"duration": 0.4}
+        return Sweep(
+            "one_dof",
+            grid,
+            overrides=overrides,
+            executor=threads,
+            ensemble=ensemble,
+            out=out,
+            resume=resume,
+        )
+
+    together, alone = Run(3, "together"), Run(1, "alone")
+    for run, (mine, its) in enumerate(
+        zip(together.records, alone.records, strict=True)
+    ):
+        assert mine["status"] == "completed"
+        assert (mine == its) == (run in (0, 1, 5, 6))  # There is no delay to share.
+        metrics = [FlattenMetrics(record["metrics"]) for record in (mine, its)]
+        assert metrics[0] == pytest.approx(metrics[1], rel=1e-3, abs=1e-9)
+
+    # What is done again has the same company.
+    files = [Path("together") / name for name in ("runs.jsonl", "runs.csv")]
+    expected = [file.read_bytes() for file in files]
+    lines = expected[0].splitlines(keepends=True)
+    files[0].write_bytes(b"".join(lines[:3] + lines[4:]))
+    Run(3, "together", resume=True)
+    assert [file.read_bytes() for file in files] == expected
+    with pytest.raises(SweepError, match="other parameters \\(groups\\)"):
+        Run(2, "together", resume=True)
+    with pytest.raises(SweepError, match="other parameters \\(groups\\)"):
+        Run(3, "alone", resume=True)
+
+
+def test_members_that_fail_do_so_alone(threads, monkeypatch):
+    def Fail(scenarios):
+        raise RuntimeError("too much")
+
+    monkeypatch.setattr("teleop_drake.sweep.simulate_ensemble", Fail)
+    # One of the steps is too long for 1 ms.
+    grid = {"simulator.max_step_size": [0.01, 0.001], "delay": [0.001, 0.04, 0.05]}
+    overrides = SHORT | {"duration": 0.1}
+    result = Sweep("one_dof", grid, overrides=overrides, executor=threads, ensemble=3)
+    assert result.Status()[0].tolist() == ["failed", "completed", "completed"]
+    expected = Sweep("one_dof", grid, overrides=overrides, executor=threads)
+    assert result.records == expected.records
+
+
+def test_a_file_with_a_trace_can_be_swept(processes):
+    os.mkdir("mine")
+    Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
+    scenario = LoadScenario("one_dof", SHORT)
+    scenario.forward_channel.kind = "variable"
+    scenario.forward_channel.trace = "lag.csv"
+    Path("mine/task.yaml").write_text(ScenarioToYaml(scenario))
+    result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]}, executor=processes)
+    assert [record["reason"] for record in result.records] == ["", ""]
+    for record in result.records:
+        assert record["scenario"] == "one_dof"
+        mass = {"robot.mass": record["varied"]["robot.mass"]}
+        one = simulate(LoadScenario("mine/task.yaml", mass))
+        assert record["metrics"] == RunSummary(one)["metrics"]
+
+
+def test_tracking_can_be_swept(threads):
+    result = Sweep(
+        "network_tracking_linear",
+        {"disturbance.gain": [1.0, 2.0]},
+        overrides=SHORT,
+        executor=threads,
+    )
+    names = list(MetricUnits(result.scenario))
+    assert set(FlattenMetrics(result.records[0]["metrics"])) == set(names)
+    assert PlotSweep(result, "rms_error.x").axes[0].get_xlabel() == "disturbance.gain"
+    with pytest.raises(ScenarioError, match="forward_channel"):
+        PlanSweep("network_tracking_linear", {"delay": [0.1]})
+
+
+def test_the_packets_of_network_channels_can_be_swept(threads):
+    result = Sweep(
+        "one_dof",
+        {"forward_channel.jitter.std": [0.005, 0.02]},
+        overrides={
+            **SHORT,
+            "duration": 1.0,
+            "forward_channel.kind": "network",
+            "forward_channel.sample_period": 0.01,
+            "forward_channel.jitter.kind": "gamma",
+        },
+        executor=threads,
+    )
+    spread = result.Values("forward_channel.delay_p95") - result.Values(
+        "forward_channel.delay_minimum"
+    )
+    assert 0 < spread[0] < spread[1]
+    assert result.Table()[1]["forward_channel.age_mean"] > 0.05
+    axes = PlotSweep(result, "forward_channel.age_mean").axes[0]
+    assert "age mean" in axes.get_ylabel()
+
+
+def test_all_scalar_metrics_have_names():
+    recording = Run("one_dof", "direct_force")
+    flat = FlattenMetrics(RunSummary(recording)["metrics"])
+    units = MetricUnits(recording.scenario)
+    assert list(flat) == list(units)
+    assert units["puncture.velocity_overshoot"] == "m/s"
+    arm = MetricUnits(LoadScenario("two_dof_combined"))
+    assert "force_rms_error.y" in arm and "force_rms_error.y" not in units
+
+
+def test_select_metrics():
+    scenario = LoadScenario("two_dof_combined")
+    assert SelectMetrics(scenario, ["velocity_rms_error", "puncture.force"]) == [
+        "velocity_rms_error.x",
+        "velocity_rms_error.y",
+        "puncture.force",
+    ]
+    assert len(SelectMetrics(scenario, ["collision"])) == 6
+    assert "collision.peak_force" in SelectMetrics(scenario)
+    with pytest.raises(SweepError, match=r"metric 'collisio': must be one of"):
+        SelectMetrics(scenario, ["collisio"])
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        ({"forward_channel.dealy": [1]}, "forward_channel.dealy = 1: unknown key"),
+        ({"delay": [0.1, -0.1]}, r"forward_channel.delay = -0.1: must be"),
+        ({"delay": [0.1], "controller": ["direct", *CONTROLLERS]}, "controller.kind"),
+        ({"delay": [0.1, 0.1]}, "grid.delay: must have different values, and 0.1 is"),
+        ({"delay": []}, "grid.delay = .*at least one"),
+        ({"delay": "0:1:3"}, "grid.delay = '0:1:3': must be a list"),
+        ({"delay": [float("nan")]}, "grid.delay: must have finite"),
+        ({"delay": [object()]}, "grid.delay: must have finite"),
+        ({"delay": [0.1], "forward_delay": [0.1]}, "grid.forward_delay: must leave"),
+        ({"duration": [1.0]}, "grid.duration: must leave duration alone, overrides"),
+        ({"delay": range(1000), "robot.mass": range(1, 200)}, "199000 runs: must be"),
+        ({"seed": [1, 2]}, "grid.seed = .*no channel is random"),
+    ],
+)
+def test_bad_grids(grid, message):
+    with pytest.raises(ValueError, match=message) as info:
+        PlanSweep("one_dof", grid, overrides=SHORT)
+    assert "\n" not in str(info.value)
+
+
+def test_large_grids_are_checked_quickly(monkeypatch):
+    """Nobody waits for a typing error: not every combination is tried."""
+    calls = []
+
+    def Load(*args):
+        calls.append(args)
+        return LoadScenario(*args)
+
+    monkeypatch.setattr("teleop_drake.sweep.LoadScenario", Load)
+    grid = {"robot.mass": range(1, 31), "robot.damping": range(30), "delay": [0.1, -1]}
+    with pytest.raises(ScenarioError, match="-1"):
+        PlanSweep("one_dof", grid)
+    assert len(calls) < 150
+    calls.clear()
+    PlanSweep("one_dof", grid | {"delay": [0.1]})
+    assert len(calls) < 65
+
+
+# Runs that fail.
+
+
+def test_bad_combinations_are_rows(threads):
+    grid = {"forward_channel.sample_period": [0.1, 0.02], "delay": [0.05, 0.2]}
+    overrides = SHORT | {"forward_channel.kind": "sampled"}
+    result = Sweep("one_dof", grid, overrides=overrides, executor=threads)
+    assert result.Status().tolist() == [["failed", "completed"], ["completed"] * 2]
+    assert result.records[0]["reason"].startswith("forward_channel.sample_period = 0.1")
+    assert result.records[0]["metrics"] is None
+    assert np.isnan(result.Values("velocity_rms_error.x")).sum() == 1
+
+
+def test_any_exception_is_a_row(threads, monkeypatch):
+    def Simulate(scenario):
+        if scenario.robot.mass == 2:
+            raise SystemExit("a contract of Drake\nis violated")
+        if scenario.robot.mass == 3:
+            raise ZeroDivisionError("division by zero")
+        return simulate(scenario)
+
+    monkeypatch.setattr("teleop_drake.sweep.simulate", Simulate)
+    grid = {"robot.mass": [1.0, 2.0, 3.0]}
+    result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
+    assert [record["reason"] for record in result.records] == [
+        "",
+        "SystemExit: a contract of Drake is violated",
+        "ZeroDivisionError: division by zero",
+    ]
+
+
+class Deadly(Executor):
+    """The first calls for a mass of 2 kg, so many, kill their process."""
+
+    def __init__(self, executor, num_deaths):
+        self.executor = executor
+        self.num_deaths = num_deaths
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.num_deaths > 0 and "robot.mass=2.0" in args[1][0]:
+            self.num_deaths -= 1
+            return self.executor.submit(os._exit, 9)
+        return self.executor.submit(fn, *args, **kwargs)
+
+
+def test_a_run_whose_process_dies_is_tried_again(processes):
+    grid = {"robot.mass": [1.0, 2.0, 3.0]}
+    expected = Sweep("one_dof", grid, overrides=SHORT, executor=processes)
+    once = Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(processes, 1))
+    assert once.records == expected.records
+    twice = Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(processes, 2))
+    assert twice.records[1] == {
+        "run": 1,
+        "varied": {"robot.mass": 2.0},
+        "status": "failed",
+        "reason": "the worker process ended (exit code 9)",
+        "metrics": None,
+    }
+    assert twice.records[::2] == expected.records[::2]
+
+
+def test_an_executor_that_gives_up_leaves_what_is_finished():
+    grid = {"robot.mass": [1.0, 3.0, 2.0, 4.0, 5.0]}
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool,
+        pytest.raises(RuntimeError, match="the executor gave up"),
+    ):
+        Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(pool, 1), out="out")
+    lines = Path("out/runs.jsonl").read_text().splitlines()
+    assert [json.loads(line)["run"] for line in lines] == [0, 1]
+
+
+def test_an_interrupt_in_a_worker_ends_the_sweep():
+    class Interrupted(Executor):
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.set_exception(KeyboardInterrupt())
+            return future
+
+    with pytest.raises(KeyboardInterrupt):
+        Sweep("one_dof", {"delay": [0.1]}, executor=Interrupted())
+
+
+# The folder.
+
+
+def test_files(processes):
+    grid = {"forward_channel.sample_period": [0.1, 0.02], "delay": [0.05, 0.2]}
+    overrides = SHORT | {"forward_channel.kind": "sampled"}
+    seen = []
+
+    def Progress(finished, runs):
+        lines = Path("a/b/runs.jsonl").read_text().count("\n")
+        seen.append((finished, runs, lines))
+
+    result = Sweep(
+        "one_dof",
+        grid,
+        overrides=overrides,
+        executor=processes,
+        out="a/b",
+        progress=Progress,
+    )
+    # Each line is there as soon as its run has ended.
+    assert seen == [(k, 4, k) for k in range(5)]
+    assert set(os.listdir("a/b")) == {"sweep.json", "runs.jsonl", "runs.csv"}
+    lines = Path("a/b/runs.jsonl").read_text().splitlines()
+    assert [json.loads(line) for line in lines] == result.records
+    with open("a/b/runs.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["failed", *["completed"] * 3]
+    assert list(rows[0]) == list(result.Table()[0])
+    assert [float(row["delay"]) for row in rows] == [0.05, 0.2, 0.05, 0.2]
+    assert rows[0]["velocity_rms_error.x"] == rows[1]["puncture.time"] == ""
+    error = result.Values("velocity_rms_error.x")
+    assert float(rows[1]["velocity_rms_error.x"]) == error[0, 1]
+    assert rows[1]["diverged"] == "false"
+
+
+def test_resume_does_only_the_rest(processes):
+    grid = {"robot.mass": [1.0, 2.0, 3.0, 4.0]}
+    kwargs = {"overrides": SHORT, "executor": processes}
+    Sweep("one_dof", grid, out="whole", **kwargs)
+    Sweep("one_dof", grid, out="torn", resume=True, **kwargs)
+    expected = Files("whole")
+    assert Files("torn") == expected
+
+    lines = expected["runs.jsonl"].splitlines(keepends=True)
+    other = json.dumps({"run": 3, "varied": {"robot.mass": 5.0}}).encode() + b"\n"
+    wrong = json.dumps({"run": -1, "varied": {"robot.mass": 4.0}}).encode() + b"\n"
+    for remains, num_left in [
+        (lines[3] + lines[0] + lines[1][:-20], 2),  # Torn.
+        (lines[2] + lines[1][:-1], 1),  # The end of the line is missing.
+        (lines[0] + lines[0] + b"\0\xff\n" + other + wrong + b"[]\n17", 1),
+        (b"".join(lines), 4),
+        (b"", 0),
+    ]:
+        Path("torn/runs.jsonl").write_bytes(remains)
+        Path("torn/runs.csv").unlink()
+        counts = []
+        Sweep(
+            "one_dof",
+            grid,
+            out="torn",
+            resume=True,
+            progress=lambda finished, runs, counts=counts: counts.append(finished),
+            **kwargs,
+        )
+        assert counts == list(range(num_left, 5))
+        assert Files("torn") == expected
+
+
+def test_folders_that_are_refused(threads):
+    kwargs = {"executor": threads, "out": "out"}
+    Sweep("one_dof", {"robot.mass": [1.0]}, overrides=SHORT, **kwargs)
+    before = Files("out")
+
+    def Refused(message, mass=1.0, overrides=SHORT, **more):
+        grid = {"robot.mass": [mass]}
+        with pytest.raises(SweepError, match=message) as info:
+            Sweep("one_dof", grid, overrides=overrides, **(kwargs | more))
+        assert "\n" not in str(info.value)
+        assert Files("out") == before
+
+    Refused("out = 'out': holds a sweep already")
+    Refused(r"other parameters \(axes, first_scenario\)", mass=2.0, resume=True)
+    Refused(
+        r"other parameters \(overrides, first_scenario\)",
+        overrides=SHORT | {"duration": 0.1},
+        resume=True,
+    )
+    descriptor = os.open("out", os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    Refused("in use by another sweep", resume=True)
+    os.close(descriptor)
+
+    for text in ("{}", "[", "[]", "7", "\0"):
+        Path("out/sweep.json").write_text(text)
+        before = Files("out")
+        Refused("other parameters", resume=True)
+    Path("out/sweep.json").unlink()
+    before = Files("out")
+    Refused("without the runs.jsonl of something else", resume=True)
+    Path("file").touch()
+    Refused("out = 'file': must be a folder", out="file")
+
+
+@pytest.mark.parametrize("jobs", [0, -1])
+def test_bad_jobs(jobs):
+    with pytest.raises(SweepError, match=f"jobs = {jobs}: must be 1 or more"):
+        Sweep("one_dof", {"robot.mass": [1.0]}, jobs=jobs)
+
+
+def test_jobs_are_those_of_the_executor(threads):
+    with pytest.raises(SweepError, match="jobs = 1: must be None"):
+        Sweep("one_dof", {"robot.mass": [1.0]}, jobs=1, executor=threads)
+
+
+# The command.
+
+
+COMMAND = [sys.executable, "-m", "teleop_drake", "sweep", "one_dof", *OPTIONS]
+
+
+def Start(*options):
+    """Starts a sweep in a process of its own, and waits for some runs."""
+    process = subprocess.Popen(
+        [*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    file = Path("out/runs.jsonl")
+    deadline = time.monotonic() + 60
+    while not file.exists() or file.read_bytes().count(b"\n") < 3:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return process
+
+
+def Children(pid):
+    tasks = Path(f"/proc/{pid}/task")
+    return [
+        child for task in tasks.glob("*/children") for child in task.read_text().split()
+    ]
+
+
+def IsAlive(pid):
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
+@pytest.mark.parametrize("ensemble", ["1", "3"])
+def test_kill_and_resume(ensemble):
+    """kill -9 costs the runs in flight; what is resumed is the same, to the byte."""
+    options = ["--delay", "0.01:0.2:12", "--jobs", "2", "--ensemble", ensemble]
+    options += ["--metrics", "velocity_rms_error", "--out"]
+    process = Start(*options, "out")
+    children = Children(process.pid)
+    assert len(children) >= 2
+    process.kill()
+    process.communicate()
+    finished = Path("out/runs.jsonl").read_bytes().splitlines()
+    assert 3 <= len(finished) < 24
+    deadline = time.monotonic() + 20
+    while any(map(IsAlive, children)):
+        assert time.monotonic() < deadline, "a worker outlives its parent"
+        time.sleep(0.01)
+
+    with open("out/runs.jsonl", "ab") as file:
+        file.write(b'{"run": 23, "varied": {"contr')
+    assert main(["sweep", "one_dof", *OPTIONS, *options, "out", "--resume"]) == 0
+    assert main(["sweep", "one_dof", *OPTIONS, *options, "whole"]) == 0
+    assert Files("out") == Files("whole")
+    assert {"runs.csv", "velocity_rms_error_x.png"} <= set(Files("whole"))
+    assert set(finished) <= set(Files("whole")["runs.jsonl"].splitlines())
+
+
+def test_ctrl_c_keeps_what_is_finished():
+    process = Start("--delay", "0.01:0.2:20", "--jobs", "2")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    lines = Path("out/runs.jsonl").read_bytes().splitlines()
+    assert 3 <= len(lines) < 40
+    assert out == ""
+    assert err == (
+        f"teleop-drake: error: interrupted; {len(lines)} of 40 runs are in out, "
+        "--resume does the rest\n"
+    )
+
+
+def test_command(capsys, monkeypatch):
+    options = ["--vary", "environment.layers.tissue.stiffness=0.01,0.02", "--json", "-"]
+    command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--jobs", "1"]
+    assert main([*command, *options]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    records = json.loads(out)
+    assert [record["run"] for record in records] == list(range(8))
+    assert list(records[5]["varied"].items()) == [
+        ("controller", "adaptive_backstepping"),
+        ("environment.layers.tissue.stiffness", 0.01),
+        ("delay", 0.1),
+    ]
+    assert records[5]["return_delay"] == 0.1
+    assert set(os.listdir("out")) == {
+        "sweep.json",
+        "runs.jsonl",
+        "runs.csv",
+        "start_velocity_overshoot.png",
+        "velocity_rms_error_x.png",
+        "stability.png",
+    }
+    # Drawn again, with other metrics, without a run.
+    monkeypatch.setattr("teleop_drake.sweep.WorkerProcesses", None)
+    options[2:] = ["--metrics", "collision.time, force_rms_error", "--resume"]
+    assert main([*command, *options]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0] == "one_dof: 8 runs, 8 completed, 0 diverged, 0 failed"
+    assert {"collision_time.png", "force_rms_error_x.png"} <= set(os.listdir("out"))
+
+
+def test_the_controllers_are_a_choice():
+    """The thesis's two, unless options say what the controller is."""
+
+    def Axes(*options, scenario="one_dof"):
+        from teleop_drake.cli import _Grid, _MakeParser
+
+        args = _MakeParser().parse_args(["sweep", scenario, *options])
+        return _Grid(args)[0]
+
+    assert Axes("--delay", "0.1") == {"controller": list(CONTROLLERS), "delay": [0.1]}
+    assert Axes("--controllers", "all") == {"controller": list(ARCHITECTURES)}
+    assert Axes("--controllers", "direct_force") == {"controller": ["direct_force"]}
+    assert Axes("--set", "controller.kind=direct_force") == {}
+    assert Axes("--vary", "controller.kind=direct_force") == {
+        "controller.kind": ["direct_force"]
+    }
+    assert Axes(
+        "--vary", "robot.mass=1:2:2", "--seeds", "2", "--forward-delay", "0"
+    ) == {
+        "controller": list(CONTROLLERS),
+        "robot.mass": [1.0, 2.0],
+        "forward_delay": [0],
+        "seed": [0, 1],
+    }
+    assert Axes(scenario="network_tracking_linear") == {}
+
+
+def test_seeds(processes):
+    overrides = SHORT | {
+        "forward_channel.kind": "network",
+        "forward_channel.sample_period": 0.005,
+        "forward_channel.loss": {"kind": "independent", "probability": 0.3},
+    }
+    grid = {"delay": [0.02, 0.03], "seed": [0, 1, 2]}
+    result = Sweep("one_dof", grid, overrides=overrides, executor=processes)
+    errors = result.Values("velocity_rms_error.x")
+    assert len(set(errors.ravel())) == 6
+    assert PlotSweep(result, "velocity_rms_error.x").axes[0].collections
+    # Where the kind of channel varies, some runs depend on it.
+    PlanSweep("one_dof", {"forward_channel.kind": ["transport"], "seed": [0, 1]})
+
+
+def test_progress(monkeypatch, capsys):
+    from teleop_drake.cli import _SweepProgress
+
+    clock = iter([100.0, 100.0, 105.0, 112.0, 113.0, 124.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    with _SweepProgress(False) as show:
+        for finished in (4, 5, 6, 7, 8):
+            show(finished, 10)
+    assert capsys.readouterr().err == (
+        "6 of 10 runs, 0:00:24 left\n8 of 10 runs, 0:00:12 left\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--delay", "0:0.4"], "--delay = '0:0.4': must be START:STOP:COUNT or"),
+        (["--delay", "0:0.4:0"], "--delay = '0:0.4:0': COUNT must be 1 to"),
+        (["--vary", "robot.mass"], "--vary = 'robot.mass': must be PATH=VALUES"),
+        (["--vary", "robot.mass=1:2"], "--vary robot.mass = '1:2': must be START"),
+        (["--vary", "robot.mas=1"], "robot.mas = 1: unknown key 'mas', must be one"),
+        (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "--vary = 'robot.mass="),
+        (["--delay", "0.1", "--set", "forward_channel.delay=1"], "grid.delay: must"),
+        (["--controllers", "direct"], "controller.kind = 'direct': must be one of"),
+        (["--jobs", "0"], "jobs = 0: must be 1 or more"),
+        (["--ensemble", "0"], "ensemble = 0: must be 1 or more"),
+        (["--seeds", "0"], "--seeds = 0: must be 1 to"),
+        (["--seeds", "3"], "grid.seed = [0, 1, 2]: must be left out, no channel"),
+        (["--metrics", "force"], "metric 'force': must be one of"),
+        (["--out", "file"], "out = 'file': must be a folder that can be written"),
+        (["--json", "none/x.json"], "--json = 'none/x.json': must be where"),
+        (["--jobs", "2", "--dask", "host:1"], "--jobs: must be left out with --dask"),
+    ],
+)
+def test_bad_input(options, message, capsys):
+    Path("file").touch()
+    assert main(["sweep", "one_dof", *OPTIONS, *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1
+    assert os.listdir() == ["file"]
+
+
+# Figures.
+
+
+def MakeResult(axes, make_record):
+    """Returns a sweep of one_dof with made-up records."""
+    plan = PlanSweep("one_dof", axes)
+    records = [
+        {"run": run, "varied": point, "reason": ""} | make_record(**point)
+        for run, point in enumerate(plan.points)
+    ]
+    return SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
+
+
+def Outcome(peak, settling_time=1.0, status="completed"):
+    collision = {"time": 2.0, "peak_force": peak, "settling_time": settling_time}
+    metrics = None if status == "failed" else {"collision": collision}
+    return {"status": status, "metrics": metrics}
+
+
+def test_plot_against_delay():
+    def MakeRecord(controller, delay):
+        if delay == 0.3:
+            status = "diverged" if controller == "direct_force" else "failed"
+            return Outcome(9.0, None, status)
+        return Outcome(0.001 + delay / 100, None if delay == 0.2 else 1.0)
+
+    axes = {"controller": CONTROLLERS, "delay": [0.3, 0.1, 0.2]}
+    result = MakeResult(axes, MakeRecord)
+    figure = PlotSweep(result, "collision.peak_force")
+    (ax,) = figure.axes
+    assert ax.get_xlabel() == "delay each way [s]"
+    assert ax.get_ylabel() == "collision peak force [mN]"
+    lines = [line for line in ax.lines if len(line.get_xdata()) == 3]
+    assert len(lines) == 2
+    for line in lines:
+        np.testing.assert_allclose(line.get_xdata(), [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(line.get_ydata(), [2.0, 3.0, np.nan])
+    marks = {
+        line.get_marker(): line.get_xdata().tolist()
+        for line in ax.lines
+        if line.get_marker() in "x^o" and len(line.get_xdata()) > 0
+    }
+    assert marks == {"x": [0.3], "^": [0.3]}
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["direct force", "adaptive backstepping", "diverges", "fails"]
+
+    figure = PlotSweep(result, "collision.settling_time")
+    marks = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
+    assert [line.get_xdata().tolist() for line in marks] == [[0.2], [0.2]]
+    for name in ("a.png", "b.png"):
+        SaveFigure(PlotSweep(result, "collision.settling_time"), name)
+    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
+    with pytest.raises(ValueError, match="no second key"):
+        PlotStability(result)
+    with pytest.raises(SweepError, match="metric 'no': must be one of"):
+        PlotSweep(result, "no")
+
+
+def test_bands_over_seeds():
+    plan = PlanSweep("one_dof", {"delay": [0.1, 0.2]})
+    axes = {**plan.axes, "seed": [0, 1, 2]}
+    forces = [[1.0, 5.0, 2.0], [4.0, 3.0, np.nan]]
+    records = [
+        Outcome(force, 1.0, "diverged" if np.isnan(force) else "completed")
+        for row in forces
+        for force in row
+    ]
+    result = SweepResult(scenario=plan.scenario, axes=axes, records=records)
+    (ax,) = PlotSweep(result, "collision.peak_force").axes
+    (line,) = [line for line in ax.lines if len(line.get_xdata()) == 2][1:]
+    np.testing.assert_allclose(line.get_ydata(), [2.0, 3.5])
+    (band,) = ax.collections
+    corners = {tuple(x) for x in band.get_paths()[0].vertices.round(9).tolist()}
+    assert corners == {(0.1, 1.0), (0.1, 5.0), (0.2, 3.0), (0.2, 4.0)}
+
+
+def test_more_that_varies():
+    axes = {
+        "controller": CONTROLLERS,
+        "robot.mass": [1.0, 2.0, 3.0],
+        "environment.layers.bone.stiffness": [100.0, 200.0],
+        "delay": [0.1, 0.2],
+    }
+
+    def MakeRecord(controller, delay, **others):
+        mass, stiffness = others.values()
+        if delay == 0.2 and mass == 3.0:
+            return Outcome(1.0, None, "diverged")
+        return Outcome(mass * stiffness, None if delay == 0.2 else 1.0)
+
+    result = MakeResult(axes, MakeRecord)
+    figure = PlotSweep(result, "collision.peak_force")
+    assert [ax.get_title() for ax in figure.axes] == [
+        f"{controller.replace('_', ' ')}, robot.mass = {mass}"
+        for mass in (1, 2, 3)
+        for controller in CONTROLLERS
+    ]
+    lines = [x for x in figure.axes[3].lines if x.get_marker() == "."]
+    assert [line.get_ydata()[0] for line in lines] == [0.2, 0.4]  # kN
+
+    figure = PlotStability(result)
+    assert len(figure.axes) == 6
+    assert figure.axes[0].get_ylabel() == "bone.stiffness"
+    # Of each panel: rows are stiffnesses, columns are delays.
+    cells = [ax.collections[0].get_array().tolist() for ax in figure.axes]
+    assert cells == [[[1, 2], [1, 2]]] * 4 + [[[1, 3], [1, 3]]] * 2
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["settles", "never settles", "diverges"]
+
+    with pytest.raises(ValueError, match="needs 15 x 2 panels"):
+        PlotStability(
+            MakeResult(
+                axes | {"robot.mass": list(range(1, 16))},
+                lambda **point: Outcome(1.0),
+            )
+        )
+
+
+def test_words_instead_of_numbers():
+    axes = {"controller.initial_psi": ["auto", 4.3], "delay": [0.1, 0.2]}
+    result = MakeResult(axes, lambda **point: Outcome(1.0))
+    (ax,) = PlotStability(result).axes
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["auto", "4.3"]
+    del axes["delay"]
+    result = MakeResult(axes, lambda **point: Outcome(1.0))
+    with pytest.raises(ValueError, match="no key with numbers"):
+        PlotSweep(result, "collision.peak_force")

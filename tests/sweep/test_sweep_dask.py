@@ -1,0 +1,87 @@
+"""Sweeps on a Dask cluster: a real scheduler and two worker processes."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import distributed
+import pytest
+
+from teleop_drake.cli import main
+from teleop_drake.sweep import Sweep
+from teleop_drake.sweep.workers import WorkerProcesses
+
+OVERRIDES = {"duration": 0.5, "simulator.accuracy": 1e-5}
+GRID = {"delay": [0.01 * k for k in range(1, 13)]}
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+    ) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def expected():
+    with WorkerProcesses(2) as executor:
+        return Sweep("one_dof", GRID, overrides=OVERRIDES, executor=executor).records
+
+
+def test_a_killed_worker_costs_no_run(cluster, expected):
+    with distributed.Client(cluster) as client:
+        pids = client.run(os.getpid)
+        assert len(set(pids.values())) == 2
+        victim = next(iter(pids.values()))
+
+        def Progress(finished, runs):
+            if finished == 3:
+                os.kill(victim, signal.SIGKILL)
+
+        result = Sweep(
+            "one_dof",
+            GRID,
+            overrides=OVERRIDES,
+            executor=client.get_executor(pure=False),
+            out="out",
+            progress=Progress,
+        )
+        client.wait_for_workers(2, timeout=60)
+        assert victim not in client.run(os.getpid).values()
+    assert result.records == expected
+    lines = Path("out/runs.jsonl").read_text().splitlines()
+    assert [json.loads(line) for line in lines] == expected
+
+
+def test_the_command(cluster, expected, capsys):
+    options = ["--duration", "0.5", "--accuracy", "1e-5", "--delay", "0.01:0.12:12"]
+    options += ["--controllers", "adaptive_backstepping", "--json", "-"]
+    assert (
+        main(["sweep", "one_dof", *options, "--dask", cluster.scheduler_address]) == 0
+    )
+    records = json.loads(capsys.readouterr().out)
+    assert [x["metrics"] for x in records] == [x["metrics"] for x in expected]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "x://y:1"])
+def test_no_scheduler(address, capsys, monkeypatch):
+    client = distributed.Client
+    monkeypatch.setattr(
+        distributed, "Client", lambda address, timeout: client(address, timeout=1)
+    )
+    assert main(["sweep", "one_dof", "--delay", "0.1", "--dask", address]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"teleop-drake: error: --dask = {address!r}: must be the")
+    assert err.count("\n") == 1
+    assert os.listdir() == []

@@ -1,0 +1,547 @@
+import dataclasses
+import json
+import math
+import time as clock
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import runs
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from teleop_drake.laws.layered_force import layer_force, layer_index
+from teleop_drake.recording import Recording, SolverStatistics
+from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+
+Function = Callable[[np.ndarray], np.ndarray]
+
+# The task of one_dof in scales that show errors: v_d = 1 mm/s.
+V_D = 1e-3
+PUNCTURE = 0.0075
+SURFACE = 0.015
+
+
+@dataclasses.dataclass
+class Phase:
+    """A stretch of a motion; t = 0 where it begins. Everything may jump at its end."""
+
+    duration: float
+    x: Function
+    v: Function
+    a: Function
+    F_c: Function = np.zeros_like
+    F_hd: Function = np.zeros_like
+    v_dd: float = V_D
+
+
+def Still(x: float, duration: float) -> Phase:
+    return Phase(duration, lambda t: x + 0 * t, np.zeros_like, np.zeros_like)
+
+
+def Wave(amplitude: float, omega: float, phase: float, duration: float) -> Phase:
+    """A velocity of V_D + amplitude sin(omega t + phase)."""
+    return Phase(
+        duration,
+        lambda t: (
+            V_D * t + amplitude / omega * (np.cos(phase) - np.cos(omega * t + phase))
+        ),
+        lambda t: V_D + amplitude * np.sin(omega * t + phase),
+        lambda t: amplitude * omega * np.cos(omega * t + phase),
+    )
+
+
+def RegularSteps(step: float) -> Callable[[float], np.ndarray]:
+    return lambda duration: np.linspace(0, duration, math.ceil(duration / step) + 1)
+
+
+def IrregularSteps(seed: int, longest: float) -> Callable[[float], np.ndarray]:
+    """Steps of many sizes, some of them tiny, as at located events."""
+    generator = np.random.default_rng(seed)
+
+    def make(duration: float) -> np.ndarray:
+        steps: list[float] = []
+        while sum(steps) < duration:
+            steps.append(longest * 10 ** generator.choice([0, 0, -0.1, -0.3, -1, -5]))
+        return np.concatenate([[0.0], np.cumsum(steps)]) * (duration / sum(steps))
+
+    return make
+
+
+def Record(
+    phases: list[Phase],
+    steps: Callable[[float], np.ndarray],
+    scenario: Scenario | None = None,
+    **changes: str,
+) -> Recording:
+    """Samples a motion; both sides of the border between two phases are recorded."""
+    scenario = scenario or LoadScenario("one_dof")
+    layers = scenario.environment.layers
+    starts = [layer.start for layer in layers]
+    times, rows = [], []
+    begin = 0.0
+    for phase in phases:
+        t = steps(phase.duration)
+        # A phase ends on its own side of a border.
+        index = layer_index(starts, float(phase.x(np.array(phase.duration / 2))))
+        times.append(begin + t)
+        for k in range(len(t)):
+            x, v, a, F_c, F_hd = (
+                float(f(t[k]))
+                for f in (phase.x, phase.v, phase.a, phase.F_c, phase.F_hd)
+            )
+            F_e = layer_force(layers[index], x, v) if index >= 0 else 0.0
+            rows.append([x, v, a, F_e, index, F_c, F_hd, phase.v_dd])
+        begin += phase.duration
+    table = np.array(rows)
+    return Recording(
+        scenario=scenario,
+        time=np.concatenate(times),
+        signals={
+            "tool_position": table[:, 0:1],
+            "tool_velocity": table[:, 1:2],
+            "tool_acceleration": table[:, 2:3],
+            "environment_force": table[:, 3:4],
+            "environment_layer": table[:, 4:5],
+            "control_force": table[:, 5:6],
+            "forward_packet_received": table[:, 6:8],
+        },
+        events=[],
+        solver=SolverStatistics(
+            scheme="runge_kutta5",
+            accuracy=1e-8,
+            steps=len(table),
+            derivative_evaluations=7 * len(table),
+            wall_time_s=0.5,
+            real_time_factor=2.0,
+        ),
+        **changes,
+    )
+
+
+# A whole task: through the tissue, faster through free space, a bounce off the bone,
+# flight, and a second contact that creeps to rest.
+B, OMEGA, TAU, A = 0.4e-3, 17.0, 0.3, 4e-3
+T_PUNCTURE = PUNCTURE / V_D
+T_FREE = (SURFACE - PUNCTURE) / (V_D + 2 * B / math.pi)
+T_CONTACT = T_PUNCTURE + T_FREE
+T_BOUNCE, T_FLIGHT = math.pi / OMEGA, 2 * V_D / A
+F_JUMP = 3e-3
+
+
+def TaskPhases() -> list[Phase]:
+    w = math.pi / T_FREE
+    return [
+        Phase(
+            T_PUNCTURE,
+            lambda t: V_D * t,
+            lambda t: V_D + 0 * t,
+            np.zeros_like,
+            F_c=lambda t: -1e-3 * np.sin(2 * np.pi * t / T_PUNCTURE),
+        ),
+        Phase(
+            T_FREE,
+            lambda t: PUNCTURE + V_D * t + B / w * (1 - np.cos(w * t)),
+            lambda t: V_D + B * np.sin(w * t),
+            lambda t: B * w * np.cos(w * t),
+            F_c=lambda t: F_JUMP + 0 * t,
+        ),
+        Phase(
+            T_BOUNCE,
+            lambda t: SURFACE + V_D / OMEGA * np.sin(OMEGA * t),
+            lambda t: V_D * np.cos(OMEGA * t),
+            lambda t: -V_D * OMEGA * np.sin(OMEGA * t),
+        ),
+        Phase(
+            T_FLIGHT,
+            lambda t: SURFACE - V_D * t + A * t**2 / 2,
+            lambda t: -V_D + A * t,
+            lambda t: A + 0 * t,
+        ),
+        Phase(
+            20 * TAU,
+            lambda t: SURFACE + V_D * TAU * (1 - np.exp(-t / TAU)),
+            lambda t: V_D * np.exp(-t / TAU),
+            lambda t: -V_D / TAU * np.exp(-t / TAU),
+        ),
+    ]
+
+
+STEPS = [
+    RegularSteps(0.02),
+    RegularSteps(0.05),
+    IrregularSteps(1, 0.05),
+    IrregularSteps(2, 0.05),
+    IrregularSteps(3, 0.02),
+]
+
+
+@pytest.mark.parametrize("steps", STEPS)
+def test_task_against_closed_forms(steps):
+    metrics = RunMetrics(Record(TaskPhases(), steps))
+    puncture, collision = metrics["puncture"], metrics["collision"]
+    # Nothing but rounding errors at constant velocity.
+    assert 0 <= metrics["start_velocity_overshoot"] < 1e-9
+    assert puncture == pytest.approx(
+        {
+            "time": T_PUNCTURE,
+            "velocity": V_D,
+            "force": 0.01 * PUNCTURE + 0.5 * V_D,
+            "velocity_overshoot": B,
+        },
+        rel=1e-6,
+    )
+    assert collision == pytest.approx(
+        {
+            "time": T_CONTACT,
+            "velocity": V_D,
+            "initial_impact_force": 150 * V_D / OMEGA,
+            "peak_force": 150 * V_D * TAU * (1 - math.exp(-20)),
+            "rebound_velocity": -V_D,
+            "settling_time": T_BOUNCE + T_FLIGHT + TAU * math.log(20),
+        },
+        rel=2e-6,
+    )
+    assert metrics["control_force_peak"] == pytest.approx([F_JUMP], rel=1e-9)
+    # The sine, the jump up, the jump down.
+    variation = 4 * 1e-3 + 2 * F_JUMP
+    assert metrics["control_force_variation"] == pytest.approx([variation], rel=1e-6)
+    assert (metrics["diverged"], metrics["diverged_at"]) == (False, None)
+
+
+@pytest.mark.parametrize("steps", STEPS)
+def test_rms_errors_do_not_depend_on_the_steps(steps):
+    phases = TaskPhases()
+    for phase in phases:
+        phase.F_hd = lambda t: 1e-3 * np.cos(3 * t)
+    metrics = RunMetrics(Record(phases, steps))
+    dense = {"v": 0.0, "F": 0.0}
+    layers = LoadScenario("one_dof").environment.layers
+    for phase, layer in zip(phases, [0, 1, 2, 1, 2], strict=True):
+        t = np.linspace(0, phase.duration, 20_001)
+        F_e = layer_force(layers[layer], phase.x(t), phase.v(t))
+        dense["v"] += np.trapezoid((phase.v(t) - V_D) ** 2, t)
+        dense["F"] += np.trapezoid((F_e - phase.F_hd(t)) ** 2, t)
+    duration = sum(phase.duration for phase in phases)
+    expected = {name: math.sqrt(value / duration) for name, value in dense.items()}
+    assert metrics["velocity_rms_error"] == pytest.approx([expected["v"]], rel=1e-6)
+    assert metrics["force_rms_error"] == pytest.approx([expected["F"]], rel=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    phase=st.floats(0, 2 * math.pi),
+    amplitude=st.floats(1e-5, 1e-3),
+    omega=st.floats(2, 40),
+)
+def test_peaks_between_the_samples(phase, amplitude, omega):
+    period = 2 * math.pi / omega
+    wave = Wave(amplitude, omega, phase, 3 * period)
+    wave.F_c = lambda t: amplitude * np.cos(omega * t + phase)
+    metrics = RunMetrics(Record([wave], RegularSteps(period / 20)))
+    overshoot = metrics["start_velocity_overshoot"]
+    assert overshoot == pytest.approx(amplitude, rel=1e-6)
+    assert metrics["velocity_rms_error"] == pytest.approx(
+        [amplitude / math.sqrt(2)], rel=1e-6
+    )
+    assert metrics["control_force_peak"] == pytest.approx([amplitude], rel=1e-5)
+    assert metrics["control_force_variation"] == pytest.approx(
+        [12 * amplitude], rel=1e-5
+    )
+
+
+def test_overshoot_ends_at_the_puncture_or_the_contact():
+    slow, fast = Wave(1e-4, 2.0, 0.0, 5.0), TaskPhases()
+    # Overshoots by 0.1 mm/s in the tissue, by 0.4 mm/s behind it.
+    x_end = float(slow.x(np.array(5.0)))
+    rest = Phase(
+        (PUNCTURE - x_end) / V_D, lambda t: x_end + V_D * t, fast[0].v, fast[0].a
+    )
+    recording = Record([slow, rest, *fast[1:]], RegularSteps(0.05))
+    metrics = RunMetrics(recording)
+    assert metrics["start_velocity_overshoot"] == pytest.approx(1e-4, rel=1e-5)
+    assert metrics["puncture"]["velocity_overshoot"] == pytest.approx(B, rel=1e-6)
+
+    # Without the tissue the contact ends the start.
+    scenario = LoadScenario("one_dof")
+    scenario.environment.layers = scenario.environment.layers[1:]
+    scenario.environment.layers[0].start = -math.inf
+    metrics = RunMetrics(dataclasses.replace(recording, scenario=scenario))
+    assert metrics["puncture"] is None
+    assert metrics["start_velocity_overshoot"] == pytest.approx(B, rel=1e-6)
+    assert metrics["collision"]["time"] == pytest.approx(
+        5.0 + rest.duration + T_FREE, rel=1e-9
+    )
+
+
+def test_puncture_without_contact():
+    metrics = RunMetrics(Record(TaskPhases()[:2], RegularSteps(0.05)))
+    # The very last sample touches the bone.
+    assert metrics["collision"]["velocity"] == pytest.approx(V_D, rel=1e-6)
+    assert metrics["collision"]["settling_time"] is None
+
+    phases = TaskPhases()[:2]
+    phases[1].duration /= 2
+    metrics = RunMetrics(Record(phases, RegularSteps(0.05)))
+    assert metrics["collision"] is None
+    assert metrics["puncture"]["velocity_overshoot"] == pytest.approx(B, rel=1e-6)
+
+
+def test_slower_than_commanded_is_no_overshoot():
+    phases = [Still(0.001, 1.0)]
+    metrics = RunMetrics(Record(phases, RegularSteps(0.1)))
+    assert metrics["start_velocity_overshoot"] == 0.0
+    assert metrics["puncture"] is None
+    assert metrics["collision"] is None
+    assert metrics["velocity_rms_error"] == pytest.approx([V_D])
+    assert metrics["control_force_variation"] == [0.0]
+
+    # After the puncture, however, it counts as what it is.
+    v = 0.9 * V_D
+    crawl = Phase(10.0, lambda t: v * t, lambda t: v + 0 * t, np.zeros_like)
+    metrics = RunMetrics(Record([crawl], RegularSteps(0.1)))
+    assert metrics["puncture"]["velocity_overshoot"] == pytest.approx(-0.1 * V_D)
+
+
+def test_starting_on_the_surface_is_no_contact():
+    metrics = RunMetrics(Record([Still(SURFACE, 1.0)], RegularSteps(0.1)))
+    assert metrics["collision"] is None
+
+
+def test_contact_between_samples_and_at_a_sample():
+    def contact_time(step: float) -> float:
+        approach = Phase(
+            2.0,
+            lambda t: SURFACE - 0.001 + V_D * t,
+            lambda t: V_D + 0 * t,
+            np.zeros_like,
+        )
+        return RunMetrics(Record([approach], RegularSteps(step)))["collision"]["time"]
+
+    for step in (2.0, 0.7, 0.1, 0.5, 1.0):
+        assert contact_time(step) == pytest.approx(1.0, abs=1e-12)
+
+
+def Ringing(decay: float, duration: float) -> list[Phase]:
+    """Meets the bone, then v = V_D exp(-decay t) cos(w t)."""
+    w = 10.0
+    s = complex(-decay, w)
+    return [
+        Phase(
+            1.0,
+            lambda t: SURFACE + V_D * (t - 1.0),
+            lambda t: V_D + 0 * t,
+            np.zeros_like,
+        ),
+        Phase(
+            duration,
+            lambda t: SURFACE + V_D * np.real((np.exp(s * t) - 1) / s),
+            lambda t: V_D * np.real(np.exp(s * t)),
+            lambda t: V_D * np.real(s * np.exp(s * t)),
+        ),
+    ]
+
+
+def test_settling_time_of_an_oscillation():
+    metrics = RunMetrics(Record(Ringing(1.0, 10.0), RegularSteps(0.03)))
+    t = np.linspace(0, 10, 1_000_001)
+    fast = np.abs(np.exp(-t) * np.cos(10 * t)) >= 0.05
+    expected = t[np.flatnonzero(fast)[-1]]
+    assert metrics["collision"]["settling_time"] == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.parametrize("duration", [2.98, math.pi / 20 * 19, 3.0, 3.1])
+def test_steady_oscillation_never_settles_wherever_it_ends(duration):
+    # At 19/20 pi the recording ends just as the velocity is 0.
+    metrics = RunMetrics(Record(Ringing(0.0, duration), RegularSteps(0.03)))
+    assert metrics["collision"]["settling_time"] is None
+
+
+def test_slow_contact_is_settled_at_once():
+    v = 0.04 * V_D
+    creep = Phase(
+        10.0,
+        lambda t: SURFACE - 5 * v + v * t,
+        lambda t: v + 0 * t,
+        np.zeros_like,
+    )
+    metrics = RunMetrics(Record([creep], RegularSteps(0.3)))
+    assert metrics["collision"]["settling_time"] == 0.0
+
+
+def test_diverged():
+    recording = Record(
+        Ringing(-0.5, 3.0), RegularSteps(0.03), termination="diverged", reason="speed"
+    )
+    metrics = RunMetrics(recording)
+    assert metrics["diverged"] is True
+    assert metrics["diverged_at"] == recording.time[-1]
+    assert metrics["collision"]["settling_time"] is None
+
+    # It says nothing about rest if the run was cut off while the tool was slow.
+    recording = Record(Ringing(5.0, 3.0), RegularSteps(0.03), termination="diverged")
+    assert RunMetrics(recording)["collision"]["settling_time"] is None
+    recording.termination = "interrupted"
+    metrics = RunMetrics(recording)
+    assert (metrics["diverged"], metrics["diverged_at"]) == (False, None)
+    assert metrics["collision"]["settling_time"] > 0
+
+
+def test_samples_that_are_not_finite_are_ignored():
+    recording = Record(Ringing(0.0, 3.0), RegularSteps(0.03), termination="diverged")
+    whole = RunMetrics(recording)
+    longer = dataclasses.replace(
+        recording,
+        time=np.append(recording.time, recording.time[-1] + 0.1),
+        signals={
+            name: np.vstack([x, np.full((1, x.shape[1]), math.nan)])
+            for name, x in recording.signals.items()
+        },
+    )
+    assert RunMetrics(longer) == whole
+    assert RunSummary(longer) == RunSummary(recording)
+    for x in longer.signals.values():
+        x[:] = math.inf
+    with pytest.raises(ValueError, match="no finite sample"):
+        RunMetrics(longer)
+
+
+def test_one_sample():
+    recording = Record([Still(0.001, 1.0)], RegularSteps(1.0), termination="diverged")
+    recording.time = recording.time[:1]
+    recording.signals = {name: x[:1] for name, x in recording.signals.items()}
+    summary = RunSummary(recording)
+    json.dumps(summary, allow_nan=False)
+    assert summary["metrics"]["diverged_at"] == 0.0
+    assert summary["metrics"]["velocity_rms_error"] == pytest.approx([V_D])
+
+
+def test_environment_and_robot_of_ones_own():
+    recording = Record(TaskPhases(), RegularSteps(0.02))
+    expected = RunMetrics(recording)
+    del recording.signals["tool_acceleration"]
+    metrics = RunMetrics(recording)
+    assert metrics["puncture"] == pytest.approx(expected["puncture"], rel=1e-4)
+    assert metrics["collision"] == pytest.approx(expected["collision"], rel=1e-4)
+
+    # Its force is what was recorded, not what the scenario's layers would do.
+    del recording.signals["environment_layer"]
+    recording.signals["environment_force"] *= 2
+    metrics = RunMetrics(recording)
+    for event, name in (("puncture", "force"), ("collision", "peak_force")):
+        assert metrics[event][name] == pytest.approx(
+            2 * expected[event][name], rel=1e-4
+        )
+
+
+def test_two_axes():
+    """Each axis has its own numbers; the events concern x alone."""
+    scenario = LoadScenario("two_dof_puncture")
+    t = np.arange(0, 3 * math.pi, 0.05)
+    n = len(t)
+    one = np.ones(n)
+    x, y = 0.85 + 0.1 * t / 4, 0.01 * np.sin(2 * t)
+    recording = Record([Still(0.9, 1.0)], RegularSteps(0.5), scenario)
+    recording.time = t
+    recording.signals = {
+        "tool_position": np.column_stack([x, y]),
+        "tool_velocity": np.column_stack([0.025 * one, 0.02 * np.cos(2 * t)]),
+        "tool_acceleration": np.column_stack([0 * t, -0.04 * np.sin(2 * t)]),
+        "environment_force": np.column_stack([0.01 * x + 0.5 * 0.025, 0 * t]),
+        "environment_layer": 0 * t[:, None],
+        "control_force": np.column_stack([0.3 * one, -2 * np.sin(t)]),
+        "forward_packet_received": np.column_stack(
+            [0.01 * x + 0.0125 + 0.2, 0.4 * one, 0.025 * one + 0.01, 0 * t]
+        ),
+    }
+    metrics = RunMetrics(recording)
+    assert metrics["velocity_rms_error"] == pytest.approx(
+        [0.01, 0.02 * math.sqrt(0.5 + math.sin(4 * t[-1]) / (8 * t[-1]))], rel=1e-9
+    )
+    assert metrics["force_rms_error"] == pytest.approx([0.2, 0.4], rel=1e-9)
+    assert metrics["control_force_peak"] == pytest.approx([0.3, 2.0], rel=1e-9)
+    assert metrics["control_force_variation"][0] == pytest.approx(0.0, abs=1e-12)
+    last = 2 * abs(math.sin(t[-1]))
+    assert metrics["control_force_variation"][1] == pytest.approx(12 - last, rel=1e-6)
+    assert metrics["puncture"] is None  # x gets to 1.09 m.
+    assert RunSummary(recording)["final"]["position"] == [x[-1], y[-1]]
+
+
+def test_summary_has_the_promised_fields():
+    scenario = LoadScenario(
+        "one_dof", {"forward_channel.delay": 0.2, "return_channel.delay": 0.05}
+    )
+    summary = RunSummary(Record(TaskPhases(), RegularSteps(0.05), scenario))
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    metrics = summary.pop("metrics")
+    assert summary == {
+        "scenario": "one_dof",
+        "controller": "adaptive_backstepping",
+        "forward_delay": 0.2,
+        "return_delay": 0.05,
+        "duration": 25.0,
+        "final": {
+            "position": [pytest.approx(SURFACE + V_D * TAU)],
+            "velocity": [pytest.approx(0, abs=1e-10)],
+            "environment_force": [pytest.approx(150 * V_D * TAU)],
+        },
+        "solver": {
+            "scheme": "runge_kutta5",
+            "accuracy": 1e-8,
+            "steps": summary["solver"]["steps"],
+            "derivative_evaluations": 7 * summary["solver"]["steps"],
+            "wall_time_s": 0.5,
+            "real_time_factor": 2.0,
+        },
+    }
+    assert list(metrics) == [
+        "start_velocity_overshoot",
+        "puncture",
+        "collision",
+        "velocity_rms_error",
+        "force_rms_error",
+        "control_force_peak",
+        "control_force_variation",
+        "diverged",
+        "diverged_at",
+    ]
+    assert list(metrics["puncture"]) == [
+        "time",
+        "velocity",
+        "force",
+        "velocity_overshoot",
+    ]
+    assert list(metrics["collision"]) == [
+        "time",
+        "velocity",
+        "initial_impact_force",
+        "peak_force",
+        "rebound_velocity",
+        "settling_time",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
+@pytest.mark.parametrize("task", runs.TASKS[1:])
+def test_real_runs(task, kind):
+    recording = runs.Run(task, kind)
+    start = clock.process_time()
+    metrics = RunMetrics(recording)
+    # Typically 0.1 s.
+    assert clock.process_time() - start < 2.0
+    json.dumps(metrics, allow_nan=False)
+    for event, name in (("puncture", "puncture"), ("contact", "collision")):
+        times = recording.EventTimes(event)
+        if times:
+            assert metrics[name]["time"] == pytest.approx(times[0], abs=1e-9)
+        else:
+            assert metrics[name] is None
+    # The samples cannot exceed the peaks, and come close to them.
+    F_c = np.abs(recording["control_force"]).max(axis=0)
+    peak = np.array(metrics["control_force_peak"])
+    assert np.all(F_c <= peak * (1 + 1e-12))
+    assert np.all(F_c > 0.9 * peak)
+    if metrics["collision"]:
+        F_e = recording["environment_force"][:, 0].max()
+        assert F_e <= metrics["collision"]["peak_force"] * (1 + 1e-12) < 1.1 * F_e

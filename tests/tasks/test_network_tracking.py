@@ -1,0 +1,303 @@
+"""The demonstration of chapter 3: against a second solver and the thesis's numbers."""
+
+import functools
+import itertools
+
+import appendix_a as arm
+import numpy as np
+import pytest
+import yaml
+from scipy.integrate import solve_ivp, trapezoid
+
+from teleop_drake.figures.runs import PlotRun
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import (
+    LoadScenario,
+    ScenarioError,
+    ScenarioToYaml,
+    TrajectoryConfig,
+)
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.tasks.tracking import MakeNetworkTracking, MakeReference
+
+CASES = ("network_tracking_linear", "network_tracking_coupled")
+CASE = pytest.mark.parametrize("name", CASES)
+
+# Section 3.4: max and rms error, x and z.
+THESIS = {
+    "network_tracking_linear": {
+        "max_error": [0.0578, 0.0894],
+        "rms_error": [0.0145, 0.025],
+    },
+    "network_tracking_coupled": {
+        "max_error": [0.13, 0.0902],
+        "rms_error": [0.033, 0.027],
+    },
+}
+
+
+@functools.cache
+def Run(name, *overrides):
+    return simulate(LoadScenario(name, overrides))
+
+
+# A second solver, which shares no code with the package, not even Drake.
+
+CENTRES = np.array(
+    list(itertools.product(np.linspace(0.8, 1.4, 5), np.linspace(-0.2, 0.2, 5)))
+)
+WIDTHS = np.array([0.15, 0.1])
+
+
+def Loop(t, state, name):
+    """Returns (d/dt [q, q', W], signals by name)."""
+    q, qdot, W = state[:2], state[2:4], state[4:].reshape(2, -1)
+    J, (x, z) = arm.J(q), arm.p_WT(q)
+    v = x_dot, z_dot = J @ qdot
+    F_e = 10 * np.array([x, z])
+    if name == "network_tracking_coupled":
+        F_e[0] += 10 * (x_dot * z + 2 * z_dot * x + z * z)
+        F_e[1] += 10 * (z_dot * x + 2 * z * x_dot + x * x)
+
+    e = np.array([x - 1.1 - 0.1 * np.sin(t), z])
+    e_dot = v - [0.1 * np.cos(t), 0]
+    s = e_dot + 35 * e
+    Phi = np.exp(-((([x, z] - CENTRES) / WIDTHS) ** 2).sum(axis=1))
+    bias = arm.C(q, qdot) @ qdot + arm.G(q)
+    # J' q' is the centripetal acceleration of both links.
+    angles, rates = np.array([q[0], q.sum()]), np.array([qdot[0], qdot.sum()])
+    pull = np.array([arm.L1, arm.L3]) * rates**2
+    J_dot_qdot = -np.array([pull @ np.cos(angles), pull @ np.sin(angles)])
+    J_inv = np.linalg.inv(J)
+    M_r = J_inv.T @ arm.M(q) @ J_inv
+    F_c = (
+        W @ Phi
+        + J_inv.T @ bias
+        - M_r @ J_dot_qdot
+        + M_r @ (np.array([-0.1 * np.sin(t), 0]) - 35 * e_dot - s)
+    )
+    qddot = np.linalg.solve(arm.M(q), J.T @ (F_c - F_e) - bias)
+    W_dot = 5 * (-np.outer(np.linalg.inv(M_r).T @ s, Phi) - 0.001 * W)
+    signals = {
+        "tool_position": np.array([x, z]),
+        "tool_velocity": v,
+        "control_force": F_c,
+        "environment_force": F_e,
+        "disturbance_estimate": W @ Phi,
+        "weights_1": W.ravel(),
+        "error": e,
+    }
+    return np.concatenate([qdot, qddot, W_dot.ravel()]), signals
+
+
+@functools.cache
+def Reference(name):
+    """Returns times and the signals at them by the second solver."""
+    r = np.array([1.15, 0.095])
+    q2 = np.arccos((r @ r - 2 * 0.75**2) / (2 * 0.75**2))
+    q1 = np.arctan2(r[1], r[0]) - q2 / 2
+    start = np.concatenate([[q1, q2, 0, 0], np.zeros(50)])
+    solution = solve_ivp(
+        lambda t, state: Loop(t, state, name)[0],
+        (0, 6.3),
+        start,
+        method="DOP853",
+        rtol=1e-8,
+        atol=1e-9,
+        dense_output=True,
+    )
+    times = np.linspace(0, 6.3, 6301)
+    rows = [Loop(t, solution.sol(t), name)[1] for t in times]
+    return times, {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+@CASE
+def test_agrees_with_a_second_solver(name):
+    times, expected = Reference(name)
+    recording = Run(name)
+    for signal in set(expected) - {"error"}:
+        error = np.abs(recording.Interpolate(signal, times) - expected[signal])
+        scale = np.ptp(expected[signal], axis=0).max()
+        assert error.max() <= 1e-3 * scale, signal
+
+
+@CASE
+def test_metrics_agree_with_a_second_solver(name):
+    times, expected = Reference(name)
+
+    def rms(y):
+        return np.sqrt(trapezoid(y**2, times, axis=0) / times[-1])
+
+    unknown = expected["disturbance_estimate"] - expected["environment_force"]
+    metrics = RunMetrics(Run(name))
+    for key, values in {
+        "max_error": np.abs(expected["error"]).max(axis=0),
+        "rms_error": rms(expected["error"]),
+        "disturbance_rms_error": rms(unknown),
+    }.items():
+        assert metrics[key] == pytest.approx(values, rel=1e-3), key
+    assert len(metrics) == 3
+
+
+@CASE
+def test_converged(name):
+    coarse = RunMetrics(Run(name))
+    fine = RunMetrics(
+        Run(name, "simulator.accuracy=1e-10", "simulator.max_step_size=0.01")
+    )
+    for key, values in fine.items():
+        assert coarse[key] == pytest.approx(values, rel=1e-4), key
+
+
+# The thesis.
+
+
+@CASE
+def test_printed_errors_within_a_quarter(name):
+    metrics = RunMetrics(Run(name))
+    for key, printed in THESIS[name].items():
+        assert metrics[key] == pytest.approx(printed, rel=0.25), key
+
+
+def test_one_set_of_parameters_for_both_cases():
+    one, two = (yaml.safe_load(ScenarioToYaml(LoadScenario(name))) for name in CASES)
+    assert {key for key in one if one[key] != two[key]} == {
+        "name",
+        "description",
+        "source",
+        "disturbance",
+    }
+    assert one["disturbance"] | {"kind": "coupled"} == two["disturbance"]
+
+
+@CASE
+def test_errors_converge(name):
+    recording = Run(name)
+    error = np.abs(recording["tool_position"] - recording["desired_position"])
+    unknown = np.abs(recording["disturbance_estimate"] - recording["environment_force"])
+    late = recording.time > 0.75 * recording.time[-1]
+    assert np.all(error[late].max(axis=0) < 0.1 * error.max(axis=0))
+    assert np.all(unknown[late].max(axis=0) < 0.1 * unknown.max(axis=0))
+
+
+def test_the_network_is_what_helps():
+    learning = RunMetrics(Run(CASES[0]))
+    without = RunMetrics(Run(CASES[0], "controller.adaptation_rate=0"))
+    assert np.all(
+        np.array(learning["rms_error"]) < 0.2 * np.array(without["rms_error"])
+    )
+
+
+def test_printed_trajectory_leaves_the_workspace():
+    with pytest.raises(
+        ScenarioError,
+        match=r"^trajectory.amplitude = \[1.0, 0.0\]: must keep the trajectory in r",
+    ):
+        LoadScenario(CASES[0], ["trajectory.amplitude.0=1"])
+
+
+# The diagram and its runs.
+
+
+def test_reference_is_its_own_derivative():
+    reference = MakeReference(
+        TrajectoryConfig(
+            centre=np.array([1.1, 0.3]),
+            amplitude=np.array([0.2, -0.1]),
+            frequency=2.0,
+            phase=0.5,
+        )
+    )
+    context = reference.CreateDefaultContext()
+
+    def evaluate(name, t):
+        context.SetTime(t)
+        return reference.GetOutputPort(f"desired_{name}").Eval(context)
+
+    expected = [1.1 + 0.2 * np.sin(2.5), 0.3 - 0.1 * np.sin(2.5)]
+    np.testing.assert_allclose(evaluate("position", 1.0), expected)
+    for name, rate in (("position", "velocity"), ("velocity", "acceleration")):
+        slope = (evaluate(name, 1 + 1e-6) - evaluate(name, 1 - 1e-6)) / 2e-6
+        np.testing.assert_allclose(evaluate(rate, 1.0), slope, rtol=1e-6)
+
+
+def test_diagram_has_four_named_systems():
+    diagram = MakeNetworkTracking(LoadScenario(CASES[0]))
+    assert diagram.get_name() == "network_tracking"
+    assert [system.get_name() for system in diagram.GetSystems()] == [
+        "reference",
+        "controller",
+        "robot",
+        "disturbance",
+    ]
+
+
+def test_without_force_and_error_the_arm_holds_itself():
+    # Gravity is the only load; the controller knows it.
+    recording = Run(
+        CASES[0],
+        "disturbance.gain=0",
+        "robot.start=[1.1, 0]",
+        "trajectory.amplitude=[0, 0]",
+        "duration=1",
+    )
+    assert np.abs(recording["tool_position"] - [1.1, 0]).max() < 1e-9
+    assert np.abs(recording["joint_torque"]).min() > 1
+
+
+def test_recording_survives_a_file(tmp_path):
+    recording = Run(CASES[1])
+    recording.Save(tmp_path / "a.npz")
+    loaded = LoadRecording(tmp_path / "a.npz")
+    assert loaded.scenario == recording.scenario
+    assert loaded.scenario != LoadScenario(CASES[0])
+    assert RunSummary(loaded) == RunSummary(recording)
+    assert recording.events == []
+
+
+def test_summary():
+    summary = RunSummary(Run(CASES[0]))
+    assert list(summary) == [
+        "scenario",
+        "controller",
+        "diverged",
+        "diverged_at",
+        "duration",
+        "metrics",
+        "final",
+        "solver",
+    ]
+    assert summary["controller"] == "network_tracking"
+    assert summary["diverged"] is False and summary["diverged_at"] is None
+
+
+def test_a_run_that_diverges_ends_at_its_limit():
+    # A force that pushes the tool away, ten times as hard.
+    recording = Run(CASES[1], "disturbance.gain=-100")
+    assert recording.termination == "diverged"
+    assert "exceeds 10 m/s" in recording.reason
+    speed = np.linalg.norm(recording["tool_velocity"], axis=1)
+    assert speed[-1] == pytest.approx(10, rel=1e-6)
+    summary = RunSummary(recording)
+    assert summary["diverged"] is True
+    assert summary["diverged_at"] == recording.time[-1] < 1
+
+
+def test_progress():
+    times = []
+    simulate(LoadScenario(CASES[0], ["duration=2"]), progress=times.append)
+    assert times and times == sorted(times)
+
+
+def test_plot():
+    figure = PlotRun(Run(CASES[0]))
+    assert len(figure.axes) == 6
+    for ax in figure.axes:
+        assert ax.get_ylabel()
+        assert all(len(line.get_xdata()) > 0 for line in ax.get_lines())
+    actual, desired = figure.axes[0].get_lines()[-2:]
+    assert np.ptp(desired.get_ydata()) == pytest.approx(0.2, rel=1e-3)
+    assert np.ptp(actual.get_ydata()) != pytest.approx(0.2, rel=1e-3)
+    error = figure.axes[3].get_lines()[-1].get_ydata()
+    assert np.max(error) == pytest.approx(0.105, rel=1e-3)
