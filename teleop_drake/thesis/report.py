@@ -12,9 +12,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 from teleop_drake.files import Replacing
-from teleop_drake.thesis import ledger, studies
+from teleop_drake.thesis import studies
+from teleop_drake.thesis.claims import requests
+from teleop_drake.thesis.claims.claim import VERDICTS, Row
 from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
-from teleop_drake.thesis.ledger import VERDICTS, Ledger, Row
+from teleop_drake.thesis.ledger import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies import (
     LyapunovTelemetry,
@@ -109,7 +111,7 @@ def WriteReport(
     figures = list(FIGURES.values())
     runs.Prefetch(request for figure in figures for request in figure.requests)
     # The workers go on with these while the figures are drawn.
-    runs.Prefetch([*ledger.REQUESTS, *studies.REQUESTS])
+    runs.Prefetch([*requests.REQUESTS, *studies.REQUESTS])
     paths = WriteFigures(runs, out, figures, progress)
     results = []
     for make in (SolverStudy, SensitivityStudy, LyapunovTelemetry):

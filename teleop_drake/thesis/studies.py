@@ -33,11 +33,9 @@ from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import GainMatrix, LoadScenario, Scenario
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis.ledger import SHORT, BasisFunctions
+from teleop_drake.thesis.claims.measures import BasisFunctions
+from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT, SHORT
 from teleop_drake.thesis.runs import ThesisRuns
-
-_DIRECT: dict[str, Any] = {"controller.kind": "direct_force"}
-_ADAPTIVE: dict[str, Any] = {"controller.kind": "adaptive_backstepping"}
 
 
 @dataclass(kw_only=True)
@@ -73,7 +71,7 @@ _SOLVER_REQUESTS = [
     (
         "one_dof",
         {
-            **_DIRECT,
+            **DIRECT,
             "duration": _SOLVER_END,
             "simulator.max_step_size": 0.1,
             "simulator.accuracy": tolerance,
@@ -230,7 +228,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         runs: Where the runs with each accuracy come from.
     """
     runs.Prefetch(_SOLVER_REQUESTS)
-    scenario = LoadScenario("one_dof", _DIRECT)
+    scenario = LoadScenario("one_dof", DIRECT)
     plain: dict[float, list[tuple[float, float, float]]] = {}
     for tolerances, max_steps in (
         (_LOOSE_TOLERANCES, _MAX_STEPS),
@@ -456,7 +454,7 @@ def _Changes() -> list[_Change]:
             chosen=chosen,
             value=value,
             task=task,
-            overrides={**_ADAPTIVE, **SHORT[task], **overrides},
+            overrides={**ADAPTIVE, **SHORT[task], **overrides},
         )
         for parameter, chosen, value, task, overrides in listed
     ]
@@ -477,13 +475,13 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
         runs: Where the runs come from; they are started here.
     """
     changes = _Changes()
-    base_requests = {task: {**_ADAPTIVE, **SHORT[task]} for task in _SENSITIVE_TASKS}
+    base_requests = {task: {**ADAPTIVE, **SHORT[task]} for task in _SENSITIVE_TASKS}
     runs.Prefetch([*base_requests.items(), *((c.task, c.overrides) for c in changes)])
     base = {
         task: RunMetrics(runs(task, **overrides))
         for task, overrides in base_requests.items()
     }
-    direct = {task: RunMetrics(runs(task, **_DIRECT)) for task in _SENSITIVE_TASKS}
+    direct = {task: RunMetrics(runs(task, **DIRECT)) for task in _SENSITIVE_TASKS}
     tried = [
         (change, RunMetrics(runs(change.task, **change.overrides)))
         for change in changes
@@ -884,7 +882,7 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
     Args:
         runs: Where the runs of the adaptive controller come from.
     """
-    runs.Prefetch((task, _ADAPTIVE) for task in _LYAPUNOV_TASKS)
+    runs.Prefetch((task, ADAPTIVE) for task in _LYAPUNOV_TASKS)
     right = SimulateSyntheticPlant()
     printed = SimulateSyntheticPlant(has_printed_sign=True)
     mismatch = float(np.abs(right.V2 - right.predicted).max() / right.V2[0])
@@ -929,7 +927,7 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
     axes = real.subplots(len(_LYAPUNOV_TASKS), 2, sharex="row")
     rows, ratios, inside = [], [], []
     for (left, axis), task in zip(axes, _LYAPUNOV_TASKS, strict=True):
-        recording = runs(task, **_ADAPTIVE)
+        recording = runs(task, **ADAPTIVE)
         time = recording.time
         residual = _EstimateResidual(recording)
         norms = {
@@ -1049,9 +1047,9 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
 
 REQUESTS: list[tuple[str, dict[str, Any]]] = [
     *_SOLVER_REQUESTS,
-    *((task, {**_ADAPTIVE, **SHORT[task]}) for task in _SENSITIVE_TASKS),
+    *((task, {**ADAPTIVE, **SHORT[task]}) for task in _SENSITIVE_TASKS),
     *((change.task, change.overrides) for change in _Changes()),
-    *((task, dict(_DIRECT)) for task in _SENSITIVE_TASKS),
-    *((task, dict(_ADAPTIVE)) for task in _LYAPUNOV_TASKS),
+    *((task, dict(DIRECT)) for task in _SENSITIVE_TASKS),
+    *((task, dict(ADAPTIVE)) for task in _LYAPUNOV_TASKS),
 ]
 """The runs that the studies look at, as ThesisRuns.Prefetch takes them."""

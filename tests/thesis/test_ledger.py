@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis import ledger
-from teleop_drake.thesis.ledger import VERDICTS, Ledger, Row, ShortLedger
+from teleop_drake.thesis.claims.chapter4 import OneAxis
+from teleop_drake.thesis.claims.chapter5 import Bone, Puncture
+from teleop_drake.thesis.claims.claim import VERDICTS, Number, Row, Truth
+from teleop_drake.thesis.claims.evidence import Evidence
+from teleop_drake.thesis.claims.requests import SHORT
+from teleop_drake.thesis.ledger import Ledger, ShortLedger
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -71,7 +75,7 @@ class Changed:
 
 
 def Verdicts(section, runs, *where):
-    return {row.key: row.verdict for row in section(ledger._Evidence(runs), *where)}
+    return {row.key: row.verdict for row in section(Evidence(runs), *where)}
 
 
 def test_every_row_is_complete(rows, thesis_runs):
@@ -116,7 +120,7 @@ def test_numbers_of_chapter_4(rows, key, ours):
 
 
 def test_short_runs_have_the_metrics_of_the_full_ones(thesis_runs):
-    for name, short in ledger.SHORT.items():
+    for name, short in SHORT.items():
         if name == "two_dof_puncture":
             continue
         kind = {"controller.kind": "adaptive_backstepping"}
@@ -134,7 +138,7 @@ def test_a_quicker_tool_changes_the_verdicts_of_chapter_4(thesis_runs):
         recording["tool_velocity"][free] += 0.5e-3
 
     runs = Changed(thesis_runs, "one_dof", "adaptive_backstepping", Hurry)
-    verdicts = Verdicts(ledger._OneAxis, runs)
+    verdicts = Verdicts(OneAxis, runs)
     assert verdicts["4-adaptive-overshoot"] == "refuted"
     assert verdicts["4-overshoot-reduction"] == "refuted"
     assert verdicts["4-direct-overshoot"] == "reproduced"
@@ -150,7 +154,7 @@ def test_a_tool_without_overshoot_turns_a_refuted_claim(thesis_runs):
         recording["tool_acceleration"][:] = 0.0
 
     runs = Changed(thesis_runs, "two_dof_puncture", "adaptive_backstepping", Limit)
-    verdicts = Verdicts(ledger._Puncture, runs)
+    verdicts = Verdicts(Puncture, runs)
     assert verdicts["5-I-no-overshoot"] == "reproduced"
 
 
@@ -162,14 +166,14 @@ def test_a_jump_of_the_control_force_is_seen(thesis_runs):
     name = "two_dof_collision"
     runs = Changed(thesis_runs, name, "adaptive_backstepping", Jump)
     where = ("II", name, ("7", "8", "9", "10"))
-    assert Verdicts(ledger._Bone, runs, *where)["5-II-no-jumps"] == "refuted"
-    verdicts = Verdicts(ledger._Bone, thesis_runs, *where)
+    assert Verdicts(Bone, runs, *where)["5-II-no-jumps"] == "refuted"
+    verdicts = Verdicts(Bone, thesis_runs, *where)
     assert verdicts["5-II-no-jumps"] == "reproduced"
 
 
 def test_tolerances():
     def Verdict(ours, holds):
-        return ledger._Number(
+        return Number(
             "key", "", "", 2.0, ours, 0.1, (1.0, "m"), (holds, ""), ""
         ).verdict
 
@@ -177,7 +181,7 @@ def test_tolerances():
     assert Verdict(2.201, True) == "reproduced in kind"
     assert Verdict(2.201, False) == "refuted"
     assert Verdict(float("nan"), False) == "refuted"
-    undecided = ledger._Truth("key", "", "", "", None, "", "")
+    undecided = Truth("key", "", "", "", None, "", "")
     assert undecided.verdict == "not determinable"
 
 

@@ -1,0 +1,56 @@
+"""Runs with their metrics, each computed once."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from teleop_drake.recording import Recording
+from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.thesis.claims.requests import Variant
+from teleop_drake.thesis.runs import ThesisRuns
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run and its metrics."""
+
+    recording: Recording
+    metrics: dict[str, Any]
+
+    def __getitem__(self, path: str) -> Any:
+        """Returns a metric by its dotted name; None if the run lacks it."""
+        value: Any = self.metrics
+        for part in path.split("."):
+            value = None if value is None else value[part]
+        return value
+
+    def Number(self, path: str) -> float:
+        """Returns a metric as a number, NaN if the run lacks it."""
+        value = self[path]
+        return math.nan if value is None else float(value)
+
+
+class Evidence:
+    """The runs with their metrics, each computed once."""
+
+    def __init__(self, runs: ThesisRuns):
+        self._runs = runs
+        self._cache: dict[int, Run] = {}
+
+    def __call__(
+        self, name: str, kind: Mapping[str, Any], change: Mapping[str, Any] = {}
+    ) -> Run:
+        """Returns a run; the full one if nothing is changed, else a short one.
+
+        Args:
+            name: The task.
+            kind: DIRECT or ADAPTIVE.
+            change: What else differs from the scenario, by dotted paths.
+        """
+        overrides = Variant(name, kind, change)[1] if change else dict(kind)
+        recording = self._runs(name, **overrides)
+        if id(recording) not in self._cache:
+            # The recording is kept with its metrics, so that its id stays its own.
+            self._cache[id(recording)] = Run(recording, RunMetrics(recording))
+        return self._cache[id(recording)]

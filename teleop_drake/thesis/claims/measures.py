@@ -1,0 +1,194 @@
+"""What the claims measure on recordings, beyond the metrics."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.recording import Recording
+from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.thesis.claims.evidence import Run
+
+# Case I runs out of its workspace, a circle of 1.5 m, within the time that is shown.
+INSIDE_WORKSPACE = 1.4  # m
+
+
+def Cut(recording: Recording, end: float) -> Recording:
+    """Returns the recording up to a time."""
+    count = max(int(np.searchsorted(recording.time, end, side="right")), 2)
+    return dataclasses.replace(
+        recording,
+        time=recording.time[:count],
+        signals={name: x[:count] for name, x in recording.signals.items()},
+    )
+
+
+def WhileInside(run: Run) -> Run:
+    """Returns a run of case I as long as the arm is far from being stretched."""
+    x = run.recording["tool_position"][:, 0]
+    outside = np.flatnonzero(x >= INSIDE_WORKSPACE)
+    end = run.recording.time[outside[0]] if len(outside) else math.inf
+    recording = Cut(run.recording, float(end))
+    return Run(recording, RunMetrics(recording))
+
+
+def LargestJump(recording: Recording) -> float:
+    """Returns the largest jump of the control force in N."""
+    F_c = recording["control_force"]
+    is_jump = np.diff(recording.time) == 0
+    jumps = np.abs(np.diff(F_c, axis=0))[is_jump]
+    return float(jumps.max(initial=0.0))
+
+
+def ImpactForces(recording: Recording) -> list[float]:
+    """Returns the largest force of each contact that begins and ends, and the last."""
+    time, F = recording.time, recording["environment_force"][:, 0]
+    surface = recording.scenario.contact_surface
+    touches = recording["tool_position"][:, 0] >= surface
+    begins = np.flatnonzero(np.diff(touches.astype(int)) == 1) + 1
+    ends = [*begins[1:], len(time)]
+    return [float(F[i:j].max()) for i, j in zip(begins, ends, strict=True)]
+
+
+def During(recording: Recording, begin: float, end: float) -> np.ndarray:
+    """Returns which samples lie between two times."""
+    return (recording.time >= begin) & (recording.time <= end)
+
+
+def Amplitude(recording: Recording, begin: float, end: float) -> np.ndarray:
+    """Returns the largest |v - v_d| per axis between two times."""
+    v = recording["tool_velocity"][During(recording, begin, end)]
+    v_d = np.asarray(recording.scenario.surgeon.velocity)
+    return np.abs(v - v_d).max(axis=0, initial=0.0)
+
+
+def FirstEvent(recording: Recording, name: str) -> float:
+    """Returns when something first happened, infinity if it did not."""
+    return min(recording.EventTimes(name), default=math.inf)
+
+
+def RiseTime(recording: Recording) -> float:
+    """Returns when v_x first reaches 90 % of v_d, in s."""
+    v_d = float(np.asarray(recording.scenario.surgeon.velocity)[0])
+    reached = np.flatnonzero(recording["tool_velocity"][:, 0] >= 0.9 * v_d)
+    return float(recording.time[reached[0]]) if len(reached) else math.inf
+
+
+def PathError(recording: Recording) -> np.ndarray:
+    """Returns the largest position error before the contact, as a share of the way.
+
+    The position asked for is where v_d leads from the start on as it arrives at the
+    slave; the way is that from the start to the bone.
+    """
+    scenario = recording.scenario
+    surface = scenario.contact_surface
+    assert surface is not None
+    before = recording.time <= FirstEvent(recording, "contact")
+    arrived = np.maximum(recording.time[before] - scenario.forward_channel.delay, 0.0)
+    asked = scenario.robot.start + np.outer(arrived, scenario.surgeon.velocity)
+    error = np.abs(recording["tool_position"][before] - asked).max(axis=0)
+    return error / (surface - float(scenario.robot.start[0]))
+
+
+def ForceRate(recording: Recording) -> np.ndarray:
+    """Returns dF_e/dt along x in N/s (N,), from the layers; jumps are left out.
+
+    Args:
+        recording: A run with the signals environment_layer and tool_acceleration.
+    """
+    layers = recording.scenario.environment.layers
+    index = recording["environment_layer"][:, 0].astype(int)
+    k, d = (
+        np.array([*(getattr(layer, name) for layer in layers), 0.0])[index]
+        for name in ("stiffness", "damping")
+    )
+    return (
+        k * recording["tool_velocity"][:, 0] + d * recording["tool_acceleration"][:, 0]
+    )
+
+
+def BasisFunctions(recording: Recording) -> np.ndarray:
+    """Returns the networks' basis functions Phi (T, N) at the samples of a run.
+
+    Args:
+        recording: A run of the adaptive controller.
+    """
+    config = recording.scenario.controller.network
+    network = GaussianNetwork(
+        lower=config.lower, upper=config.upper, count=config.count, width=config.width
+    )
+    return np.array([network.evaluate(u) for u in recording["tool_position"]])
+
+
+def NetworkOutput(recording: Recording, weights: str) -> np.ndarray:
+    """Returns what a network says (T, n) at the samples of a run.
+
+    Args:
+        recording: A run of the adaptive controller.
+        weights: Name of the signal, weights_1 or weights_3.
+    """
+    Phi = BasisFunctions(recording)
+    W = recording[weights].reshape(len(Phi), -1, Phi.shape[1])
+    return np.einsum("tnk,tk->tn", W, Phi)
+
+
+def Rms(recording: Recording, values: np.ndarray) -> float:
+    """Returns the rms over time of a signal (T,)."""
+    square = values**2
+    steps = np.diff(recording.time)
+    total = float(np.sum(steps * (square[1:] + square[:-1]) / 2))
+    return math.sqrt(total / float(recording.time[-1] - recording.time[0]))
+
+
+def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
+    """Returns the rms per axis of a signal (T, n) over the last quarter of a run."""
+    kept = recording.time >= 0.75 * recording.time[-1]
+    last = dataclasses.replace(recording, time=recording.time[kept])
+    return np.array([Rms(last, values[kept, i]) for i in range(values.shape[1])])
+
+
+def UnlearnedShare(recording: Recording) -> float:
+    """Returns the rms of dF_e/dt - W3 Phi over that of dF_e/dt, along x."""
+    rate = ForceRate(recording)
+    estimate = NetworkOutput(recording, "weights_3")[:, 0]
+    return Rms(recording, rate - estimate) / Rms(recording, rate)
+
+
+def FarShare(recording: Recording) -> float:
+    """Returns how much centres more than two widths away say, as a share of all.
+
+    The larger of both networks' shares of the sum of |w_i phi_i|, as means over the
+    samples.
+    """
+    config = recording.scenario.controller.network
+    network = GaussianNetwork(
+        lower=config.lower, upper=config.upper, count=config.count, width=config.width
+    )
+    Phi = BasisFunctions(recording)
+    is_far = Phi < math.exp(-4.0)
+    shares = []
+    for name in ("weights_1", "weights_3"):
+        parts = np.abs(recording[name].reshape(len(Phi), -1, network.num_functions))
+        parts = parts * Phi[:, np.newaxis, :]
+        far = np.where(is_far[:, np.newaxis, :], parts, 0.0).sum()
+        shares.append(float(far / parts.sum()))
+    return max(shares)
+
+
+def EarlyError(run: Run) -> float:
+    """Returns the rms of v_x - v_d(t - T_f) in m/s up to puncture or contact."""
+    recording = run.recording
+    ends = [FirstEvent(recording, name) for name in ("puncture", "contact")]
+    early = Cut(recording, min(ends))
+    n = recording.scenario.num_axes
+    error = early["tool_velocity"] - early["forward_packet_received"][:, n:]
+    return Rms(early, error[:, 0])
+
+
+def IsBelow(run: Run, other: Run, name: str, factor: float = 1.0) -> bool:
+    """Returns whether a metric is below that of another run on every axis."""
+    return all(
+        a < factor * b
+        for a, b in zip(run.metrics[name], other.metrics[name], strict=True)
+    )
