@@ -23,7 +23,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TextIO
 
-from teleop_drake.analysis.linearization import OperatingPoints
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.sweep import Sweep, SweepResult

@@ -16,9 +16,7 @@ state. The robot's are taken to be position and velocity of its tool, r and v, i
 (2.6) is written; then dr/dt = v also between small deviations, exactly, as the surgeon
 feels it. In joint coordinates it would not be: v = J(q) dq/dt.
 
-Accuracy. Central differences with four steps, each half of the one before, are
-extrapolated to step 0 (Richardson), which is exact for polynomials of degree 8. The
-difference between the last two extrapolations is the estimate of the error. The
+Accuracy. numerics.differences takes the differences and estimates their error. The
 longest step is a fiftieth of the way to the nearest border of a layer: no difference
 crosses one.
 
@@ -39,23 +37,29 @@ delivers becomes an input of the model and what it gets an output.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, InputPort, System
+from pydrake.systems.framework import Context, Diagram, System
 
+from teleop_drake.analysis.cut_diagram import (
+    Concatenate,
+    FixedInput,
+    InnerDelay,
+    Leaves,
+    SetStates,
+    States,
+)
+from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
+from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.architectures.passivity_master import PassivityMaster
 from teleop_drake.architectures.passivity_slave import PassivitySlave
 from teleop_drake.architectures.wave_slave import WaveSlave
 from teleop_drake.channels.transport_delay import TransportDelay
-from teleop_drake.laws.layered_force import layer_index
-from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.recording import Recording
-from teleop_drake.robots import CheckRobot, InverseKinematics, TaskInertiaInverse
+from teleop_drake.robots import InverseKinematics
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.systems.surgeon import Surgeon
@@ -72,230 +76,11 @@ _LEAST_DISTANCE = 1e-9
 # Steps of forces and of states without a scale, in their SI units.
 _STEP = 0.1
 
-_NUM_STEPS = 4
-
 # Slopes on both sides that differ by more than this share of the largest are a bend.
 _BEND = 1e-4
 
 # Energy that leaves a budget of a passivity controller ample, in units of E_0.
 _AMPLE = 1e9
-
-EMPTY = "empty"
-"""What the space in front of the first layer is called."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OperatingPoint:
-    """Where the diagram is linearised.
-
-    Attributes:
-        name: What it is called.
-        layer: Name of the layer that it is in, or EMPTY.
-        position: p_WT in m (n).
-        velocity: v_WT in m/s (n).
-        forward_packet: What the forward channel delivers; None: what keeps the velocity
-            constant.
-        estimates: State of an adaptive law, [F_c, W1, Psi, W3] as in
-            AdaptiveBackstepping; None: its initial estimates.
-    """
-
-    name: str
-    layer: str
-    position: Array
-    velocity: Array
-    forward_packet: Array | None = None
-    estimates: Array | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopModel:
-    """The loop, cut at its channels, at an operating point.
-
-    Small deviations obey, with the delays T_f and T_r,
-
-        return packet  = slave(s) forward packet(t - T_f)
-        forward packet = master(s) return packet(t - T_r)
-
-    Attributes:
-        point: The operating point.
-        master: From the return packet received to the forward packet sent. Behind
-            them stand, in the same order, the inputs from delays inside of the master
-            and the outputs to them.
-        slave: From the forward packet received to the return packet sent, and likewise.
-            Its states are [r (n), v (n), the states of the controller that are not
-            frozen].
-        frozen_weights: Whether the estimates of an adaptive law are held constant.
-        idle_passivity: Whether passivity controllers are taken to inject nothing.
-        packet_sizes: Entries of the forward and of the return packet.
-        inner_delays: The delays inside, in s: first the master's, an entry for each of
-            their signals.
-        error: Estimated relative error of the matrices.
-        trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
-            controller's states: what no choice of the forward packet could remove, or,
-            where the point has one, what it is.
-    """
-
-    point: OperatingPoint
-    master: StateSpace
-    slave: StateSpace
-    frozen_weights: bool
-    idle_passivity: bool
-    packet_sizes: tuple[int, int]
-    inner_delays: tuple[float, ...]
-    error: float
-    trim_residual: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TwoPortModel:
-    """The teleoperator between the surgeon's hand and the environment.
-
-    The same as LoopModel without haptic device and environment: the force F_h at the
-    hand and the force F_e at the tool are inputs, and the velocity that the hand feels
-    and the tool's are outputs. They stand before the others:
-
-        [v_felt, forward packet, inner] = master(s) [F_h, return packet, inner]
-        [v, return packet, inner]       = slave(s) [F_e, forward packet, inner]
-
-    Attributes:
-        point: The operating point.
-        master: The surgeon's hand and the master side.
-        slave: The slave side and the robot.
-        idle_passivity: As in LoopModel.
-        packet_sizes: As in LoopModel.
-        inner_delays: As in LoopModel.
-        error: Estimated relative error of the matrices.
-    """
-
-    point: OperatingPoint
-    master: StateSpace
-    slave: StateSpace
-    idle_passivity: bool
-    packet_sizes: tuple[int, int]
-    inner_delays: tuple[float, ...]
-    error: float
-
-
-def OperatingPoints(scenario: Scenario) -> list[OperatingPoint]:
-    """Returns an operating point in each layer that the tool comes to.
-
-    The path is the line on which the tool moves from its start with the commanded
-    velocity, for the duration of the scenario, as far as the robot reaches and no
-    farther than the contact surface. In each layer the point is halfway along. On the
-    surface it is where the first impact is deepest: at rest, v_x sqrt(m/k) below, with
-    the inertia m of the tool along x.
-
-    Args:
-        scenario: A valid one.
-    """
-    start = np.asarray(scenario.robot.start, dtype=float)
-    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surface = scenario.contact_surface
-    if velocity[0] <= 0:
-        surface = None
-    end_time = scenario.duration
-    if surface is not None:
-        end_time = min(end_time, (surface - start[0]) / velocity[0])
-    end_time = _ReachableTime(scenario, start, velocity, end_time)
-    borders = [0.0, end_time]
-    if velocity[0] != 0:
-        borders += [
-            time
-            for layer in scenario.environment.layers
-            if 0 < (time := (layer.start - start[0]) / velocity[0]) < end_time
-        ]
-    times = sorted(borders)
-    points = [
-        _MakePoint(scenario, start + velocity * (begin + end) / 2, velocity)
-        for begin, end in pairwise(times)
-    ]
-    if surface is not None and end_time == (surface - start[0]) / velocity[0]:
-        position = start + velocity * end_time
-        stiffness = max(layer.stiffness for layer in scenario.environment.layers)
-        config = scenario.robot
-        inverse_inertia = TaskInertiaInverse(
-            model=config.model,
-            start=position,
-            elbow=config.elbow,
-            mass=config.mass,
-        )[0, 0]
-        position[0] += velocity[0] / math.sqrt(stiffness * inverse_inertia)
-        points.append(_MakePoint(scenario, position, 0 * velocity))
-    return points
-
-
-def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
-    """Returns the operating point on the tool's path at a position along x.
-
-    The tool moves there with the commanded velocity; behind the contact surface it is
-    at rest.
-
-    Args:
-        scenario: A valid one.
-        x: In m.
-
-    Raises:
-        ValueError: If the path does not lead there or the robot does not reach it.
-    """
-    start = np.asarray(scenario.robot.start, dtype=float)
-    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    if not math.isfinite(x) or (x != start[0] and not (x - start[0]) * velocity[0] > 0):
-        raise ValueError(
-            f"position = {x:g}: must be on the tool's path, which starts at x = "
-            f"{start[0]:g} m with {velocity[0]:g} m/s"
-        )
-    position = start.copy()
-    if x != start[0]:
-        position = start + velocity * (x - start[0]) / velocity[0]
-    config = scenario.robot
-    try:
-        CheckRobot(
-            model=config.model,
-            start=position,
-            elbow=config.elbow,
-            mass=config.mass,
-            damping=config.damping,
-        )
-    except ValueError as e:
-        raise ValueError(
-            f"position = {x:g}: {str(e).removeprefix('robot.start: ')}"
-        ) from None
-    surface = scenario.contact_surface
-    is_inside = surface is not None and x > surface
-    return _MakePoint(scenario, position, 0 * velocity if is_inside else velocity)
-
-
-def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
-    """Returns the operating point at an instant of a run, in whatever motion it is.
-
-    With what the forward channel delivers then, and what an adaptive law has learned.
-
-    Args:
-        recording: A run of a teleoperation.
-        time: In s; not the instant of a jump.
-
-    Raises:
-        ValueError: If the time is not within the run.
-    """
-    if not recording.time[0] <= time <= recording.time[-1]:
-        raise ValueError(
-            f"time = {time:g}: must be {recording.time[0]:g} to "
-            f"{recording.time[-1]:g} s, the run's"
-        )
-
-    def At(*names: str) -> Array:
-        return np.concatenate(
-            [recording.Interpolate(name, np.array([time]))[0] for name in names]
-        )
-
-    estimates = ("control_force", "weights_1", "psi", "weights_3")
-    is_adaptive = all(name in recording.signals for name in estimates)
-    point = _MakePoint(recording.scenario, At("tool_position"), At("tool_velocity"))
-    return replace(
-        point,
-        forward_packet=At("forward_packet_received"),
-        estimates=At(*estimates) if is_adaptive else None,
-    )
 
 
 def LinearizeLoop(
@@ -348,97 +133,6 @@ def LinearizeTwoPort(
     return _Linearizer(scenario, point, diagram).LinearizeTwoPort()
 
 
-def _MakePoint(scenario: Scenario, position: Array, velocity: Array) -> OperatingPoint:
-    layers = scenario.environment.layers
-    index = layer_index([layer.start for layer in layers], position[0])
-    name = layers[index].name if index >= 0 else EMPTY
-    return OperatingPoint(name=name, layer=name, position=position, velocity=velocity)
-
-
-def _ReachableTime(
-    scenario: Scenario, start: Array, velocity: Array, end_time: float
-) -> float:
-    """Returns until when, in s, the robot can follow the path."""
-
-    def IsReachable(time: float) -> bool:
-        try:
-            CheckRobot(
-                model=scenario.robot.model,
-                start=start + velocity * time,
-                elbow=scenario.robot.elbow,
-                mass=scenario.robot.mass,
-                damping=scenario.robot.damping,
-            )
-        except ValueError:
-            return False
-        return True
-
-    if IsReachable(end_time):
-        return end_time
-    low, high = 0.0, end_time
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if IsReachable(middle) else (low, middle)
-    return low
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _States:
-    """Continuous states of a system which the model has as its own."""
-
-    system: System
-    context: Context
-    indices: Array
-
-    def Get(self) -> Array:
-        return self.context.get_continuous_state_vector().CopyToVector()[self.indices]
-
-    def Set(self, values: Array) -> None:
-        x = self.context.get_continuous_state_vector().CopyToVector()
-        x[self.indices] = values
-        self.context.SetContinuousState(x)
-
-    def GetRates(self) -> Array:
-        rates = self.system.EvalTimeDerivatives(self.context).CopyToVector()
-        return rates[self.indices]
-
-
-class _Delay:
-    """A TransportDelay inside a station, cut open: what it delivers is set."""
-
-    def __init__(self, system: TransportDelay, context: Context):
-        self.delay = system.delay
-        self.size = system.get_input_port().size()
-        self._system, self._context = system, context
-
-    def GetInput(self) -> Array:
-        return self._system.get_input_port().Eval(self._context)
-
-    def Get(self) -> Array:
-        return self._system.get_output_port().Eval(self._context)
-
-    def Set(self, value: Array) -> None:
-        # A history of a single sample, which arrives now.
-        time = self._context.get_time()
-        history = SampleHistory(times=(time,), values=np.array([value]), now=time)
-        self._context.SetAbstractState(0, history)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Fixed:
-    """Input ports whose value, one for all, takes the place of what is connected."""
-
-    ports: list[InputPort]
-    contexts: list[Context]
-
-    def Get(self) -> Array:
-        return self.ports[0].Eval(self.contexts[0])
-
-    def Set(self, value: Array) -> None:
-        for port, context in zip(self.ports, self.contexts, strict=True):
-            port.FixValue(context, value)
-
-
 class _Linearizer:
     """Holds the diagram with its channels cut."""
 
@@ -448,7 +142,7 @@ class _Linearizer:
         self._root = diagram.CreateDefaultContext()
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
         self._frozen_weights = self._idle_passivity = False
-        self._delays: dict[str, list[_Delay]] = {"master": [], "controller": []}
+        self._delays: dict[str, list[InnerDelay]] = {"master": [], "controller": []}
         self._plant = self._FindStates("robot")
         self._controller = self._FindStates("controller")
         self._environment = self._FindStates("environment")
@@ -497,7 +191,7 @@ class _Linearizer:
         contexts = [
             x.GetMyMutableContextFromRoot(self._root) for x in (surgeon, device)
         ]
-        hand = _Fixed(
+        hand = FixedInput(
             ports=[surgeon.GetInputPort("haptic_force")], contexts=contexts[:1]
         )
         hand.Set(hand.Get())
@@ -522,9 +216,9 @@ class _Linearizer:
     def _Context(self, system: System) -> Context:
         return system.GetMyMutableContextFromRoot(self._root)
 
-    def _Fix(self, *ports: tuple[str, str]) -> _Fixed:
+    def _Fix(self, *ports: tuple[str, str]) -> FixedInput:
         systems = [self._systems[system] for system, _ in ports]
-        return _Fixed(
+        return FixedInput(
             ports=[
                 x.GetInputPort(name)
                 for x, (_, name) in zip(systems, ports, strict=True)
@@ -544,9 +238,9 @@ class _Linearizer:
         delays = self._delays["master"] + self._delays["controller"]
         return tuple(x.delay for x in delays for _ in range(x.size))
 
-    def _FindStates(self, name: str) -> list[_States]:
+    def _FindStates(self, name: str) -> list[States]:
         result = []
-        for system in _Leaves(self._systems[name]):
+        for system in Leaves(self._systems[name]):
             context = self._Context(system)
             size = context.num_continuous_states()
             # The environment's is the layer it is in.
@@ -555,7 +249,7 @@ class _Linearizer:
             is_sampled |= context.num_abstract_states() > 0
             if isinstance(system, TransportDelay) and name in self._delays:
                 if system.delay > 0:
-                    self._delays[name].append(_Delay(system, context))
+                    self._delays[name].append(InnerDelay(system, context))
             elif is_sampled:
                 raise ValueError(
                     f"{name}: {system.get_name()!r} has a state that is not "
@@ -581,7 +275,7 @@ class _Linearizer:
                 )
             if size:
                 result.append(
-                    _States(system=system, context=context, indices=np.arange(size))
+                    States(system=system, context=context, indices=np.arange(size))
                 )
         return result
 
@@ -628,12 +322,12 @@ class _Linearizer:
         self._jacobian = np.array(columns).T
         plant.Set(np.concatenate([q, np.linalg.solve(self._jacobian, point.velocity)]))
 
-    def _SlaveStates(self) -> list[_States]:
+    def _SlaveStates(self) -> list[States]:
         return self._plant + self._controller + self._environment
 
     def _Rates(self) -> Array:
         """Returns the time rates of [r, v, the other states of the slave]."""
-        return _Concatenate(
+        return Concatenate(
             [
                 self._Eval("robot", "tool_velocity"),
                 self._Eval("robot", "tool_acceleration"),
@@ -655,17 +349,17 @@ class _Linearizer:
             values = packet_0.copy()
             values[free] = unknown[:m]
             packet.Set(values)
-            _SetStates(others, unknown[m:])
+            SetStates(others, unknown[m:])
             self._SettleDelays("controller")
             return self._Rates()[n:]
 
-        unknown = _Concatenate([packet_0[free], *(x.Get() for x in others)])
+        unknown = Concatenate([packet_0[free], *(x.Get() for x in others)])
         steps = _STEP * np.maximum(1.0, np.abs(unknown))
         for _ in range(10):
             residual = Residual(unknown)
             if not len(unknown):
                 break
-            slope, _, _ = _Differentiate(Residual, unknown, steps)
+            slope, _, _ = differentiate(Residual, unknown, steps)
             change = np.linalg.lstsq(slope, -residual, rcond=1e-10)[0]
             unknown = unknown + change
             if np.abs(change).max() <= 1e-12 * max(1.0, float(np.abs(unknown).max())):
@@ -676,9 +370,9 @@ class _Linearizer:
 
     def _LinearizeSlave(
         self,
-        inputs: Sequence[_Fixed],
+        inputs: Sequence[FixedInput],
         outputs: Sequence[Callable[[], Array]],
-        states: Sequence[_States],
+        states: Sequence[States],
     ) -> tuple[StateSpace, float]:
         layer = self._Layer()
 
@@ -702,9 +396,9 @@ class _Linearizer:
 
     def _LinearizeMaster(
         self,
-        inputs: Sequence[_Fixed],
+        inputs: Sequence[FixedInput],
         outputs: Sequence[Callable[[], Array]],
-        states: Sequence[_States],
+        states: Sequence[States],
     ) -> tuple[StateSpace, float]:
         return self._LinearizeSide(
             "master",
@@ -716,9 +410,9 @@ class _Linearizer:
     def _LinearizeSide(
         self,
         name: str,
-        inputs: Sequence[_Fixed],
+        inputs: Sequence[FixedInput],
         outputs: Sequence[Callable[[], Array]],
-        states: Sequence[_States],
+        states: Sequence[States],
         *,
         motion: Callable[[], Array] | None = None,
         steps: Sequence[Array] = (),
@@ -734,17 +428,17 @@ class _Linearizer:
             steps: The longest steps of the first states.
         """
         delays = self._delays[name]
-        ins: list[_Fixed | _Delay] = [*inputs, *delays]
+        ins: list[FixedInput | InnerDelay] = [*inputs, *delays]
         outs = [*outputs, *(delay.GetInput for delay in delays)]
         others = states[1:] if motion else states
-        x0 = _Concatenate([x.Get() for x in states])
-        u0 = _Concatenate([x.Get() for x in ins])
+        x0 = Concatenate([x.Get() for x in states])
+        u0 = Concatenate([x.Get() for x in ins])
         ends = np.cumsum([len(x.Get()) for x in ins])[:-1]
         size = len(x0)
 
         def Evaluate() -> Array:
             moved = motion() if motion else np.zeros(0)
-            return _Concatenate(
+            return Concatenate(
                 [
                     moved[: 2 * self._n],
                     *(x.Get() for x in others),
@@ -755,7 +449,7 @@ class _Linearizer:
             )
 
         def OfState(x: Array) -> Array:
-            _SetStates(states, x)
+            SetStates(states, x)
             return Evaluate()
 
         def OfInput(u: Array) -> Array:
@@ -764,10 +458,10 @@ class _Linearizer:
             return Evaluate()
 
         known = sum(map(len, steps))
-        x_steps = _Concatenate([*steps, _STEP * np.maximum(1.0, np.abs(x0[known:]))])
-        by_x, error_x, bend_x = _Differentiate(OfState, x0, x_steps)
-        _SetStates(states, x0)
-        by_u, error_u, bend_u = _Differentiate(OfInput, u0, np.full(len(u0), _STEP))
+        x_steps = Concatenate([*steps, _STEP * np.maximum(1.0, np.abs(x0[known:]))])
+        by_x, error_x, bend_x = differentiate(OfState, x0, x_steps)
+        SetStates(states, x0)
+        by_u, error_u, bend_u = differentiate(OfInput, u0, np.full(len(u0), _STEP))
         OfInput(u0)
         for bend, slope in ((bend_x, by_x), (bend_u, by_u)):
             if bend.size and bend.max() > _BEND * np.abs(slope).max():
@@ -798,66 +492,6 @@ class _Linearizer:
             np.linalg.norm(self._scenario.surgeon.velocity)
         )
         return min(distance, path, 1.0)
-
-
-def _Leaves(system: System) -> Iterator[System]:
-    """Yields the systems whose states are told apart."""
-    if isinstance(system, Diagram) and not isinstance(system, AdaptiveBackstepping):
-        for child in system.GetSystems():
-            yield from _Leaves(child)
-    else:
-        yield system
-
-
-def _Concatenate(parts: Sequence[Array]) -> Array:
-    return np.concatenate([np.zeros(0), *parts])
-
-
-def _SetStates(states: Sequence[_States], x: Array) -> None:
-    begin = 0
-    for part in states:
-        part.Set(x[begin : begin + len(part.indices)])
-        begin += len(part.indices)
-
-
-def _Differentiate(
-    function: Callable[[Array], Array], x0: Array, steps: Array
-) -> tuple[Array, Array, Array]:
-    """Returns the Jacobian (k, n) of a function, its estimated error and its bends.
-
-    A bend is by how much the slopes on both sides of x0 differ, as far as that is not
-    due to curvature or within the error of its own extrapolation.
-    """
-    middle = function(x0)
-    columns, errors, bends = [], [], []
-    for j, longest in enumerate(steps):
-        table: list[Array] = []
-        bend_table: list[Array] = []
-        for i in range(_NUM_STEPS):
-            step = longest / 2**i
-            x = x0.copy()
-            x[j] = x0[j] + step
-            high, high_value = x[j], function(x)
-            x[j] = x0[j] - step
-            low_value = function(x)
-            row = [(high_value - low_value) / (high - x[j])]
-            bend_row = [(high_value - 2 * middle + low_value) / step]
-            # Each extrapolation removes the next even power of the step, or, of the
-            # bend, the next odd one.
-            for k in range(i):
-                row.append(row[k] + (row[k] - table[k]) / (4 ** (k + 1) - 1))
-                change = (bend_row[k] - bend_table[k]) / (2 * 4**k - 1)
-                bend_row.append(bend_row[k] + change)
-            previous, table = table, row
-            previous_bend, bend_table = bend_table, bend_row
-        columns.append(table[-1])
-        errors.append(np.abs(table[-1] - previous[-1]))
-        bend, doubt = bend_table[-1], np.abs(bend_table[-1] - previous_bend[-1])
-        bends.append(np.maximum(np.abs(bend) - 10 * doubt, 0.0))
-    if not columns:
-        empty = np.zeros((len(middle), 0))
-        return empty, empty, empty
-    return np.array(columns).T, np.array(errors).T, np.array(bends).T
 
 
 def _RelativeError(parts: Sequence[tuple[Array, Array]]) -> float:

@@ -34,9 +34,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.analysis.constant_delay import ConstantDelay
-from teleop_drake.analysis.linearization import (
-    LinearizeLoop,
-    LoopModel,
+from teleop_drake.analysis.linear_models import LoopModel
+from teleop_drake.analysis.linearization import LinearizeLoop
+from teleop_drake.analysis.operating_point import (
     OperatingPoint,
     OperatingPointAt,
     OperatingPoints,

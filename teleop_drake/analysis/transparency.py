@@ -26,12 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.analysis.constant_delay import ConstantDelay
-from teleop_drake.analysis.linearization import (
-    EMPTY,
-    LinearizeTwoPort,
-    OperatingPoint,
-    TwoPortModel,
-)
+from teleop_drake.analysis.linear_models import TwoPortModel
+from teleop_drake.analysis.linearization import LinearizeTwoPort
+from teleop_drake.analysis.operating_point import EMPTY, OperatingPoint
 from teleop_drake.laws.two_port import llewellyn
 from teleop_drake.scenario import LayerConfig, Scenario
 

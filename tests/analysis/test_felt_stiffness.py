@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from phasors import FeltImpedance
 
-from teleop_drake.analysis.linearization import OperatingPoints
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.architectures import MakeArchitecture, ResolveController
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from teleop_drake.analysis.linearization import (
-    LinearizeLoop,
-    LinearizeTwoPort,
+from teleop_drake.analysis.linearization import LinearizeLoop, LinearizeTwoPort
+from teleop_drake.analysis.operating_point import (
     OperatingPoint,
     OperatingPointAt,
     OperatingPointOfRun,

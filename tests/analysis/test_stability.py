@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.linearization import OperatingPointAt
+from teleop_drake.analysis.operating_point import OperatingPointAt
 from teleop_drake.analysis.stability import (
     POSITION,
     AnalyzeStability,

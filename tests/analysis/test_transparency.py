@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from phasors import FeltImpedance
 
-from teleop_drake.analysis.linearization import LinearizeTwoPort, OperatingPoints
+from teleop_drake.analysis.linearization import LinearizeTwoPort
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import (
     AdmittanceMatrix,
     AnalyzeTransparency,

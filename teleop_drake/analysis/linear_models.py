@@ -1,0 +1,75 @@
+"""Linear models of both ends of the loop and of the two-port between hand and tool."""
+
+from dataclasses import dataclass
+
+from teleop_drake.analysis.operating_point import OperatingPoint
+from teleop_drake.numerics.state_space import StateSpace
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopModel:
+    """The loop, cut at its channels, at an operating point.
+
+    Small deviations obey, with the delays T_f and T_r,
+
+        return packet  = slave(s) forward packet(t - T_f)
+        forward packet = master(s) return packet(t - T_r)
+
+    Attributes:
+        point: The operating point.
+        master: From the return packet received to the forward packet sent. Behind
+            them stand, in the same order, the inputs from delays inside of the master
+            and the outputs to them.
+        slave: From the forward packet received to the return packet sent, and likewise.
+            Its states are [r (n), v (n), the states of the controller that are not
+            frozen].
+        frozen_weights: Whether the estimates of an adaptive law are held constant.
+        idle_passivity: Whether passivity controllers are taken to inject nothing.
+        packet_sizes: Entries of the forward and of the return packet.
+        inner_delays: The delays inside, in s: first the master's, an entry for each of
+            their signals.
+        error: Estimated relative error of the matrices.
+        trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
+            controller's states: what no choice of the forward packet could remove, or,
+            where the point has one, what it is.
+    """
+
+    point: OperatingPoint
+    master: StateSpace
+    slave: StateSpace
+    frozen_weights: bool
+    idle_passivity: bool
+    packet_sizes: tuple[int, int]
+    inner_delays: tuple[float, ...]
+    error: float
+    trim_residual: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoPortModel:
+    """The teleoperator between the surgeon's hand and the environment.
+
+    The same as LoopModel without haptic device and environment: the force F_h at the
+    hand and the force F_e at the tool are inputs, and the velocity that the hand feels
+    and the tool's are outputs. They stand before the others:
+
+        [v_felt, forward packet, inner] = master(s) [F_h, return packet, inner]
+        [v, return packet, inner]       = slave(s) [F_e, forward packet, inner]
+
+    Attributes:
+        point: The operating point.
+        master: The surgeon's hand and the master side.
+        slave: The slave side and the robot.
+        idle_passivity: As in LoopModel.
+        packet_sizes: As in LoopModel.
+        inner_delays: As in LoopModel.
+        error: Estimated relative error of the matrices.
+    """
+
+    point: OperatingPoint
+    master: StateSpace
+    slave: StateSpace
+    idle_passivity: bool
+    packet_sizes: tuple[int, int]
+    inner_delays: tuple[float, ...]
+    error: float
