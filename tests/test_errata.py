@@ -13,7 +13,7 @@ import teleop_drake
 from teleop_drake.laws.layered_force import layer_force
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.thesis.studies import SimulateSyntheticPlant
+from teleop_drake.thesis.studies.synthetic_plant import SimulateSyntheticPlant
 
 ERRATA = Path(teleop_drake.__file__).parent / "thesis" / "errata.md"
 TESTS = Path(__file__).parent

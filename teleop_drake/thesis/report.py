@@ -18,12 +18,8 @@ from teleop_drake.thesis.claims.claim import VERDICTS, Row
 from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
 from teleop_drake.thesis.ledger import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
-from teleop_drake.thesis.studies import (
-    LyapunovTelemetry,
-    SensitivityStudy,
-    SolverStudy,
-    Study,
-)
+from teleop_drake.thesis.studies import STUDIES
+from teleop_drake.thesis.studies.study import Study
 
 _CHAPTERS = {
     "2": "The loop and the task",
@@ -114,7 +110,7 @@ def WriteReport(
     runs.Prefetch([*requests.REQUESTS, *studies.REQUESTS])
     paths = WriteFigures(runs, out, figures, progress)
     results = []
-    for make in (SolverStudy, SensitivityStudy, LyapunovTelemetry):
+    for make in STUDIES:
         study = make(runs)
         for name, picture in study.figures.items():
             paths += WritePicture(picture, out / f"study_{name}")

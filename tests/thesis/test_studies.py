@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.thesis.studies import (
-    LyapunovTelemetry,
-    SensitivityStudy,
-    SimulateSyntheticPlant,
-    SolvePlainly,
-    SolverStudy,
-    _CollisionNumbers,
-    _EstimateResidual,
-)
+from teleop_drake.thesis.studies.lyapunov import EstimateResidual, LyapunovTelemetry
+from teleop_drake.thesis.studies.plain_solver import SolvePlainly
+from teleop_drake.thesis.studies.sensitivity import SensitivityStudy
+from teleop_drake.thesis.studies.solver import CollisionNumbers, SolverStudy
+from teleop_drake.thesis.studies.synthetic_plant import SimulateSyntheticPlant
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -74,7 +70,7 @@ def test_loose_tolerances_scatter_and_tight_ones_do_not(solver):
 def test_plain_solver_agrees_where_it_is_accurate():
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     _, x, v = SolvePlainly(scenario, tolerance=1e-9, max_step=0.05, end=18.0)
-    first, largest, rebound = _CollisionNumbers(scenario, x, v)
+    first, largest, rebound = CollisionNumbers(scenario, x, v)
     assert first == pytest.approx(8.657e-3, rel=1e-3)
     # The switch comes at the next step, and the bounces remember it.
     assert largest == pytest.approx(15.74e-3, rel=1e-2)
@@ -125,7 +121,7 @@ def test_runs_stay_inside_the_residual_set(lyapunov):
 
 
 def test_residual_of_a_run(thesis_runs):
-    residual = _EstimateResidual(thesis_runs("one_dof", **ADAPTIVE))
+    residual = EstimateResidual(thesis_runs("one_dof", **ADAPTIVE))
     assert residual.eigenvalue == pytest.approx(2.0)
     assert residual.radius == residual.delta / 2.0
     assert 0 < residual.typical < residual.delta
