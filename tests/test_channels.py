@@ -13,6 +13,7 @@ from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.variable_delay import VariableDelay
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
+    ChannelConfig,
     ChannelProfile,
     LoadScenario,
     ScenarioError,
@@ -229,6 +230,15 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
         scenario.Validate()
 
 
+@pytest.mark.parametrize("header", ["", "time,delay\n", '"t [s]", "d, x", é\n'])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_no_row_is_lost(header, mark, tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(f"{mark}{header}0,0.1\n0.5,0.3\n1,0.3\n", encoding="utf-8")
+    channel = ChannelConfig(kind="variable", delay=0.0, trace=str(path))
+    assert ChannelProfile(channel, 0.5).minimum == 0.1
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -241,6 +251,11 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
         ("0,0.1\n1\n", "line 2, '1': must be time,delay in s"),
         ("0,0.1,3\n1,0.1\n", "line 1, '0,0.1,3': must be time,delay in s"),
         ("time,delay\nx,y\n0,1\n", "line 2, 'x,y': must be time,delay in s"),
+        # No header, but a typing error.
+        ("O.0,0.1\n1,0.1\n30,0.1\n", "line 1, 'O.0,0.1': must be time,delay in s"),
+        ("x0,0.1\n1,0.1\n30,0.1\n", "line 1, 'x0,0.1': must be time,delay in s"),
+        (".0;0.1\n1,0.1\n30,0.1\n", "line 1, '.0;0.1': must be time,delay in s"),
+        ("nan,inf\n1,0.1\n30,0.1\n", "line 1, 'nan,inf': must be finite numbers"),
         ("0,0.1\n5,0.1\n", "must be at least as long as the duration, 25 s, not 5 s"),
         (b"\xff\xfe", "must be readable (not UTF-8 text)"),
         (None, "must be readable (No such file or directory)"),

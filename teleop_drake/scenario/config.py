@@ -6,6 +6,7 @@ the first bad field, its value and what is allowed.
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -339,11 +340,19 @@ def ChannelProfile(
         raise ScenarioError(f"{path}.{e}") from None
 
 
+# Anything else is a row, which may have a typing error.
+_HEADER = re.compile(r"""\s*["']?[^\W\d_][^,]*(,\s*["']?[^\W\d_][^,]*)+""")
+
+
 def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
-    """Returns the times and delays in s of a CSV file, with or without a header."""
+    """Returns the times and delays in s of a CSV file.
+
+    Its first line may be a header, all of whose columns begin with a letter.
+    """
     origin = f"{path} = {Show(file)}"
     try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
+        # With a byte-order mark or without.
+        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
@@ -353,7 +362,7 @@ def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
     for i, line in enumerate(lines):
         if not line.strip() or line.startswith("#"):
             continue
-        is_header = may_be_header and not line.strip()[:1].isdigit()
+        is_header = may_be_header and _HEADER.fullmatch(line)
         may_be_header = False
         try:
             time, delay = map(float, line.split(","))
