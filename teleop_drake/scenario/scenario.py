@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import yaml
 from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake.laws.layered_force import (
@@ -66,6 +65,7 @@ from teleop_drake.scenario.tree import (
     CheckNumber,
     CheckVector,
     Choices,
+    DumpYaml,
     FromTree,
     Normalize,
     ParseFile,
@@ -361,7 +361,7 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
         ScenarioError: if a field has the wrong type.
     """
     tree = Normalize(ToTree(scenario), type(scenario), "")
-    return yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
+    return DumpYaml(tree, sort_keys=False, default_flow_style=None)
 
 
 def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:

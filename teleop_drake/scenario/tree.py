@@ -8,7 +8,10 @@ import dataclasses
 import difflib
 import functools
 import math
+import os
+import re
 import reprlib
+import stat
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -46,6 +49,22 @@ REQUIRED: Any = None
 # Messages.
 
 
+class _ShortRepr(reprlib.Repr):
+    """repr() on one short line, also of numbers that Python refuses to write out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = self.maxlong = 60
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Returns the digits, or those of the hexadecimal number if there are many."""
+        is_long = x.bit_length() > 1000
+        return self.repr_instance(hex(x), level)[1:-1] if is_long else repr(x)
+
+
+_SHORT = _ShortRepr()
+
+
 def Show(value: Any) -> str:
     """Returns the value as YAML would write it, on one short line."""
     if value is None:
@@ -54,9 +73,7 @@ def Show(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
-    short = reprlib.Repr()
-    short.maxstring = short.maxother = short.maxlong = 60
-    return short.repr(value)
+    return _SHORT.repr(value)
 
 
 def Refuse(path: str, value: Any, allowed: str) -> typing.NoReturn:
@@ -78,14 +95,37 @@ def Choices(value: Any, choices: Iterable[str]) -> str:
     return f"{text} (did you mean {nearest[0]!r}?)" if nearest else text
 
 
-# Reading.
+# Reading and writing.
 
 # The one in C where PyYAML has it.
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+_FastDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+# Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
+# of the exponent, and for a digit between sign and dot. 1e-2, 1.5e3, -.5
+_FLOAT = re.compile(
+    r"^[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$"
+    r"|^[-+]\.[0-9][0-9_]*$"
+)
+
+# No number needs so many, and Python refuses to read many more.
+_MAX_DIGITS = 1000
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML's safe loader, which would let the last of equal keys win, but strict."""
+class _Loader(yaml.SafeLoader):
+    """YAML's safe loader with the numbers that people write, and strict about keys.
+
+    PyYAML's own lets the last of equal keys win.
+    """
+
+    def construct_yaml_int(self, node: Any) -> int:
+        if len(node.value) > _MAX_DIGITS:
+            raise yaml.constructor.ConstructorError(
+                None,
+                None,
+                f"a number of {len(node.value)} digits is too long",
+                node.start_mark,
+            )
+        return int(super().construct_yaml_int(node))
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = set()
@@ -99,8 +139,32 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML's safe dumper, which puts text that _Loader takes for a number in quotes."""
+
+
+for _class in (_Loader, _Dumper):
+    _class.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, [*"-+.0123456789"])
+
+
+def DumpYaml(tree: Any, **options: Any) -> str:
+    """Returns a YAML text from which ParseYaml() gives the same tree.
+
+    Args:
+        tree: What to write.
+        **options: As yaml.dump() takes them.
+    """
+    return str(yaml.dump(tree, Dumper=_Dumper, **options))
+
+
 def ParseYaml(text: str, origin: str) -> Any:
     """Returns the tree of a YAML text.
+
+    It is YAML 1.1, in which 1_000 and 0x10 are numbers, and so are 1e-2, +1e3 and -.5,
+    which YAML 1.1 takes for text.
 
     Args:
         text: The text.
@@ -110,7 +174,7 @@ def ParseYaml(text: str, origin: str) -> Any:
         ScenarioError: if it is not YAML, or a key stands twice.
     """
     try:
-        return yaml.load(text, Loader=_UniqueKeyLoader)
+        return yaml.load(text, Loader=_Loader)
     except Exception as e:
         # PyYAML's constructors also let ValueError, KeyError and more escape, for
         # example on `2020-13-01`.
@@ -133,11 +197,26 @@ def ReadText(path: Path) -> str:
     """
     origin = _Origin(path)
     try:
-        return path.read_text(encoding="utf-8")
+        status = os.stat(path)
+        if stat.S_ISREG(status.st_mode):
+            return path.read_text(encoding="utf-8")
+        return _ReadOnce(path, status.st_dev, status.st_ino)
     except OSError as e:
         raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
     except ValueError:  # Not UTF-8, or a NUL in the name.
         raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
+
+
+@functools.lru_cache(maxsize=16)
+def _ReadOnce(path: Path, device: int, inode: int) -> str:
+    """Returns what a pipe or a terminal has: it says that once, and is asked often.
+
+    Args:
+        path: Such as /dev/stdin.
+        device: With the inode, which of those that have had this name it is.
+        inode: See above.
+    """
+    return path.read_text(encoding="utf-8")
 
 
 def ParseFile(path: Path, text: str) -> dict[Any, Any]:
@@ -248,7 +327,7 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
     # takes a bare number neither for `ndarray | float` nor for a vector.
     normal = Normalize(tree, schema, "")
     parts = {
-        key: copy.deepcopy(_LoadPart(part, yaml.dump(normal[key], Dumper=_Dumper)))
+        key: copy.deepcopy(_LoadPart(part, yaml.dump(normal[key], Dumper=_FastDumper)))
         for key, part in _Schema(schema).items()
         if isinstance(part, type)
         and (dataclasses.is_dataclass(part) or part is SimulatorConfig)
@@ -257,7 +336,7 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
     plain = {key: value for key, value in normal.items() if key not in parts}
     return yaml_load_typed(
         schema=schema,
-        data=yaml.dump(plain, Dumper=_Dumper),
+        data=yaml.dump(plain, Dumper=_FastDumper),
         defaults=schema(**parts),
     )
 
@@ -345,7 +424,7 @@ def _NormalizeText(value: Any, path: str) -> str:
 
 
 def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
-    # YAML 1.1 reads 1e-3, without a dot, as text.
+    # Text as well: a number in quotes is one.
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         try:
             return float(value)

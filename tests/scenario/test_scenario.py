@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import math
+import os
 import re
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
+from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
@@ -271,6 +273,58 @@ def test_overrides():
     assert text.surgeon.contact_force is None
     assert text.simulator.use_error_control is False
     assert text.duration == 3
+
+
+@pytest.mark.parametrize(
+    "text, value",
+    [
+        *(("1e-2", 0.01), ("+1e3", 1000.0), ("1E0", 1.0), ("1.5e3", 1500.0)),
+        *((".5", 0.5), ("-.5", -0.5), ("+.5e1", 5.0), ("1.e2", 100.0)),
+        *(("1_000", 1000), ("1_0e3", 1e4), ("0x10", 16), ("1e-400", 0.0)),
+        *(("1e3x", "1e3x"), ("e3", "e3"), ("1e", "1e"), ("-", "-"), (".e3", ".e3")),
+        *(("'1e-2'", "1e-2"), ("!!str 1e-2", "1e-2"), ("1e-2.5", "1e-2.5")),
+    ],
+)
+def test_numbers_as_people_write_them(text, value):
+    """YAML 1.1 takes 1e-2, 1.5e3 and -.5 for text."""
+    tree = ParseYaml(f"[{text}]", "it")
+    assert tree == [value] and type(tree[0]) is type(value)
+    assert ParseYaml(DumpYaml(tree), "it") == tree
+
+
+def test_text_that_looks_like_a_number_stays_text():
+    scenario = LoadScenario("one_dof", {"name": "1e3", "description": "-.5"})
+    again = ScenarioFromYaml(ScenarioToYaml(scenario))
+    assert again.name == "1e3" and again.description == "-.5"
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["duration=0x" + "1" * 4000],
+        ["duration=" + "1" * 5000],
+        ["duration=-0b" + "1" * 5000],
+        {"duration": [16**5000]},
+    ],
+    ids=["hexadecimal", "decimal", "binary", "Python"],
+)
+def test_numbers_of_thousands_of_digits(overrides):
+    with pytest.raises(ScenarioError, match="duration") as info:
+        LoadScenario("one_dof", overrides)
+    assert len(str(info.value)) < 200
+    assert "set_int_max_str_digits" not in str(info.value)
+
+
+def test_a_pipe_can_be_loaded_as_often_as_a_file():
+    """`teleop-drake show one_dof | teleop-drake compare /dev/stdin`"""
+    for duration in (1.0, 2.0):
+        reader, writer = os.pipe()
+        with os.fdopen(writer, "w") as file:
+            scenario = LoadScenario("one_dof", {"duration": duration})
+            file.write(ScenarioToYaml(scenario))
+        for _ in range(2):
+            assert LoadScenario(f"/dev/fd/{reader}") == scenario
+        os.close(reader)
 
 
 def test_one_string_is_one_override():
