@@ -369,7 +369,7 @@ def _Show(args: argparse.Namespace) -> int:
 
 
 def _Run(args: argparse.Namespace) -> int:
-    scenario = _Load(args)
+    scenario = _LoadToRun(args)
     stem = f"{scenario.name}_{scenario.controller.kind}"
     _CheckJson(args.json)
     recording_path, figure_path, summary_path = _PrepareFolder(
@@ -413,7 +413,9 @@ def _Compare(args: argparse.Namespace) -> int:
             raise _BadInput(
                 f"--controllers = {args.controllers!r}: must be different controllers"
             )
-    scenarios = {kind: _Load(args, f"controller.kind={kind}") for kind in controllers}
+    scenarios = {
+        kind: _LoadToRun(args, f"controller.kind={kind}") for kind in controllers
+    }
     name = scenarios[controllers[0]].name
     _CheckJson(args.json)
     figure_path, *recording_paths = _PrepareFolder(
@@ -737,6 +739,18 @@ def _Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
         if isinstance(scenario, Scenario):
             CheckArchitecture(scenario)
     except ValueError as e:  # ScenarioError is one.
+        raise _BadInput(e) from None
+    return scenario
+
+
+def _LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
+    """Returns the scenario as _Load does, if it can be simulated in acceptable time."""
+    from teleop_drake.scenario import CheckSteps
+
+    scenario = _Load(args, *more)
+    try:
+        CheckSteps(scenario)
+    except ValueError as e:
         raise _BadInput(e) from None
     return scenario
 

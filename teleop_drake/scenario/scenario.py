@@ -87,6 +87,7 @@ __all__ = [
     "AnyScenario",
     "ChannelConfig",
     "ChannelProfile",
+    "CheckSteps",
     "ControllerConfig",
     "DisturbanceConfig",
     "EnvironmentConfig",
@@ -94,6 +95,7 @@ __all__ = [
     "HapticDeviceConfig",
     "LayerConfig",
     "LoadScenario",
+    "OverriddenPaths",
     "RobotConfig",
     "Scenario",
     "ScenarioError",
@@ -105,6 +107,13 @@ __all__ = [
     "TrackingScenario",
     "TrajectoryConfig",
 ]
+
+MAX_STEPS = 1_000_000
+"""Most steps that a simulation may be forced to take."""
+
+# Of the arm with adaptive control, roughly: seconds and bytes.
+_TIME_OF_STEP = 1.5e-3
+_MEMORY_OF_STEP = 1e4
 
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
@@ -313,6 +322,60 @@ def LoadScenario(
     _CheckScenario(scenario)
     scenario._Remember(ToTree(scenario))
     return scenario
+
+
+def OverriddenPaths(
+    name_or_path: str | os.PathLike[str], overrides: Iterable[str]
+) -> list[str]:
+    """Returns what each override replaces: the same for all names of a field.
+
+    Args:
+        name_or_path: As LoadScenario takes it.
+        overrides: As LoadScenario takes them, "PATH=VALUE".
+
+    Returns:
+        Dotted paths with the numbers of elements, never their names.
+
+    Raises:
+        ScenarioError: if a path does not exist.
+    """
+    path, _ = _FindScenario(name_or_path)
+    tree, _ = copy.deepcopy(_CompleteTree(path, ReadText(path)))
+    return [SetPath(tree, dotted, value) for dotted, value in ParseOverrides(overrides)]
+
+
+def CheckSteps(scenario: AnyScenario) -> None:
+    """Refuses a scenario whose simulation would take very long and fill the memory.
+
+    Args:
+        scenario: A valid one that is going to be simulated.
+
+    Raises:
+        ScenarioError: If it takes more than MAX_STEPS.
+    """
+    steps: dict[str, float] = {}
+    if isinstance(scenario, Scenario):
+        for path in ("forward_channel", "return_channel"):
+            channel = getattr(scenario, path)
+            if channel.kind == "transport" and channel.delay > 0:
+                steps[f"{path}.delay"] = channel.delay
+            elif channel.kind == "variable":
+                profile = ChannelProfile(channel, scenario.duration, path=path)
+                steps[f"{path}.delay"] = profile.minimum
+            elif channel.sample_period is not None:
+                steps[f"{path}.sample_period"] = channel.sample_period
+    # The last, because it may only follow a delay, which is what the user gave.
+    steps["simulator.max_step_size"] = scenario.simulator.max_step_size
+    field, shortest = min(steps.items(), key=lambda item: item[1])
+    num_steps = scenario.duration / shortest
+    if num_steps > MAX_STEPS:
+        hours = num_steps * _TIME_OF_STEP / 3600
+        gigabytes = num_steps * _MEMORY_OF_STEP / 1e9
+        raise ScenarioError(
+            f"duration = {scenario.duration:g}: must be at most "
+            f"{MAX_STEPS * shortest:g} s with {field} = {shortest:g} s, which makes "
+            f"{num_steps:.2g} steps, about {hours:.2g} h and {gigabytes:.2g} GB"
+        )
 
 
 @functools.lru_cache(maxsize=16)

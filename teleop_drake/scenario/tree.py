@@ -263,13 +263,30 @@ def ParseOverrides(
     return pairs
 
 
-def SetPath(tree: Any, dotted: str, value: Any) -> None:
-    """Replaces one value in a tree of dicts and lists."""
+def SetPath(tree: Any, dotted: str, value: Any) -> str:
+    """Replaces one value in a tree of dicts and lists.
+
+    Args:
+        tree: Where to.
+        dotted: The path of the value.
+        value: What to put there.
+
+    Returns:
+        The path with the numbers of elements instead of their names: the same for all
+        names of a value.
+
+    Raises:
+        ScenarioError: if there is no such value.
+    """
     shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
     *parents, last = dotted.split(".")
+    keys = []
     for part in parents:
-        tree = tree[_FindKey(tree, part, shown)]
-    tree[_FindKey(tree, last, shown)] = value
+        keys.append(_FindKey(tree, part, shown))
+        tree = tree[keys[-1]]
+    keys.append(_FindKey(tree, last, shown))
+    tree[keys[-1]] = value
+    return ".".join(map(str, keys))
 
 
 def _FindKey(tree: Any, part: str, shown: str) -> str | int:

@@ -19,7 +19,12 @@ from teleop_drake.numerics.interpolation import (
     interpolate,
 )
 from teleop_drake.recording import Event, Recording, SolverStatistics
-from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.scenario import (
+    AnyScenario,
+    CheckSteps,
+    Scenario,
+    TrackingScenario,
+)
 from teleop_drake.simulation.ensemble import MakeEnsemble, MemberSignals
 from teleop_drake.simulation.run_monitor import RunMonitor, TeleoperatorMonitor
 from teleop_drake.simulation.stale_cache_guard import MakeSimulator
@@ -90,13 +95,16 @@ def simulate(
         The recording.
 
     Raises:
-        ScenarioError: If the scenario is not valid.
+        ScenarioError: If the scenario is not valid, or would take too many steps.
+        ValueError: If the teleoperator is not one for this scenario.
     """
     if teleoperator is None:
         diagram = MakeDiagram(scenario)  # Validates the scenario.
     else:
         scenario.Validate()
         diagram = teleoperator
+        _CheckTeleoperator(scenario, diagram)
+    CheckSteps(scenario)
 
     def MakeMonitor(simulator: Simulator) -> RunMonitor:
         if not isinstance(scenario, TrackingScenario):
@@ -115,6 +123,22 @@ def simulate(
     if run.monitor.failure:
         _EndAtSpeed(run.monitor.speed_limit, times, signals)
     return _MakeRecording(scenario, run, times, signals)
+
+
+def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
+    """Refuses a diagram that was made for another task, or for another robot."""
+    is_tracking = isinstance(scenario, TrackingScenario)
+    for name in ("robot", "reference" if is_tracking else "environment"):
+        if not diagram.HasSubsystemNamed(name):
+            raise ValueError(
+                f"teleoperator: must be made for {scenario.name}, it has no {name}"
+            )
+    size = diagram.GetSubsystemByName("robot").GetOutputPort("tool_position").size()
+    if size != scenario.num_axes:
+        raise ValueError(
+            f"teleoperator: must be made for {scenario.name}, its robot has {size} "
+            f"task axes, not {scenario.num_axes}"
+        )
 
 
 def simulate_ensemble(

@@ -16,6 +16,7 @@ import teleop_drake.scenario
 import teleop_drake.simulation
 from teleop_drake.cli import main
 from teleop_drake.scenario import (
+    CheckSteps,
     LoadScenario,
     ScenarioError,
     ScenarioFromYaml,
@@ -144,7 +145,7 @@ def test_run(case):
         for path, value in pairs
     ]
     try:
-        LoadScenario(name, options)
+        CheckSteps(LoadScenario(name, options))
     except ScenarioError:
         is_valid = False
     else:

@@ -367,6 +367,8 @@ def no_simulation(monkeypatch):
         ("run one_dof --delay", "argument --delay: expected one argument"),
         ("run one_dof --delay -0.1", "forward_channel.delay = -0.1: must be 0 or"),
         ("run one_dof --delay nan", "forward_channel.delay = nan: must be 0 or"),
+        ("run one_dof --delay 1e-6", "duration = 25: must be at most 1 s with forward"),
+        ("compare one_dof --delay 1e-6", "duration = 25: must be at most 1 s with for"),
         ("run one_dof --delay soon", "forward_channel.delay = 'soon': must be a numbe"),
         ("run one_dof --return-delay=-1e-3", "return_channel.delay = -0.001: must be"),
         ("run one_dof --forward-delay []", "forward_channel.delay = []: must be a num"),

@@ -14,6 +14,7 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake import scenario as dut
 from teleop_drake.scenario import (
+    CheckSteps,
     GainMatrix,
     LoadScenario,
     Scenario,
@@ -387,6 +388,39 @@ def test_sampled_channel_is_valid(delay):
             f"return_channel.delay={delay}",
         ],
     )
+
+
+@pytest.mark.parametrize(
+    ("overrides", "field"),
+    [
+        (["duration=1e6"], "simulator.max_step_size"),
+        (["simulator.max_step_size=1e-5"], "simulator.max_step_size"),
+        (["forward_channel.delay=1e-6"], "forward_channel.delay"),
+        (["return_channel.delay=1e-5"], "return_channel.delay"),
+        (
+            ["forward_channel={kind: variable, delay: 2e-5, drift: 1e-6}"],
+            "forward_channel.delay",
+        ),
+        (
+            ["return_channel={kind: sampled, delay: 0.1, sample_period: 1e-6}"],
+            "return_channel.sample_period",
+        ),
+        (
+            ["return_channel={kind: network, delay: 0.1, sample_period: 1e-6}"],
+            "return_channel.sample_period",
+        ),
+    ],
+)
+def test_number_of_steps(overrides, field):
+    with pytest.raises(ScenarioError, match=rf"^duration = .* with {field} = ") as info:
+        CheckSteps(LoadScenario("one_dof", overrides))
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
+def test_number_of_steps_is_generous(name):
+    CheckSteps(LoadScenario(name))
+    CheckSteps(LoadScenario(name, {"simulator.max_step_size": 5e-5}))
 
 
 # Derived numbers.

@@ -14,7 +14,7 @@ from runs import TASKS, Run
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
-from teleop_drake.simulation import run_monitor, simulate
+from teleop_drake.simulation import MakeDiagram, run_monitor, simulate
 from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -280,6 +280,26 @@ def test_diagram_of_ones_own_is_simulated():
     np.testing.assert_array_equal(
         recording["tool_position"], reference["tool_position"]
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "message"),
+    [
+        ("two_dof_puncture", "one_dof", "two_dof_puncture, its robot has 1 task axes"),
+        ("one_dof", "network_tracking_linear", "one_dof, it has no environment"),
+        ("network_tracking_linear", "one_dof", "network_tracking_linear, it has no"),
+    ],
+)
+def test_diagram_of_another_task_is_refused(name, other, message):
+    teleoperator = MakeDiagram(LoadScenario(other))
+    with pytest.raises(ValueError, match=f"^teleoperator: must be made for {message}"):
+        simulate(LoadScenario(name), teleoperator=teleoperator)
+
+
+def test_more_steps_than_anyone_waits_for_are_refused():
+    scenario = LoadScenario("one_dof", {"forward_channel.delay": 1e-6})
+    with pytest.raises(ScenarioError, match="must be at most 1 s with forward_channel"):
+        simulate(scenario)
 
 
 def test_progress_is_reported_in_order():
