@@ -15,7 +15,8 @@ from teleop_drake.files import Replacing
 from teleop_drake.thesis import studies
 from teleop_drake.thesis.claims import requests
 from teleop_drake.thesis.claims.claim import VERDICTS, Row
-from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
+from teleop_drake.thesis.figures import FIGURES
+from teleop_drake.thesis.figures.figure import ThesisFigure, WritePicture
 from teleop_drake.thesis.ledger import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies import STUDIES

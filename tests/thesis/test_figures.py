@@ -5,7 +5,8 @@ import pytest
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.thesis.figures import FIGURES, WritePicture
+from teleop_drake.thesis.figures import FIGURES
+from teleop_drake.thesis.figures.figure import WritePicture
 from teleop_drake.thesis.runs import ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")
