@@ -12,6 +12,7 @@ PACKAGE = Path(teleop_drake.__file__).parent
 # A file imports only from what stands before it, or from its own folder.
 ORDER = [
     "files",
+    "kernel",
     "numerics",
     "channels",
     "laws",
@@ -23,6 +24,7 @@ ORDER = [
     "architectures",
     "teleoperator",
     "recording",
+    "compiler",
     "tasks",
     "simulation",
     "analysis",

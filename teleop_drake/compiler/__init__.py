@@ -1,0 +1,1 @@
+"""From a Diagram to machine code that computes the same."""

@@ -1,0 +1,174 @@
+"""The rigid-body pass against MultibodyPlant, over random trees."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BallRpyJoint,
+    BodyIndex,
+    FixedOffsetFrame,
+    JacobianWrtVariable,
+    PrismaticJoint,
+    RevoluteJoint,
+    RevoluteSpring,
+    SpatialInertia,
+    UnitInertia,
+    WeldJoint,
+)
+
+from teleop_drake.compiler.plant_tree import ReadPlantTree
+from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.numerics.compiled import compiled
+from teleop_drake.numerics.rigid_body import (
+    calc_accelerations,
+    calc_point_acceleration,
+    calc_point_motion,
+    make_work,
+)
+
+
+def random_pose(rng):
+    q = rng.normal(size=4)
+    rotation = RotationMatrix(Quaternion(q / np.linalg.norm(q)))
+    return RigidTransform(rotation, rng.uniform(-0.5, 0.5, 3))
+
+
+def random_body(plant, name, rng):
+    half = rng.uniform(0.1, 0.5, 3)
+    return plant.AddRigidBody(
+        name,
+        SpatialInertia(
+            mass=rng.uniform(0.3, 2),
+            p_PScm_E=(com := rng.uniform(-0.3, 0.3, 3)),
+            G_SP_E=UnitInertia.SolidBox(*half).ShiftFromCenterOfMass(com),
+        ),
+    )
+
+
+def random_plant(seed, kinds):
+    """A tree of joints of the kinds (`r`, `p`, `w`), some of them upside down."""
+    rng = np.random.default_rng(seed)
+    plant = MultibodyPlant(0.0)
+    plant.set_name("plant")
+    bodies = [plant.world_body()]
+    for i, kind in enumerate(kinds):
+        body = random_body(plant, f"body{i}", rng)
+        parent = bodies[rng.integers(len(bodies))]
+        ends = (parent, random_pose(rng), body, random_pose(rng))
+        if rng.random() < 0.3:
+            ends = (body, ends[1], parent, ends[3])
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        damping = rng.uniform(0, 1)
+        if kind == "w":
+            plant.AddJoint(
+                WeldJoint(f"joint{i}", *_frames(plant, ends), random_pose(rng))
+            )
+        else:
+            Kind = RevoluteJoint if kind == "r" else PrismaticJoint
+            joint = plant.AddJoint(
+                Kind(f"joint{i}", *_frames(plant, ends), axis, damping=damping)
+            )
+            if rng.random() < 0.7:
+                actuator = plant.AddJointActuator(f"motor{i}", joint, 20.0)
+                actuator.set_default_rotor_inertia(rng.uniform(0, 0.1))
+                actuator.set_default_gear_ratio(rng.uniform(1, 5))
+        bodies.append(body)
+    plant.mutable_gravity_field().set_gravity_vector(rng.normal(size=3) * 5)
+    plant.Finalize()
+    return plant, rng
+
+
+def _frames(plant, ends):
+    parent, X_PF, child, X_CM = ends
+    i = plant.num_joints()
+    return (
+        plant.AddFrame(FixedOffsetFrame(f"F{i}", parent.body_frame(), X_PF)),
+        plant.AddFrame(FixedOffsetFrame(f"M{i}", child.body_frame(), X_CM)),
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 2**31),
+    st.lists(st.sampled_from("rrppw"), min_size=1, max_size=10),
+)
+def test_a_random_tree_moves_as_its_plant(seed, kinds):
+    plant, rng = random_plant(seed, kinds)
+    context = plant.CreateDefaultContext()
+    n = plant.num_velocities()
+    read = ReadPlantTree(plant, context)
+    work, v_dot = make_work(n), np.zeros(n)
+    for _ in range(3):
+        q, v, forces = (rng.normal(size=n) for _ in range(3))
+        plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
+        plant.get_applied_generalized_force_input_port().FixValue(context, forces)
+        plant.get_actuation_input_port().FixValue(
+            context, np.zeros(plant.num_actuators())
+        )
+        expected = plant.EvalTimeDerivatives(context).CopyToVector()[n:]
+        compiled(calc_accelerations)(read.tree, q, v, forces, work, v_dot)
+        np.testing.assert_allclose(v_dot, expected, atol=_tolerance(expected))
+        A = plant.get_body_spatial_accelerations_output_port().Eval(context)
+        for index, (link, X_LB) in read.poses.items():
+            frame = plant.get_body(BodyIndex(index)).body_frame()
+            motion, a = np.zeros(6 + 3 * n), np.zeros(3)
+            point = X_LB.translation()
+            compiled(calc_point_motion)(read.tree, link, point, work, motion)
+            compiled(calc_point_acceleration)(read.tree, link, point, v_dot, work, a)
+            J = plant.CalcJacobianTranslationalVelocity(
+                context,
+                JacobianWrtVariable.kV,
+                frame,
+                np.zeros(3),
+                plant.world_frame(),
+                plant.world_frame(),
+            )
+            p = frame.CalcPoseInWorld(context).translation()
+            by_drake = np.concatenate([p, J @ v, J.ravel()])
+            np.testing.assert_allclose(motion, by_drake, atol=1e-10)
+            a_drake = A[index].translational()
+            np.testing.assert_allclose(a, a_drake, atol=_tolerance(a_drake))
+
+
+def _tolerance(x):
+    return 1e-10 * max(1.0, np.abs(x).max(initial=0.0))
+
+
+def test_what_is_not_a_tree_of_such_joints_is_refused_by_name():
+    rng = np.random.default_rng(1)
+    plant = MultibodyPlant(0.0)
+    body = random_body(plant, "ball", rng)
+    plant.AddJoint(BallRpyJoint("shoulder", plant.world_frame(), body.body_frame()))
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match="joint shoulder is ball_rpy"):
+        ReadPlantTree(plant, plant.CreateDefaultContext())
+
+
+def test_springs_and_free_bodies_are_refused_by_name():
+    rng = np.random.default_rng(1)
+    plant = MultibodyPlant(0.0)
+    random_body(plant, "ball", rng)
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match="quaternion_floating"):
+        ReadPlantTree(plant, plant.CreateDefaultContext())
+    plant = MultibodyPlant(0.0)
+    body = random_body(plant, "link", rng)
+    joint = plant.AddJoint(
+        RevoluteJoint("hinge", plant.world_frame(), body.body_frame(), [0, 0, 1])
+    )
+    plant.AddForceElement(RevoluteSpring(joint, 0.0, 1.0))
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match="RevoluteSpring"):
+        ReadPlantTree(plant, plant.CreateDefaultContext())
+
+
+def test_a_discrete_plant_is_refused():
+    plant = MultibodyPlant(0.001)
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match="time_step=0"):
+        ReadPlantTree(plant, plant.CreateDefaultContext())
