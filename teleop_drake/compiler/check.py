@@ -1,0 +1,93 @@
+"""Whether kernels compute what their blocks do."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, PortDataType, System
+
+from teleop_drake.compiler.evaluator import Evaluator
+
+Array = NDArray[np.float64]
+
+# Between what a kernel and its block compute, as a share of the largest element; the
+# order of their operations differs.
+_TOLERANCE = 1e-9
+
+
+class KernelDisagrees(ValueError):
+    """A kernel that does not compute what its block does."""
+
+
+def CheckKernel(system: System, *, num_states: int = 10) -> None:
+    """Checks the kernel of a block, or those of all blocks in a diagram.
+
+    Outputs and time derivatives are compared at random inputs, states and times.
+
+    Args:
+        system: The block or the diagram.
+        num_states: How often to compare.
+
+    Raises:
+        UnsupportedSystem: If a block offers no kernel.
+        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
+    """
+    context = _DefaultContext(system)
+    evaluator = Evaluator(system, context)
+    rng = np.random.default_rng(0)
+    for _ in range(num_states):
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i)
+            if port.get_data_type() == PortDataType.kVectorValued:
+                port.FixValue(context, rng.normal(size=port.size()))
+        context.SetTime(rng.uniform(0, 1))
+        x = context.get_continuous_state_vector().CopyToVector()
+        context.SetContinuousState(_Near(x, rng))
+        Compare(evaluator, system, context)
+
+
+def _DefaultContext(system: System) -> Context:
+    context = system.CreateDefaultContext()
+    # Events are located if there is an accuracy, and some blocks then have modes.
+    context.SetAccuracy(1e-4)
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        if port.get_data_type() == PortDataType.kVectorValued:
+            port.FixValue(context, np.zeros(port.size()))
+    system.ExecuteInitializationEvents(context)
+    return context
+
+
+def _Near(x: Array, rng: np.random.Generator) -> Array:
+    return x + 0.1 * (1 + np.abs(x)) * rng.normal(size=x.size)
+
+
+def Compare(evaluator: Evaluator, system: System, context: Context) -> None:
+    """Compares what an Evaluator computes in a context with what Drake does.
+
+    Args:
+        evaluator: Of the system.
+        system: A block or a diagram.
+        context: Its context.
+
+    Raises:
+        KernelDisagrees: If anything differs; it names the block.
+    """
+    y, dx = evaluator.Evaluate(context)
+    program = evaluator.program
+    for output, part in program.signals.items():
+        block = evaluator.blocks[output.block]
+        port = block.system.GetOutputPort(output.port)
+        if port.get_data_type() == PortDataType.kVectorValued:
+            expected = port.Eval(block.system.GetMyContextFromRoot(context))
+            _Compare(block.path, output.port, y[part], expected)
+    x_dot = system.EvalTimeDerivatives(context).CopyToVector()
+    for block, part in zip(evaluator.blocks, program.states, strict=True):
+        _Compare(block.path, "rate", dx[part], x_dot[part])
+
+
+def _Compare(path: str, name: str, value: Array, expected: Array) -> None:
+    scale = max(1.0, np.abs(expected).max(initial=0.0))
+    if not np.allclose(value, expected, rtol=0, atol=_TOLERANCE * scale):
+        raise KernelDisagrees(
+            f"{path}: its kernel says {name} = {value.tolist()}, the block "
+            f"{np.array(expected).tolist()}"
+        )

@@ -1,0 +1,113 @@
+"""A diagram as one function, in Python or in machine code."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, PortDataType, System
+
+from teleop_drake.compiler.flatten import Flatten
+from teleop_drake.compiler.machine_code import Compile
+from teleop_drake.compiler.plant_kernel import PlantKernel
+from teleop_drake.compiler.primitives import PrimitiveKernel
+from teleop_drake.compiler.source import Program
+from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.kernel import Kernel
+
+Array = NDArray[np.float64]
+
+
+def KernelOf(system: System, context: Context) -> Kernel:
+    """Returns what a block computes.
+
+    Args:
+        system: The block: one of a user's own, one of Drake's primitives, or a
+            MultibodyPlant.
+        context: Its context.
+
+    Raises:
+        UnsupportedSystem: If it offers no kernel.
+    """
+    if hasattr(system, "Kernel"):
+        return system.Kernel()
+    if isinstance(system, MultibodyPlant):
+        return PlantKernel(system, context)
+    kernel = PrimitiveKernel(system, context)
+    if kernel is None:
+        raise UnsupportedSystem(system, "it offers no kernel")
+    return kernel
+
+
+class Evaluator:
+    """Evaluates the time derivatives and the outputs of a diagram, without Drake.
+
+    Args:
+        system: The diagram, or a block by itself.
+        context: Its context, whose parameters and fixed inputs are taken over.
+        as_machine_code: Whether to compile it, for which numba is needed.
+
+    Attributes:
+        blocks: Of the diagram.
+        program: What they compute.
+        function: The function `evaluate` of the program.
+
+    Raises:
+        UnsupportedSystem: If a block cannot be compiled; it is named.
+    """
+
+    def __init__(
+        self, system: System, context: Context, *, as_machine_code: bool = False
+    ):
+        self.blocks = Flatten(system)
+        kernels = [
+            KernelOf(block.system, block.system.GetMyContextFromRoot(context))
+            for block in self.blocks
+        ]
+        self.program = Program(self.blocks, kernels)
+        compiler = Compile if as_machine_code else _InPython
+        self.function = compiler("evaluate", self.program.text, self.program.names)
+
+    def Evaluate(self, context: Context) -> tuple[Array, Array]:
+        """Returns the outputs and the time derivatives in a context.
+
+        Args:
+            context: Of the diagram.
+
+        Returns:
+            y and dx; see `source`.
+        """
+        program = self.program
+        num_y, num_x, num_m = program.sizes
+        y, dx = np.zeros(num_y), np.zeros(num_x)
+        x = context.get_continuous_state_vector().CopyToVector()
+        m = np.zeros(num_m)
+        for block, part in zip(self.blocks, program.modes, strict=True):
+            state = block.system.GetMyContextFromRoot(context).get_discrete_state()
+            groups = [state.value(i) for i in range(state.num_groups())]
+            if groups:
+                m[part] = np.concatenate(groups)
+        for (i, name), part in program.fed.items():
+            y[part] = _FedValue(self.blocks[i].system, name, context)
+        p = tuple(program.parameters)
+        self.function(context.get_time(), x, m, p, y, dx, True)
+        return y, dx
+
+
+def _FedValue(system: System, name: str, root_context: Context) -> Array:
+    """Returns the value of an input that is not connected inside of the diagram."""
+    port, context = system.GetInputPort(name), system.GetMyContextFromRoot(root_context)
+    if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
+        return port.Eval(context)
+    if isinstance(system, MultibodyPlant):  # No motor, no force.
+        return np.zeros(port.size())
+    raise UnsupportedSystem(system, f"its input {name} is not connected")
+
+
+def _InPython(
+    name: str, text: str, functions: dict[str, Callable[..., Any]]
+) -> Callable[..., Any]:
+    names: dict[str, Any] = dict(functions)
+    exec(text, names)
+    return names[name]

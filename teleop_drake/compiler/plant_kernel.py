@@ -1,0 +1,128 @@
+"""The kernel of a MultibodyPlant."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from teleop_drake.compiler.plant_tree import ReadPlantTree
+from teleop_drake.kernel import Kernel, Term
+from teleop_drake.numerics.rigid_body import (
+    RigidBodyTree,
+    calc_accelerations,
+    calc_point_acceleration,
+    make_work,
+)
+
+Array = NDArray[np.float64]
+
+
+def plant_rate(
+    tree: RigidBodyTree,
+    actuated: NDArray[np.int64],
+    effort_limits: Array,
+    state: Array,
+    actuation: Array,
+    generalized_force: Array,
+    work: Array,
+    forces: Array,
+    result: Array,
+) -> Array:
+    """Returns [v; v_dot] of a plant.
+
+    Args:
+        tree: Its links.
+        actuated: The velocity that each actuator acts on.
+        effort_limits: What each actuator can do at most, N m or N.
+        state: [q; v].
+        actuation: What each actuator is to do, N m or N.
+        generalized_force: What else acts on the joints, N m or N (n).
+        work: As make_work() returns it.
+        forces: To work in (n).
+        result: To work in (2 n).
+    """
+    n = len(forces)
+    for i in range(n):
+        forces[i] = generalized_force[i]
+        result[i] = state[n + i]
+    for k in range(len(actuated)):
+        effort = min(max(actuation[k], -effort_limits[k]), effort_limits[k])
+        forces[actuated[k]] += effort
+    calc_accelerations(tree, state[:n], state[n:], forces, work, result[n:])
+    return result
+
+
+def body_accelerations(
+    tree: RigidBodyTree,
+    links: NDArray[np.int64],
+    points: Array,
+    rate: Array,
+    work: Array,
+    result: Array,
+) -> Array:
+    """Returns the translational accelerations of points of links, one after another.
+
+    Args:
+        tree: The links.
+        links: Index of the link that each point belongs to.
+        points: The points in the links' frames, m (k, 3).
+        rate: What plant_rate() has just returned.
+        work: What it worked in.
+        result: To work in (3 k).
+    """
+    v_dot = rate[len(rate) // 2 :]
+    for i in range(len(links)):
+        a = result[3 * i : 3 * i + 3]
+        calc_point_acceleration(tree, links[i], points[i], v_dot, work, a)
+    return result
+
+
+def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
+    """Returns the kernel of a plant, a tree of revolute and prismatic joints.
+
+    For `body_spatial_accelerations`, which is no vector in Drake, it has the
+    translational acceleration of each body's origin, by the body's index.
+
+    Args:
+        plant: A finalized, continuous plant.
+        context: Its context, which has the parameters.
+
+    Raises:
+        UnsupportedSystem: As ReadPlantTree().
+    """
+    read = ReadPlantTree(plant, context)
+    n, num_bodies = plant.num_velocities(), plant.num_bodies()
+    outputs: dict[str, Term] = {
+        "state": "state",
+        "generalized_acceleration": (second_half, "rate"),
+        "body_spatial_accelerations": (
+            body_accelerations, "tree", "links", "points", "rate", "work", "result"
+        ),
+    }  # fmt: skip
+    parameters: dict[str, Any] = {
+        "tree": read.tree,
+        "actuated": read.actuated,
+        "effort_limits": read.effort_limits,
+        "links": np.array([read.poses[i][0] for i in range(num_bodies)]),
+        "points": np.array([read.poses[i][1].translation() for i in range(num_bodies)]),
+        "work": make_work(n),
+        "forces": np.zeros(n),
+        "rate_result": np.zeros(2 * n),
+        "result": np.zeros(3 * num_bodies),
+    }
+    return Kernel(
+        parameters=parameters,
+        outputs=outputs,
+        rate=(
+            plant_rate, "tree", "actuated", "effort_limits", "state", "actuation",
+            "applied_generalized_force", "work", "forces", "rate_result",
+        ),
+        sizes={"body_spatial_accelerations": 3 * num_bodies},
+    )  # fmt: skip
+
+
+def second_half(x: Array) -> Array:
+    """Returns the second half of a vector."""
+    return x[len(x) // 2 :]

@@ -1,0 +1,188 @@
+"""Kernels of Drake's own blocks."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, System
+from pydrake.systems.primitives import (
+    Adder,
+    AffineSystem,
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    Integrator,
+    Multiplexer,
+    PassThrough,
+    Saturation,
+    VectorLogSink,
+)
+
+from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.kernel import Kernel, Term
+
+Array = NDArray[np.float64]
+
+
+def scaled(gain: Array, u: Array) -> Array:
+    """Returns gain times u, element by element."""
+    return gain * u
+
+
+def affine(constant: Array, A: Array, x: Array) -> Array:
+    """Returns A x + constant."""
+    return A @ x + constant
+
+
+def affine_of_two(constant: Array, A: Array, x: Array, B: Array, u: Array) -> Array:
+    """Returns A x + B u + constant."""
+    return A @ x + B @ u + constant
+
+
+def total(*terms: Array) -> Array:
+    """Returns the sum of vectors."""
+    result = np.zeros(len(terms[0]))
+    for term in terms:
+        for i in range(len(result)):
+            result[i] += term[i]
+    return result
+
+
+def part(u: Array, first: int, end: int) -> Array:
+    """Returns the elements from `first` to before `end`."""
+    return u[first:end]
+
+
+def limited(u: Array, lower: Array, upper: Array) -> Array:
+    """Returns u, no less than `lower` and no more than `upper`."""
+    return np.minimum(np.maximum(u, lower), upper)
+
+
+def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
+    """Returns the kernel of one of Drake's own blocks, None if it is none of them.
+
+    Args:
+        system: The block.
+        context: Its context.
+
+    Raises:
+        UnsupportedSystem: If it is one, but not in a form that can be compiled.
+    """
+    for kind, make in _KERNELS.items():
+        if isinstance(system, kind):
+            return make(system, context)
+    return None
+
+
+def _Inputs(system: System) -> list[str]:
+    return [
+        system.get_input_port(i).get_name() for i in range(system.num_input_ports())
+    ]
+
+
+def _Output(system: System, term: Term) -> dict[str, Term]:
+    return {system.get_output_port(0).get_name(): term}
+
+
+def _Response(system: System, u: float) -> Array:
+    """Returns what a block without state delivers for an input of equal elements."""
+    context = system.CreateDefaultContext()
+    port = system.get_input_port(0)
+    port.FixValue(context, np.full(port.size(), u))
+    return np.array(system.get_output_port(0).Eval(context))
+
+
+def _Gain(system: Gain, context: Context) -> Kernel:
+    return Kernel(
+        parameters={"gain": _Response(system, 1.0)},
+        outputs=_Output(system, (scaled, "gain", *_Inputs(system))),
+    )
+
+
+def _Adder(system: Adder, context: Context) -> Kernel:
+    return Kernel(outputs=_Output(system, (total, *_Inputs(system))))
+
+
+def _Multiplexer(system: Multiplexer, context: Context) -> Kernel:
+    return Kernel(outputs=_Output(system, _Inputs(system)))
+
+
+def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
+    outputs: dict[str, Term] = {}
+    end = 0
+    for i, size in enumerate(system.get_output_ports_sizes()):
+        first, end = end, end + size
+        name = system.get_output_port(i).get_name()
+        outputs[name] = (part, *_Inputs(system), first, end)
+    return Kernel(outputs=outputs)
+
+
+def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
+    if system.time_period() > 0:
+        raise UnsupportedSystem(system, "its state is discrete")
+    inputs = _Inputs(system)
+    outputs: dict[str, Term] = {}
+    if system.num_output_ports() > 0:
+        outputs = _Output(system, (affine, "y0", "C", "state"))
+        if system.HasAnyDirectFeedthrough():
+            outputs = _Output(system, (affine_of_two, "y0", "C", "state", "D", *inputs))
+    rate: Term | None = None
+    if system.num_states() > 0:
+        rate = (affine, "f0", "A", "state")
+        if inputs:
+            rate = (affine_of_two, "f0", "A", "state", "B", *inputs)
+    return Kernel(
+        parameters={
+            name: getattr(system, name)() for name in ("A", "B", "C", "D", "f0", "y0")
+        },
+        outputs=outputs,
+        rate=rate,
+    )
+
+
+def _Integrator(system: Integrator, context: Context) -> Kernel:
+    (u,) = _Inputs(system)
+    return Kernel(outputs=_Output(system, "state"), rate=u)
+
+
+def _ConstantVectorSource(system: ConstantVectorSource, context: Context) -> Kernel:
+    value = np.array(system.get_source_value(context).value())
+    return Kernel(parameters={"value": value}, outputs=_Output(system, "value"))
+
+
+def _Saturation(system: Saturation, context: Context) -> Kernel:
+    u, *limits = _Inputs(system)
+    if limits:
+        raise UnsupportedSystem(system, "its limits are inputs")
+    return Kernel(
+        parameters={
+            "lower": _Response(system, -np.inf),
+            "upper": _Response(system, np.inf),
+        },
+        outputs=_Output(system, (limited, u, "lower", "upper")),
+    )
+
+
+def _PassThrough(system: PassThrough, context: Context) -> Kernel:
+    (u,) = _Inputs(system)
+    return Kernel(outputs=_Output(system, u))
+
+
+def _VectorLogSink(system: VectorLogSink, context: Context) -> Kernel:
+    return Kernel(watched=tuple(_Inputs(system)))
+
+
+# A class before those it derives from.
+_KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
+    Gain: _Gain,
+    Adder: _Adder,
+    Multiplexer: _Multiplexer,
+    Demultiplexer: _Demultiplexer,
+    AffineSystem: _AffineSystem,
+    Integrator: _Integrator,
+    ConstantVectorSource: _ConstantVectorSource,
+    Saturation: _Saturation,
+    PassThrough: _PassThrough,
+    VectorLogSink: _VectorLogSink,
+}

@@ -1,0 +1,67 @@
+"""What a block computes, said so that it can be compiled.
+
+A block offers a kernel with a method `Kernel()` of a few lines. It names pure
+functions, those which the block's own callbacks call, and what they take:
+
+    def Kernel(self) -> Kernel:
+        return Kernel(
+            parameters={"stiffness": self._stiffness},
+            outputs={"force": (spring_force, "stiffness", "position")},
+        )
+
+A term says where a vector comes from:
+
+    (function, "name", ..., 3)   what a function returns for what is named. An integer
+                                 is handed over as it is; it belongs to the structure
+                                 of the block, as sizes and indices do
+    ["name", "name", ...]        one after another
+    "name"                       the same
+
+A name is that of an input port, of another output port (or `rate`), or of a parameter,
+or `state`, `mode` or `time`: the continuous state, all discrete states one after
+another, and the time in s.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+Term = tuple[Callable[..., Any] | str | int, ...] | list[str] | str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kernel:
+    """What a block computes.
+
+    The functions take arrays of one dimension (the time is a number, a parameter is
+    what it is) and return one; they keep to the part of Python and numpy that numba
+    knows.
+
+    Attributes:
+        outputs: What each output port delivers, a term. A port that is left out cannot
+            be used in a compiled diagram.
+        rate: The time derivatives of the continuous state, a term; None without state.
+        parameters: Numbers, arrays, and named tuples of them, by name. Another value
+            of the same kind compiles nothing anew.
+        sizes: Width of the outputs that are not vectors in Drake.
+        watched: Input ports that the block only watches, as a log does.
+    """
+
+    outputs: Mapping[str, Term] = field(default_factory=dict)
+    rate: Term | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    watched: tuple[str, ...] = ()
+
+
+def names_in(term: Term | None) -> list[str]:
+    """Returns the names that a term takes.
+
+    Args:
+        term: The term, or None.
+    """
+    if term is None:
+        return []
+    if isinstance(term, str):
+        return [term]
+    return [name for name in term if isinstance(name, str)]

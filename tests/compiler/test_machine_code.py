@@ -1,0 +1,72 @@
+"""Machine code of diagrams: the same numbers, compiled once a structure."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Gain, Integrator
+
+from teleop_drake.compiler.check import Compare
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.machine_code import Compile
+from teleop_drake.compiler.source import put
+
+pytest.importorskip("numba")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    return tmp_path / "teleop-drake" / "kernels"
+
+
+def decay(rate):
+    builder = DiagramBuilder()
+    state = builder.AddNamedSystem("state", Integrator([1.0, 2.0]))
+    gain = builder.AddNamedSystem("gain", Gain(-rate, 2))
+    builder.Connect(state.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), state.get_input_port())
+    return builder.Build()
+
+
+def check_machine_code(diagram):
+    context = diagram.CreateDefaultContext()
+    evaluator = Evaluator(diagram, context, as_machine_code=True)
+    Compare(evaluator, diagram, context)
+    return evaluator.function
+
+
+def test_numbers_are_data_and_structure_is_code(cache):
+    first = check_machine_code(decay(3.0))
+    assert sum(first.stats.cache_misses.values()) == 1
+    other = check_machine_code(decay(4.0))
+    assert sum(other.stats.cache_misses.values()) == 0
+    assert len(list(cache.rglob("evaluate_*.py"))) == 1
+
+
+def test_without_a_place_to_keep_it_the_code_still_runs(cache):
+    cache.parent.mkdir()
+    cache.write_text("in the way")
+    check_machine_code(decay(3.0))
+
+
+@pytest.mark.slow
+def test_several_processes_may_compile_at_once(cache):
+    program = (
+        "from pathlib import Path; import sys; sys.path[:0] = "
+        f"[{os.path.dirname(__file__)!r}]\n"
+        "import test_machine_code as t; t.check_machine_code(t.decay(3.0))"
+    )
+    runs = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(3)]
+    assert [run.wait() for run in runs] == [0, 0, 0]
+    assert sum(check_machine_code(decay(1.0)).stats.cache_misses.values()) == 0
+
+
+def test_a_vector_of_another_size_is_an_error_of_the_code():
+    compiled = Compile("f", "def f(y, x):\n    put(y, 0, 2, x)\n", {"put": put})
+    with pytest.raises(ValueError, match="another size"):
+        compiled(np.zeros(4), np.zeros(3))
