@@ -9,6 +9,8 @@ options cost no second.
 """
 
 import argparse
+import codecs
+import io
 import json
 import math
 import os
@@ -85,6 +87,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: The arguments after the command's name; None: those of the process.
     """
+    _PrepareStreams()
+    if sys.stdout is None:
+        return _Fail(1, "standard output is closed")
     try:
         args = _MakeParser().parse_args(argv)
         exit_code = args.command(args)
@@ -101,6 +106,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except OSError as e:  # The disk is full, say: all else was checked beforehand.
         return _Fail(1, e)
+
+
+def _PrepareStreams() -> None:
+    """Makes sure that all can be printed, whatever stdout and stderr are."""
+    if sys.stderr is None:  # Closed: print() would take stdout instead.
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    codecs.register_error("teleop-drake", _InAscii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="teleop-drake")
+
+
+def _InAscii(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Returns what is printed instead of characters that a stream does not know."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text, end = codecs.backslashreplace_errors(error)
+    return (text.replace(r"\xb1", "+-") if isinstance(text, str) else text), end
 
 
 def _Fail(exit_code: int, message: object) -> int:
@@ -462,7 +485,10 @@ def _Sweep(args: argparse.Namespace) -> int:
         if args.metrics is not None:
             names = [name.strip() for name in args.metrics.split(",")]
             metrics = SelectMetrics(plan.scenario, names)
-        with _DaskExecutor(args.dask) as executor, _SweepProgress(args.quiet) as show:
+        with (
+            _DaskExecutor(args.dask, args.quiet) as executor,
+            _SweepProgress(args.quiet) as show,
+        ):
 
             def Report(finished: int, runs: int) -> None:
                 nonlocal num_finished, num_runs
@@ -504,6 +530,16 @@ def _Sweep(args: argparse.Namespace) -> int:
     return 0
 
 
+# Options that stand for keys of a grid.
+_GRID_OPTIONS = {
+    "delay": "delay",
+    "forward_delay": "forward_delay",
+    "return_delay": "return_delay",
+    "seed": "seeds",
+    "controller": "controllers",
+}
+
+
 def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
     """Returns the grid of a sweep and the overrides for all its runs.
 
@@ -536,8 +572,8 @@ def _Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         path = path.strip()
         if not equals or not path:
             raise _BadInput(f"--vary = {item!r}: must be PATH=VALUES")
-        if path in grid:
-            raise _BadInput(f"--vary = {item!r}: must vary what no other one does")
+        if path in grid or getattr(args, _GRID_OPTIONS.get(path, ""), None):
+            raise _BadInput(f"--vary = {item!r}: must vary what no other option does")
         grid[path] = Parse(f"--vary {path}", text)
     for key in ("delay", "forward_delay", "return_delay"):
         text = getattr(args, key)
@@ -854,8 +890,11 @@ def _SweepProgress(
 
 
 @contextmanager
-def _DaskExecutor(address: str | None) -> Iterator["Executor | None"]:
-    """Yields the executor of a Dask cluster, or None without an address."""
+def _DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | None"]:
+    """Yields the executor of a Dask cluster, or None without an address.
+
+    If the cluster has no workers yet, it says so on stderr.
+    """
     if address is None:
         yield None
         return
@@ -873,6 +912,13 @@ def _DaskExecutor(address: str | None) -> Iterator["Executor | None"]:
             f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
         ) from None
     with client:
+        if not is_quiet and not client.scheduler_info()["workers"]:
+            print(
+                f"teleop-drake: {address} has no workers; the runs wait for the first "
+                f"one (dask worker {address}). Ctrl-C ends the sweep",
+                file=sys.stderr,
+                flush=True,
+            )
         # The default, pure, would take runs with equal arguments for one.
         yield client.get_executor(pure=False)
 

@@ -23,6 +23,9 @@ from teleop_drake.files import Replacing
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
+# Drake counts the levels in an int; no diagram has so many.
+_MAX_DEPTH = 2**31 - 1
+
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
 
@@ -70,6 +73,8 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     # Drake ends the process on a negative depth.
     if max_depth is not None and max_depth < 0:
         raise ValueError(f"max_depth is {max_depth}; it must be None, 0 or positive")
+    if max_depth is not None:
+        max_depth = min(max_depth, _MAX_DEPTH)
     numbers: dict[str, int] = {}
 
     def number(drake_id: str) -> int:

@@ -335,4 +335,6 @@ def _IsNumber(value: Any) -> bool:
 def _ValueLabel(value: Any) -> str:
     if _IsNumber(value):
         return f"{value:g}"
-    return value.replace("_", " ") if isinstance(value, str) else str(value)
+    text = value.replace("_", " ") if isinstance(value, str) else str(value)
+    # Between two dollars matplotlib reads a formula.
+    return text.replace("$", r"\$")

@@ -1,5 +1,6 @@
 """Tests of teleop_drake.cli, in this process except where that is the point."""
 
+import io
 import json
 import os
 import re
@@ -58,6 +59,25 @@ def test_module_runs_the_command():
     assert run.stdout == ""
     assert run.stderr.startswith("teleop-drake: error: ")
     assert run.stderr.count("\n") == 1
+
+
+def test_closed_streams(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(["show", "one_dof"]) == 1
+    monkeypatch.undo()
+    assert capsys.readouterr().err == "teleop-drake: error: standard output is closed\n"
+    monkeypatch.setattr(sys, "stderr", None)
+    assert main(["sow"]) == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_streams_that_know_few_characters(monkeypatch):
+    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", out)
+    assert main(["analyze", "one_dof", "--set", "name=é"]) == 0
+    text = out.buffer.getvalue().decode("ascii")
+    assert text.startswith("\\xe9, adaptive_backstepping: ")
+    assert re.search(r"-[0-9.]+ \+- [0-9.]+j", text)
 
 
 def test_closed_pipe():
@@ -235,6 +255,14 @@ def test_compare_all_architectures(capsys):
     records = json.loads(capsys.readouterr().out)
     assert [record["controller"] for record in records] == list(ARCHITECTURES)
     assert len(os.listdir("here")) == 1 + len(ARCHITECTURES)
+
+
+def test_diagram_opens_all_levels_there_are(capsys):
+    texts = []
+    for depth in ("5", str(2**31), str(10**30)):
+        assert main(["diagram", "one_dof", "--depth", depth]) == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] and len(set(texts)) == 1
 
 
 def test_diagram(capsys):

@@ -678,6 +678,16 @@ def test_progress(monkeypatch, capsys):
         (["--vary", "robot.mas=1"], "robot.mas = 1: unknown key 'mas', must be one"),
         (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "--vary = 'robot.mass="),
         (["--delay", "0.1", "--set", "forward_channel.delay=1"], "grid.delay: must"),
+        (["--delay", "0.1", "--vary", "delay=0.2"], "--vary = 'delay=0.2': must vary"),
+        (["--seeds", "2", "--vary", "seed=3"], "--vary = 'seed=3': must vary what no"),
+        (
+            ["--controllers", "all", "--vary", "controller=direct_force"],
+            "--vary = 'controller=direct_force': must vary what no other option does",
+        ),
+        (
+            ["--delay", "1e-2", "--vary", "forward_channel.delay=0.2"],
+            "grid.delay: must",
+        ),
         (["--controllers", "direct"], "controller.kind = 'direct': must be one of"),
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
         (["--ensemble", "0"], "ensemble = 0: must be 1 or more"),
@@ -815,6 +825,15 @@ def test_more_that_varies():
                 lambda **point: Outcome(1.0),
             )
         )
+
+
+def test_words_that_look_like_a_formula(tmp_path):
+    """Between dollars matplotlib reads a formula, and would fail when all is done."""
+    for value in (r"$\frac{$", "$", "a $b^$ c"):
+        texts = {"source": [value, "else"], "description": [value, "other"]}
+        result = MakeResult({"delay": [1, 2], **texts}, lambda **point: Outcome(1.0))
+        SaveFigure(PlotSweep(result, "collision.peak_force"), tmp_path / "a.png")
+        SaveFigure(PlotStability(result), tmp_path / "b.png")
 
 
 def test_words_instead_of_numbers():
