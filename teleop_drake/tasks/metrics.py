@@ -78,22 +78,24 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
     """Returns the metrics of a run.
 
     With x the first task axis, v_d = surgeon.velocity (constant), and all times
-    simulation time:
+    simulation time (surfaces are met and punctured along +x, but an overshoot is one
+    in the direction of the command: s = -1 if v_d_x < 0, else 1):
 
-    * start_velocity_overshoot (m/s): max of v_x - v_d_x before the puncture, without
-      a puncture before the contact, else over the whole run; at least 0.
+    * start_velocity_overshoot (m/s): max of s (v_x - v_d_x) before the puncture,
+      without a puncture before the contact, else over the whole run; at least 0.
     * puncture, None if x never crosses the end of the punctured layer:
         * time (s): when it first does.
         * velocity (m/s): v_x then.
         * force (N): F_e_x just before, in the layer's own law.
-        * velocity_overshoot (m/s): max of v_x - v_d_x from the puncture to the first
-          contact after it, or to the end. Not floored.
+        * velocity_overshoot (m/s): max of s (v_x - v_d_x) from the puncture to the
+          first contact after it, or to the end. Not floored.
     * collision, None if x never reaches the contact surface:
         * time (s): when it first does.
         * velocity (m/s): v_x then.
         * initial_impact_force (N): max of F_e_x until x first leaves the surface.
         * peak_force (N): max of F_e_x from the first contact on.
-        * rebound_velocity (m/s): min of v_x from the first contact on.
+        * rebound_velocity (m/s): min of v_x from the first contact on, whatever the
+          command: away from the surface is along -x.
         * settling_time (s): from the first contact until |v_x| stays under 5 % of
           |v_d| to the end of the recording. None if it does not, or the run diverges,
           or it was as slow for as long before without staying so: a recording that
@@ -139,6 +141,8 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
     has_diverged = recording.termination == "diverged"
 
     v_x, F_x = pieces.v[:, :, 0], pieces.F_e[:, :, 0]
+    direction = -1.0 if v_d[0] < 0 else 1.0
+    excess = direction * (v_x - v_d[0])
     num_pieces = len(v_x)
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
     start_end = pieces.CountBefore(start_ends[0]) if start_ends else num_pieces
@@ -152,7 +156,7 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
             "time": t_puncture,
             "velocity": _ValueBefore(v_x, i),
             "force": _ValueBefore(F_x, i),
-            "velocity_overshoot": _Max(v_x, i, j) - float(v_d[0]),
+            "velocity_overshoot": _Max(excess, i, j),
         }
 
     collision = None
@@ -177,7 +181,7 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
 
     control_forces = [_Trace(axis) for axis in np.moveaxis(pieces.F_c, 2, 0)]
     return {
-        "start_velocity_overshoot": max(_Max(v_x, 0, start_end) - float(v_d[0]), 0.0),
+        "start_velocity_overshoot": max(_Max(excess, 0, start_end), 0.0),
         "puncture": puncture,
         "collision": collision,
         "velocity_rms_error": pieces.RootMeanSquare(pieces.v - pieces.v_dd),

@@ -304,6 +304,37 @@ def test_slower_than_commanded_is_no_overshoot():
     assert metrics["puncture"]["velocity_overshoot"] == pytest.approx(-0.1 * V_D)
 
 
+def Backwards(phase: Phase) -> Phase:
+    """The mirror image of a motion."""
+    return Phase(
+        phase.duration,
+        lambda t: -phase.x(t),
+        lambda t: -phase.v(t),
+        lambda t: -phase.a(t),
+        v_dd=-V_D,
+    )
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 2e-4])
+def test_overshoot_is_in_the_direction_of_the_command(amplitude):
+    scenario = LoadScenario("one_dof", {"surgeon.velocity": [-V_D]})
+    # From rest to the command, and perhaps beyond it.
+    start = Phase(
+        2.0,
+        lambda t: V_D * (t - 1 + np.exp(-t)),
+        lambda t: V_D * (1 - np.exp(-t)),
+        lambda t: V_D * np.exp(-t),
+    )
+    wave = Wave(amplitude, 2.0, 0.0, 5.0)
+    x_0 = float(start.x(np.array(2.0)))
+    beyond = dataclasses.replace(wave, x=lambda t: x_0 + wave.x(t))
+    recording = Record(
+        [Backwards(start), Backwards(beyond)], RegularSteps(0.05), scenario
+    )
+    overshoot = RunMetrics(recording)["start_velocity_overshoot"]
+    assert overshoot == pytest.approx(amplitude, rel=1e-5, abs=1e-12)
+
+
 def test_starting_on_the_surface_is_no_contact():
     metrics = RunMetrics(Record([Still(SURFACE, 1.0)], RegularSteps(0.1)))
     assert metrics["collision"] is None
