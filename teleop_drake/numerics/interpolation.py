@@ -6,8 +6,17 @@ interpolation grows the stencil of each interval towards the side on which the
 divided differences are smaller, and so away from a kink; a jump is two samples with
 the same time, and no stencil reaches across it.
 
-Source: A. Harten, B. Engquist, S. Osher, S. R. Chakravarthy, "Uniformly high order
-accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987).
+Between a jump and a kink there may be too few samples for a stencil of the full order,
+and then it does reach across the kink. A polynomial is therefore trusted only as far as
+its Newton series converges: the series ends where its terms fall no longer. Where they
+are not small there, the samples do not show what lies between two of them, and
+the polynomial is drawn towards the chord until it stays between their values.
+
+Sources: A. Harten, B. Engquist, S. Osher, S. R. Chakravarthy, "Uniformly high order
+accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987); for
+drawing a polynomial towards values that are safe X. Zhang, C.-W. Shu, "On
+maximum-principle-satisfying high order schemes for scalar conservation laws",
+J. Comput. Phys. 229 (2010).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,6 +29,10 @@ from teleop_drake.numerics.compiled import compiled
 # Eight points: the error of a smooth signal is O(step^8), well below that of the
 # fifth-order integrator which made the samples.
 NUM_STENCIL_POINTS = 8
+
+# The last two terms of a series that converges are at most this share of the largest.
+# Twelve samples in a period of a sine reach it even if all lie on one side.
+_CONVERGED = 1 / 32
 
 Array = NDArray[np.float64]
 Table = Array | Sequence[Sequence[Sequence[float]]]
@@ -103,12 +116,64 @@ def newton_polynomial(times: Array, values: Array, i: int) -> Array:
     return polynomials
 
 
+def limited_polynomial(times: Array, values: Array, i: int) -> Array:
+    """Returns newton_polynomial(), of each signal as much as can be trusted.
+
+    With T_m a bound of the m-th term on the interval, the series ends with M where
+    max(T_(M-1), T_M) falls no longer (two terms, because one may vanish by symmetry).
+    Unless that is small against the largest term, the terms from the second order on
+    are scaled by
+
+        |values[i + 1] - values[i]| / (4 sum T_m)
+
+    where that is less than 1: then the polynomial stays between the two values. On an
+    interval of length 0 it is the value before the jump.
+
+    Args:
+        times: As for newton_polynomial().
+        values: Likewise.
+        i: Index of the interval.
+
+    Returns:
+        As newton_polynomial().
+    """
+    k = values.shape[1]
+    if times[i] == times[i + 1]:
+        constant = np.zeros((2, NUM_STENCIL_POINTS, k))
+        constant[1, 0] = values[i]
+        return constant
+    polynomials = newton_polynomial(times, values, i)
+    nodes, coefficients = polynomials[0], polynomials[1]
+    begin, end = times[i], times[i + 1]
+    num_terms = min(stencil_window(times, i)[0].size, NUM_STENCIL_POINTS)
+    terms = np.zeros(NUM_STENCIL_POINTS)
+    for j in range(k):
+        # |(t - begin) (t - end)| and every further factor are largest at an end or
+        # in the middle.
+        factor = (end - begin) * (end - begin) / 4
+        for m in range(2, NUM_STENCIL_POINTS):
+            terms[m] = abs(coefficients[m, j]) * factor
+            factor *= max(abs(begin - nodes[m, j]), abs(end - nodes[m, j]))
+        last = min(3, num_terms - 1)
+        remainder = terms[2:4].max()
+        for m in range(4, num_terms):
+            pair = max(terms[m - 1], terms[m])
+            if not pair <= remainder:
+                break
+            last, remainder = m, pair
+        coefficients[last + 1 :, j] = 0
+        if remainder > _CONVERGED * terms[: last + 1].max():
+            deviation = 4 * terms[2 : last + 1].sum()
+            change = abs(values[i + 1, j] - values[i, j])
+            if change < deviation:
+                coefficients[2 : last + 1, j] *= change / deviation
+    return polynomials
+
+
 def newton_polynomials(
     times: Array, values: Array, intervals: NDArray[np.int64]
 ) -> Array:
-    """Returns newton_polynomial() of several intervals.
-
-    An interval of length 0 has the value before the jump.
+    """Returns limited_polynomial() of several intervals.
 
     Args:
         times: As for newton_polynomial().
@@ -120,10 +185,7 @@ def newton_polynomials(
     """
     polynomials = np.zeros((2, NUM_STENCIL_POINTS, len(intervals), values.shape[1]))
     for m, i in enumerate(intervals):
-        if times[i] == times[i + 1]:
-            polynomials[1, 0, m] = values[i]
-        else:
-            polynomials[:, :, m] = newton_polynomial(times, values, i)
+        polynomials[:, :, m] = limited_polynomial(times, values, i)
     return polynomials
 
 
@@ -170,11 +232,11 @@ class IntervalPolynomial:
         i: Likewise.
 
     Attributes:
-        table: What newton_polynomial() returns.
+        table: What limited_polynomial() returns.
     """
 
     def __init__(self, times: Array, values: Array, i: int):
-        self.table: Array = compiled(newton_polynomial)(times, values, i)
+        self.table: Array = compiled(limited_polynomial)(times, values, i)
         self._evaluate = compiled(evaluate_newton)
         self._polynomials: Table = self.table
         if self._evaluate is evaluate_newton:

@@ -14,6 +14,7 @@ from teleop_drake.architectures import ResolveController
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import AddTeleoperator, MakeTeleoperator
 
 NETWORK = {
@@ -147,6 +148,28 @@ def test_other_recordings():
         ChannelEnergyBalance(recording)
     with pytest.raises(ValueError, match="recording: no packets"):
         TwoPortEnergyBalance(recording)
+
+
+def test_force_that_is_let_go_and_caught_between_packets():
+    """Jumps with kinks close behind them: balance, meter and metrics agree."""
+    channel = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
+    recording = RunWithTwoPortMeter(
+        "two_dof_combined",
+        "time_domain_passivity",
+        duration=4.0,
+        forward_channel=channel,
+        return_channel=channel,
+    )
+    balance = TwoPortEnergyBalance(recording).energy
+    meter = recording["energy"][:, 0]
+    assert np.sign(balance[-1]) == np.sign(meter[-1])
+    np.testing.assert_allclose(balance, meter, rtol=0, atol=1e-3 * np.ptp(meter))
+    # What the samples themselves are with steps of 0.0002 s.
+    metrics = RunMetrics(recording)
+    assert metrics["control_force_peak"] == pytest.approx([0.2, 0.0492862], rel=1e-3)
+    assert metrics["control_force_variation"] == pytest.approx(
+        [5.321714, 0.1807975], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("channel", ["transport", "network"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_drake.numerics.interpolation import (
@@ -97,3 +97,77 @@ def test_many_queries_are_as_one():
             interpolate(times, values, np.array([t])), row[np.newaxis]
         )
     assert interpolate(times, values, np.empty(0)).shape == (0, 3)
+
+
+# Samples of a control force that is held behind a jump and then falls at a kink.
+HELD_TIMES = [0, 0.003, 0.0178, 0.0199, 0.0206, 0.0211, 0.0213, 0.0225, 0.0236, 0.0253]
+HELD_FORCES = [0.2] * 7 + [0.17756, 0.15753, 0.13281]
+
+
+def test_a_kink_soon_after_a_jump_does_not_reach_back():
+    times = np.array([-0.0022, 0.0, *HELD_TIMES])
+    values = np.array([0.00436, 0.00348, *HELD_FORCES])[:, np.newaxis]
+    query = np.linspace(1e-9, HELD_TIMES[-1], 3000)
+    result = interpolate(times, values, query)[:, 0]
+    assert result.max() < 0.2 + 1e-12
+    np.testing.assert_allclose(result[query < HELD_TIMES[6]], 0.2, rtol=1e-12)
+
+
+@st.composite
+def segment(draw):
+    """Steps and samples of a signal with kinks, alone or between two jumps."""
+    steps = draw(st.lists(st.floats(0.05, 1.0), min_size=1, max_size=16))
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    kinks = draw(st.lists(st.floats(0, 1), min_size=1, max_size=2))
+    slopes = draw(
+        st.lists(st.floats(-1, 1, width=16), min_size=len(kinks), max_size=len(kinks))
+    )
+    values = draw(st.floats(-1, 1, width=16)) + sum(
+        slope * np.maximum(0, times - kink * times[-1])
+        for slope, kink in zip(slopes, kinks, strict=True)
+    )
+    return times, values
+
+
+@settings(deadline=None)
+@given(segments=st.lists(segment(), min_size=1, max_size=3))
+def test_kinks_and_jumps_stay_within_the_samples(segments):
+    start, parts = 0.0, []
+    for times, values in segments:
+        parts.append((start + times, values))
+        start += times[-1]
+    times, values = map(np.concatenate, zip(*parts, strict=True))
+    for own_times, own_values in parts:
+        query = np.linspace(own_times[0], own_times[-1], 200)[1:-1]
+        result = interpolate(times, values[:, np.newaxis], query)[:, 0]
+        excess = max(result.max() - own_values.max(), own_values.min() - result.min())
+        # Samples of a kink may happen to look like those of something smooth.
+        assert excess <= 0.01 * np.ptp(own_values) + 1e-12
+
+
+@settings(deadline=None)
+@given(
+    first=st.lists(st.floats(-1, 1), min_size=2, max_size=4),
+    second=st.lists(st.floats(-1, 1), min_size=2, max_size=4),
+    steps=st.lists(st.floats(0.01, 1), min_size=6, max_size=6),
+)
+def test_few_samples_between_jumps_bound_what_lies_between(first, second, steps):
+    values = np.array([*first, *second])
+    times = np.concatenate([[0.0], np.cumsum(steps)])[: len(values) - 1]
+    times = np.insert(times, len(first), times[len(first) - 1])
+    for i in range(len(times) - 1):
+        query = np.linspace(times[i], times[i + 1], 50)[1:]
+        result = interpolate(times, values[:, np.newaxis], query)[:, 0]
+        low, high = sorted(values[i : i + 2])
+        assert low - 1e-12 <= result.min() <= result.max() <= high + 1e-12
+
+
+@pytest.mark.parametrize("period, bound", [(60, 1e-9), (20, 5e-6), (12, 3e-4)])
+def test_smooth_signals_beside_a_jump_keep_their_order(period, bound):
+    times = np.array([*range(20), *range(19, 40)], dtype=float)
+    phases = np.where(np.arange(41) < 20, 0.3, 1.7)
+    omega = 2 * np.pi / period
+    query = np.linspace(0, 39, 2000)
+    result = interpolate(times, np.sin(omega * times + phases)[:, np.newaxis], query)
+    expected = np.sin(omega * query + np.where(query <= 19, 0.3, 1.7))
+    assert np.abs(result[:, 0] - expected).max() < bound
