@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 from teleop_drake.thesis.claims.alternatives import Alternatives
 from teleop_drake.thesis.claims.chapter3 import Chapter3
-from teleop_drake.thesis.claims.chapter4 import OneAxis
-from teleop_drake.thesis.claims.chapter5 import Bone, Puncture
+from teleop_drake.thesis.claims.chapter4 import Chapter4
+from teleop_drake.thesis.claims.chapter5 import Chapter5
 from teleop_drake.thesis.claims.claim import Row
 from teleop_drake.thesis.claims.conclusions import Conclusions
 from teleop_drake.thesis.claims.evidence import Evidence
@@ -32,11 +32,9 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
     runs.Prefetch(REQUESTS)
     evidence = Evidence(runs)
     return [
-        *Chapter3(runs),
-        *OneAxis(evidence),
-        *Puncture(evidence),
-        *Bone(evidence, "II", "two_dof_collision", ("7", "8", "9", "10")),
-        *Bone(evidence, "III", "two_dof_combined", ("14", "15", "16", "17")),
+        *Chapter3(evidence),
+        *Chapter4(evidence),
+        *Chapter5(evidence),
         *Conclusions(evidence),
         *Alternatives(evidence),
     ]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis.claims.chapter4 import OneAxis
-from teleop_drake.thesis.claims.chapter5 import Bone, Puncture
-from teleop_drake.thesis.claims.claim import VERDICTS, Number, Row, Truth
+from teleop_drake.thesis.claims.chapter4 import Chapter4
+from teleop_drake.thesis.claims.chapter5 import CaseI, CaseII
+from teleop_drake.thesis.claims.claim import VERDICTS, PrintedNumber, Row, Statement
 from teleop_drake.thesis.claims.evidence import Evidence
 from teleop_drake.thesis.claims.requests import SHORT
 from teleop_drake.thesis.ledger import Ledger, ShortLedger
@@ -74,8 +74,8 @@ class Changed:
         return changed
 
 
-def Verdicts(section, runs, *where):
-    return {row.key: row.verdict for row in section(Evidence(runs), *where)}
+def Verdicts(section, runs):
+    return {row.key: row.verdict for row in section(Evidence(runs))}
 
 
 def test_every_row_is_complete(rows, thesis_runs):
@@ -138,7 +138,7 @@ def test_a_quicker_tool_changes_the_verdicts_of_chapter_4(thesis_runs):
         recording["tool_velocity"][free] += 0.5e-3
 
     runs = Changed(thesis_runs, "one_dof", "adaptive_backstepping", Hurry)
-    verdicts = Verdicts(OneAxis, runs)
+    verdicts = Verdicts(Chapter4, runs)
     assert verdicts["4-adaptive-overshoot"] == "refuted"
     assert verdicts["4-overshoot-reduction"] == "refuted"
     assert verdicts["4-direct-overshoot"] == "reproduced"
@@ -154,7 +154,7 @@ def test_a_tool_without_overshoot_turns_a_refuted_claim(thesis_runs):
         recording["tool_acceleration"][:] = 0.0
 
     runs = Changed(thesis_runs, "two_dof_puncture", "adaptive_backstepping", Limit)
-    verdicts = Verdicts(Puncture, runs)
+    verdicts = Verdicts(CaseI, runs)
     assert verdicts["5-I-no-overshoot"] == "reproduced"
 
 
@@ -165,23 +165,30 @@ def test_a_jump_of_the_control_force_is_seen(thesis_runs):
 
     name = "two_dof_collision"
     runs = Changed(thesis_runs, name, "adaptive_backstepping", Jump)
-    where = ("II", name, ("7", "8", "9", "10"))
-    assert Verdicts(Bone, runs, *where)["5-II-no-jumps"] == "refuted"
-    verdicts = Verdicts(Bone, thesis_runs, *where)
+    assert Verdicts(CaseII, runs)["5-II-no-jumps"] == "refuted"
+    verdicts = Verdicts(CaseII, thesis_runs)
     assert verdicts["5-II-no-jumps"] == "reproduced"
 
 
 def test_tolerances():
+    place = {"key": "key", "place": "", "claim": ""}
+
     def Verdict(ours, holds):
-        return Number(
-            "key", "", "", 2.0, ours, 0.1, (1.0, "m"), (holds, ""), ""
+        return PrintedNumber(
+            **place,
+            printed=2.0,
+            ours=ours,
+            unit=(1.0, "m"),
+            tolerance=0.1,
+            in_kind="",
+            is_in_kind=holds,
         ).verdict
 
     assert Verdict(2.199, False) == "reproduced"
     assert Verdict(2.201, True) == "reproduced in kind"
     assert Verdict(2.201, False) == "refuted"
     assert Verdict(float("nan"), False) == "refuted"
-    undecided = Truth("key", "", "", "", None, "", "")
+    undecided = Statement(**place, criterion="", holds=None, ours="")
     assert undecided.verdict == "not determinable"
 
 

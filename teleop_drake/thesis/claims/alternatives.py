@@ -1,8 +1,10 @@
 """Plain alternatives to the adaptive controller, in fairness."""
 
-from teleop_drake.thesis.claims.claim import Row, Truth
+from collections.abc import Sequence
+
+from teleop_drake.thesis.claims.claim import Row, Statement
 from teleop_drake.thesis.claims.conclusions import COMPARED
-from teleop_drake.thesis.claims.evidence import Evidence, Run
+from teleop_drake.thesis.claims.evidence import Both, Evidence, Run
 from teleop_drake.thesis.claims.measures import EarlyError
 from teleop_drake.thesis.claims.requests import (
     ADAPTIVE,
@@ -20,128 +22,127 @@ def Alternatives(evidence: Evidence) -> list[Row]:
     Args:
         evidence: Where the runs come from.
     """
-    rows = []
-    without = {
-        name: evidence(name, ADAPTIVE, NO_ADAPTATION)
-        for name in TASKS
-        if name != "two_dof_puncture"
-    }
-    names = (*COMPARED[1:], "collision.rebound_velocity", "collision.settling_time")
-    changes = {
-        f"{name} {metric.split('.')[-1]}": abs(
-            run.Number(metric) / evidence(name, ADAPTIVE).Number(metric) - 1
+    retuned = {name: evidence(name, DIRECT, RETUNED) for name in TASKS}
+    one = evidence.Both("one_dof")
+    return [
+        _AdaptationMatters(evidence),
+        *(
+            _Retuned(case, retuned[name], evidence(name, ADAPTIVE))
+            for case, name in zip(("I", "II", "III"), TASKS[1:], strict=True)
+        ),
+        _RestOnBone(list(retuned.values())),
+        _OneAxisOvershoot(one, retuned["one_dof"]),
+        _ConvergedSolver(one),
+    ]
+
+
+def _AdaptationMatters(evidence: Evidence) -> Row:
+    metrics = (*COMPARED[1:], "collision.rebound_velocity", "collision.settling_time")
+    changes = {}
+    for name in TASKS:
+        if name == "two_dof_puncture":
+            continue
+        without, with_ = (
+            evidence(name, ADAPTIVE, NO_ADAPTATION),
+            evidence(name, ADAPTIVE),
         )
-        for name, run in without.items()
-        for metric in names
-        if run[metric] is not None
-    }
+        for metric in metrics:
+            if without[metric] is not None:
+                ratio = without.Number(metric) / with_.Number(metric)
+                changes[f"{name} {metric.split('.')[-1]}"] = abs(ratio - 1)
     largest = max(changes, key=lambda key: changes[key])
-    rows.append(
-        Truth(
-            "A-adaptation-matters",
-            "plain alternative to chapters 4 and 5: no adaptation",
-            "The adapting networks bring about the improvement.",
-            "without adaptation some number of the collision tasks changes by 10 % or "
-            "more",
-            changes[largest] >= 0.1,
-            f"largest change {changes[largest]:.1%} ({largest})",
-            "The same law with all weights at 0 and Psi at Psi0, a linear controller "
-            "with fixed gains, does as well.",
-        )
+    return Statement(
+        key="A-adaptation-matters",
+        place="plain alternative to chapters 4 and 5: no adaptation",
+        claim="The adapting networks bring about the improvement.",
+        criterion="without adaptation some number of the collision tasks changes by "
+        "10 % or more",
+        holds=changes[largest] >= 0.1,
+        ours=f"largest change {changes[largest]:.1%} ({largest})",
+        reason="The same law with all weights at 0 and Psi at Psi0, a linear "
+        "controller with fixed gains, does as well.",
     )
-    for case, name in zip(("I", "II", "III"), TASKS[1:], strict=True):
-        tuned, adaptive = evidence(name, DIRECT, RETUNED), evidence(name, ADAPTIVE)
-        pairs = {
-            metric: (tuned.Number(metric), adaptive.Number(metric))
-            for metric in COMPARED[:3]
-            if adaptive[metric] is not None
-        }
-        rows.append(
-            Truth(
-                f"A-{case}-retuned",
-                f"plain alternative to section 5.2, case {case}: retuned haptic gain",
-                "Direct force cannot do up to the first impact what the adaptive "
-                "controller does.",
-                "with the haptic device's integral gain at a tenth (25 s + 5), direct "
-                "force diverges or is worse by 15 % or more in start overshoot, "
-                "puncture overshoot or first impact",
-                tuned["diverged"] or any(a >= 1.15 * b for a, b in pairs.values()),
-                "; ".join(
-                    f"{metric.split('.')[-1].replace('_', ' ')}: {Pair(a, b)}"
-                    for metric, (a, b) in pairs.items()
-                )
-                + " (SI)",
-                "Its price is the weaker integral action; rms of v_x - v_d(t - T_f) up "
-                "to puncture or contact: "
-                + Pair(EarlyError(tuned), EarlyError(adaptive), unit="m/s."),
+
+
+def _Retuned(case: str, retuned: Run, adaptive: Run) -> Row:
+    pairs = {
+        metric.split(".")[-1].replace("_", " "): (
+            retuned.Number(metric),
+            adaptive.Number(metric),
+        )
+        for metric in COMPARED[:3]
+        if adaptive[metric] is not None
+    }
+    return Statement(
+        key=f"A-{case}-retuned",
+        place=f"plain alternative to section 5.2, case {case}: retuned haptic gain",
+        claim="Direct force cannot do up to the first impact what the adaptive "
+        "controller does.",
+        criterion="with the haptic device's integral gain at a tenth (25 s + 5), "
+        "direct force diverges or is worse by 15 % or more in start overshoot, "
+        "puncture overshoot or first impact",
+        holds=retuned["diverged"] or any(a >= 1.15 * b for a, b in pairs.values()),
+        ours="; ".join(f"{name}: {Pair(a, b)}" for name, (a, b) in pairs.items())
+        + " (SI)",
+        reason="Its price is the weaker integral action; rms of v_x - v_d(t - T_f) up "
+        "to puncture or contact: "
+        f"{Pair(EarlyError(retuned), EarlyError(adaptive), unit='m/s')}.",
+    )
+
+
+def _RestOnBone(retuned: Sequence[Run]) -> Row:
+    times = [run["collision.settling_time"] for run in retuned if run["collision"]]
+    return Statement(
+        key="A-rest-on-bone",
+        place="plain alternative to sections 4.2 and 5.2: retuned haptic gain",
+        claim="Coming to rest on the bone needs the adaptive controller's law.",
+        criterion="direct force with the retuned haptic device does not come to rest "
+        "either",
+        holds=all(time is None for time in times),
+        ours=", ".join(Seconds(time) for time in times),
+        reason="This advantage stands: the law feeds back the sensed force and the "
+        "velocity at the slave, without delay. Nothing at the master can.",
+    )
+
+
+def _OneAxisOvershoot(one: Both, retuned: Run) -> Row:
+    direct, tuned, adaptive = (
+        run.Number("puncture.velocity_overshoot")
+        for run in (one.direct, retuned, one.adaptive)
+    )
+    return Statement(
+        key="A-one-axis-overshoot",
+        place="plain alternative to section 4.2: retuned haptic gain",
+        claim="The reduction of the overshoot needs the adaptive controller (one "
+        "axis).",
+        criterion="direct force with the retuned haptic device overshoots by 15 % more "
+        "or worse",
+        holds=tuned >= 1.15 * adaptive,
+        ours=f"direct {1e3 * direct:.3g}, retuned {1e3 * tuned:.3g}, "
+        f"adaptive {1e3 * adaptive:.3g} mm/s",
+        reason="The retuned device has no start overshoot, but reaches only "
+        f"{retuned.Number('puncture.velocity') / 1e-3:.0%} of v_d by the puncture.",
+    )
+
+
+def _ConvergedSolver(one: Both) -> Row:
+    first = one.Numbers("collision.initial_impact_force")
+    largest = one.Numbers("collision.peak_force")
+    rebound = one.Numbers("collision.rebound_velocity")
+    printed = ((7.78e-3, 9.42e-3), (0.0113, 9.42e-3), (-0.72e-3, -0.658e-3))
+    return Statement(
+        key="A-converged-solver",
+        place="plain alternative to section 4.2: a converged solver",
+        claim="What the thesis concludes from its collision numbers does not hinge on "
+        "its solver's tolerance.",
+        criterion="with the converged numbers first impact, largest force and rebound "
+        "compare the same way",
+        holds=all(
+            (direct - adaptive) * (d_printed - a_printed) > 0
+            for (direct, adaptive), (d_printed, a_printed) in zip(
+                (first, largest, rebound), printed, strict=True
             )
-        )
-    tuned_runs = [evidence(name, DIRECT, RETUNED) for name in TASKS]
-    times = [run["collision.settling_time"] for run in tuned_runs if run["collision"]]
-    rows.append(
-        Truth(
-            "A-rest-on-bone",
-            "plain alternative to sections 4.2 and 5.2: retuned haptic gain",
-            "Coming to rest on the bone needs the adaptive controller's law.",
-            "direct force with the retuned haptic device does not come to rest either",
-            all(time is None for time in times),
-            ", ".join(Seconds(time) for time in times),
-            "This advantage stands: the law feeds back the sensed force and the "
-            "velocity at the slave, without delay. Nothing at the master can.",
-        )
-    )
-    tuned, adaptive = tuned_runs[0], evidence("one_dof", ADAPTIVE)
-    direct = evidence("one_dof", DIRECT)
-    overshoots = [
-        run.Number("puncture.velocity_overshoot") for run in (direct, tuned, adaptive)
-    ]
-    rows.append(
-        Truth(
-            "A-one-axis-overshoot",
-            "plain alternative to section 4.2: retuned haptic gain",
-            "The reduction of the overshoot needs the adaptive controller (one axis).",
-            "direct force with the retuned haptic device overshoots by 15 % more or "
-            "worse",
-            overshoots[1] >= 1.15 * overshoots[2],
-            f"direct {1e3 * overshoots[0]:.3g}, retuned {1e3 * overshoots[1]:.3g}, "
-            f"adaptive {1e3 * overshoots[2]:.3g} mm/s",
-            "The retuned device has no start overshoot, but reaches only "
-            f"{tuned.Number('puncture.velocity') / 1e-3:.0%} of v_d by the puncture.",
-        )
-    )
-    signs = [
-        (
-            direct.Number(f"collision.{metric}")
-            - adaptive.Number(f"collision.{metric}"),
-            printed,
-        )
-        for metric, printed in (
-            ("initial_impact_force", 7.78e-3 - 9.42e-3),
-            ("peak_force", 0.0113 - 9.42e-3),
-            ("rebound_velocity", -0.72e-3 + 0.658e-3),
-        )
-    ]
-    rows.append(
-        Truth(
-            "A-converged-solver",
-            "plain alternative to section 4.2: a converged solver",
-            "What the thesis concludes from its collision numbers does not hinge on "
-            "its solver's tolerance.",
-            "with the converged numbers first impact, largest force and rebound "
-            "compare the same way",
-            all(ours * printed > 0 for ours, printed in signs),
-            f"first impact {Pair(*_Metric(direct, adaptive, 'initial_impact_force'))}"
-            f" mN; largest {Pair(*_Metric(direct, adaptive, 'peak_force'))} mN; "
-            f"rebound {Pair(*_Metric(direct, adaptive, 'rebound_velocity'))} mm/s",
-            "",
-        )
-    )
-    return rows
-
-
-def _Metric(direct: Run, adaptive: Run, name: str) -> tuple[float, float]:
-    """Returns a collision metric of both, times 1000."""
-    return (
-        1e3 * direct.Number(f"collision.{name}"),
-        1e3 * adaptive.Number(f"collision.{name}"),
+        ),
+        ours=f"first impact {Pair(*first, 1e3, 'mN')}; "
+        f"largest {Pair(*largest, 1e3, 'mN')}; rebound {Pair(*rebound, 1e3, 'mm/s')}",
     )

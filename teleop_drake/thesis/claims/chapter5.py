@@ -1,326 +1,383 @@
 """Chapter 5: two degrees of freedom, cases I to III."""
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_drake.thesis.claims.claim import Row, Truth
-from teleop_drake.thesis.claims.evidence import Evidence, Run
+from teleop_drake.thesis.claims.claim import Row, Statement
+from teleop_drake.thesis.claims.evidence import Both, Evidence
 from teleop_drake.thesis.claims.measures import (
     INSIDE_WORKSPACE,
     Amplitude,
     During,
     FirstEvent,
     ImpactForces,
-    IsBelow,
     LargestJump,
     PathError,
     RiseTime,
     UnlearnedShare,
     WhileInside,
 )
-from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT, TASKS
-from teleop_drake.thesis.claims.wording import Axes, BothAxes, Pair, Seconds, Shares
+from teleop_drake.thesis.claims.requests import TASKS
+from teleop_drake.thesis.claims.wording import (
+    Axes,
+    BothAxes,
+    BothSeconds,
+    Listed,
+    Pair,
+    Seconds,
+    Shares,
+)
+
+_V_D = 0.1
+"""What the surgeon commands along x, m/s."""
+
+_SECTION = "section 5.2, case"
 
 
-def Puncture(evidence: Evidence) -> list[Row]:
-    """Returns the rows of case I.
+def Chapter5(evidence: Evidence) -> list[Row]:
+    """Returns the rows of chapter 5.
 
     Args:
         evidence: Where the runs come from.
     """
-    full_direct, full_adaptive = (
-        evidence("two_dof_puncture", kind) for kind in (DIRECT, ADAPTIVE)
-    )
-    direct, adaptive = WhileInside(full_direct), WhileInside(full_adaptive)
-    v_d = 0.1
-    t_direct, t_adaptive = (run.Number("puncture.time") for run in (direct, adaptive))
-    before = During(direct.recording, 0.0, t_direct)
-    v_x = direct.recording["tool_velocity"][before, 0]
-    crossings = int(np.count_nonzero(np.diff(v_x > v_d)))
-    last = During(direct.recording, t_direct - 1.0, t_direct)
-    swing = float(np.ptp(direct.recording["tool_velocity"][last, 0]))
-    late = float(Amplitude(adaptive.recording, t_adaptive - 1.0, t_adaptive)[0])
-    end = float(direct.recording.time[-1])
-    early_y = float(Amplitude(direct.recording, t_direct, t_direct + 1.0)[1])
-    late_y = float(Amplitude(direct.recording, end - 1.0, end)[1])
-    d_speed, a_speed = (run.Number("puncture.velocity") for run in (direct, adaptive))
-    forces = [
-        evidence(name, kind).recording["environment_force"][:, 1]
-        for name in TASKS[1:]
-        for kind in (DIRECT, ADAPTIVE)
-    ]
-    largest_y = max(float(np.abs(F).max()) for F in forces)
-    unlearned = UnlearnedShare(full_adaptive.recording)
-    start = float(adaptive["start_velocity_overshoot"])
-    section = "section 5.2, case I"
+    return [*CaseI(evidence), *CaseII(evidence), *CaseIII(evidence)]
+
+
+def CaseI(evidence: Evidence) -> list[Row]:
+    """Returns the rows of case I, the puncture.
+
+    Args:
+        evidence: Where the runs come from.
+    """
+    full = evidence.Both("two_dof_puncture")
+    inside = Both(*(WhileInside(run) for run in full))
+    unlearned = UnlearnedShare(full.adaptive.recording)
     return [
-        Truth(
-            "5-I-smooth-start",
-            f"{section}, Fig. 5.1",
-            "Adaptive reaches the commanded velocity in the tissue, smoothly.",
-            "|v_x - v_d| below 5 % of v_d in the last second before the puncture",
-            late < 0.05 * v_d,
-            f"{late / v_d:.1%}",
-            "",
+        *_AdaptiveInTissue(inside),
+        *_DirectInTissue(inside),
+        _DirectDiverges(full, inside),
+        Statement(
+            key="5-I-tracking",
+            place=f"{_SECTION} I, Fig. 5.1",
+            claim="Adaptive tracks the velocity very well compared with direct force.",
+            criterion="at most half the rms of v - v_d(t - T_f) on both axes, inside "
+            "the workspace",
+            holds=inside.IsBelow("velocity_rms_error", 0.5),
+            ours=BothAxes(inside, "velocity_rms_error", "m/s"),
         ),
-        Truth(
-            "5-I-no-overshoot",
-            f"{section}, Fig. 5.1",
-            "Adaptive does so without any overshoot.",
-            "v_x exceeds v_d by less than 1 % of it before the puncture",
-            start < 0.01 * v_d,
-            f"{start / v_d:.1%}",
-            "As with one axis, the surgeon's loop overshoots.",
+        *_LessForce(inside, "I", "Fig. 5.3", ", inside the workspace"),
+        Statement(
+            key="5-I-networks",
+            place=f"{_SECTION} I, Fig. 5.4 to 5.6",
+            claim="The networks work well and adapt quickly.",
+            criterion="the third network leaves less than half of dF_e/dt (rms) "
+            "unlearned",
+            holds=unlearned < 0.5,
+            ours=f"{unlearned:.1%} unlearned",
+            reason="As with one axis, they stay almost silent.",
         ),
-        Truth(
-            "5-I-direct-oscillates",
-            f"{section}, Fig. 5.1",
-            "Direct force oscillates about the commanded velocity in the tissue.",
-            "v_x crosses v_d three times or more, and still swings by 20 % of v_d in "
-            "the last second before the puncture",
-            crossings >= 3 and swing > 0.2 * v_d,
-            f"{crossings} crossings, {swing / v_d:.0%} of v_d",
-            "",
-        ),
-        Truth(
-            "5-I-direct-faster",
-            f"{section}, Fig. 5.1",
-            "Direct force is faster at the puncture.",
-            "by more than 5 % of v_d",
-            d_speed > a_speed + 0.05 * v_d,
-            Pair(d_speed, a_speed, unit="m/s"),
-            "Where in its swing the puncture comes is a matter of the task.",
-        ),
-        Truth(
-            "5-I-direct-diverges",
-            f"{section}, Fig. 5.1",
-            "Direct force diverges after the puncture.",
-            "it exceeds five times v_d in the end, and |v_y| has at least doubled "
-            f"before x = {INSIDE_WORKSPACE} m, one second against another",
-            full_direct["diverged"] and late_y > 2 * early_y,
-            f"amplitude of v_y {early_y:.3g} to {late_y:.3g} m/s, "
-            f"ended at {Seconds(full_direct['diverged_at'])}",
-            "The loop of haptic device and 0.2 s tolerates 4.7 1/kg in free space; "
-            "M_r^-1 of the arm has an eigenvalue of 6. The stretched arm, at 1.5 m, "
-            "ends either run soon after.",
-        ),
-        Truth(
-            "5-I-tracking",
-            f"{section}, Fig. 5.1",
-            "Adaptive tracks the velocity very well compared with direct force.",
-            "at most half the rms of v - v_d(t - T_f) on both axes, inside the "
-            "workspace",
-            IsBelow(adaptive, direct, "velocity_rms_error", 0.5),
-            BothAxes(direct, adaptive, "velocity_rms_error", "m/s"),
-            "",
-        ),
-        *_ControlForce("I", section, "Fig. 5.3", direct, adaptive),
-        Truth(
-            "5-I-networks",
-            f"{section}, Fig. 5.4 to 5.6",
-            "The networks work well and adapt quickly.",
-            "the third network leaves less than half of dF_e/dt (rms) unlearned",
-            unlearned < 0.5,
-            f"{unlearned:.1%} unlearned",
-            "As with one axis, they stay almost silent.",
-        ),
-        Truth(
-            "5-no-force-along-y",
-            "section 5.2, Fig. 5.2, 5.8, 5.15",
-            "The sensed force along y is zero in all cases.",
-            "exactly, in all six runs",
-            largest_y == 0.0,
-            f"largest {largest_y:g} N",
-            "By construction: the environment pushes along x only.",
-        ),
+        _NoForceAlongY(evidence),
     ]
 
 
-def _ControlForce(
-    case: str, section: str, figure: str, direct: Run, adaptive: Run
-) -> list[Row]:
-    """The claims that the thesis makes about the control force in every case."""
-    inside = ", inside the workspace" if case == "I" else ""
-    rows = [
-        Truth(
-            f"5-{case}-less-force",
-            f"{section}, {figure}",
-            "Adaptive needs less control force.",
-            f"lower peak on every axis{inside}",
-            IsBelow(adaptive, direct, "control_force_peak"),
-            BothAxes(direct, adaptive, "control_force_peak", "N"),
-            "The backstepping law pushes hard at the start and stops the bouncing "
-            "with force.",
-        ),
-        Truth(
-            f"5-{case}-less-variation",
-            f"{section}, {figure}",
-            "The adaptive controller's force is the smoother one: it moves less.",
-            f"lower total variation on every axis{inside}",
-            IsBelow(adaptive, direct, "control_force_variation"),
-            BothAxes(direct, adaptive, "control_force_variation", "N"),
-            "",
-        ),
-    ]
-    if case != "I":
-        d_jump, a_jump = (LargestJump(run.recording) for run in (direct, adaptive))
-        rows.append(
-            Truth(
-                f"5-{case}-no-jumps",
-                f"{section}, {figure}",
-                "The adaptive controller's force is smooth; that of direct force is "
-                "abrupt.",
-                "its largest jump is below 1 % of that of direct force",
-                a_jump < 0.01 * d_jump,
-                Pair(d_jump, a_jump, unit="N"),
-                "It is a state, so it cannot jump.",
-            )
-        )
-    return rows
-
-
-def Bone(evidence: Evidence, case: str, name: str, figures: Sequence[str]) -> list[Row]:
-    """Returns the rows of case II or III: the collision.
+def CaseII(evidence: Evidence) -> list[Row]:
+    """Returns the rows of case II, the collision.
 
     Args:
         evidence: Where the runs come from.
-        case: "II" or "III".
-        name: The task.
-        figures: Numbers of the figures that show velocity, force, position and control
-            force, without the chapter's.
     """
-    direct, adaptive = (evidence(name, kind) for kind in (DIRECT, ADAPTIVE))
-    velocity, force, position, control = (f"Fig. 5.{figure}" for figure in figures)
-    section = f"section 5.2, case {case}"
-    v_d = 0.1
-    d_first, a_first = (
-        run.Number("collision.initial_impact_force") for run in (direct, adaptive)
-    )
-    d_settling, a_settling = (
-        run["collision.settling_time"] for run in (direct, adaptive)
-    )
-    d_hits, a_hits = (ImpactForces(run.recording) for run in (direct, adaptive))
-    switch = FirstEvent(direct.recording, "surgeon_force")
-    end = float(direct.recording.time[-1])
-    v = np.abs(direct.recording["tool_velocity"])
-    # From when the constant force has arrived at the slave.
-    begin = switch + direct.recording.scenario.forward_channel.delay
-    early, late = (
-        v[During(direct.recording, a, b)].max(axis=0, initial=0.0)
-        for a, b in ((begin, begin + 2.0), (end - 2.0, end))
-    )
-    way = PathError(direct.recording)
-    d_rise, a_rise = (RiseTime(run.recording) for run in (direct, adaptive))
-    contact_force = float(adaptive.recording.scenario.surgeon.contact_force[0])
-    final_force = float(adaptive.recording["environment_force"][-1, 0])
-    final_speed = float(np.linalg.norm(adaptive.recording["tool_velocity"][-1]))
-    rows = [
-        Truth(
-            f"5-{case}-tracking",
-            f"{section}, {velocity}",
-            "Adaptive tracks the velocity well on both axes, before and after the "
-            "collision.",
-            "at most half the rms of v - v_d(t - T_f) of direct force on both axes",
-            IsBelow(adaptive, direct, "velocity_rms_error", 0.5),
-            BothAxes(direct, adaptive, "velocity_rms_error", "m/s"),
-            "",
+    both = evidence.Both("two_dof_collision")
+    return [
+        *_Contact(both, "II", velocity="Fig. 5.7", force="Fig. 5.8"),
+        *_Impacts(both),
+        *_OnTheBone(both, "II", position="Fig. 5.9"),
+        *_LessForce(both, "II", "Fig. 5.10"),
+        _NoJumps(both, "II", "Fig. 5.10"),
+    ]
+
+
+def CaseIII(evidence: Evidence) -> list[Row]:
+    """Returns the rows of case III, puncture and collision.
+
+    Args:
+        evidence: Where the runs come from.
+    """
+    both = evidence.Both("two_dof_combined")
+    return [
+        *_Contact(both, "III", velocity="Fig. 5.14", force="Fig. 5.15"),
+        *_OnTheBone(both, "III", position="Fig. 5.16"),
+        *_LessForce(both, "III", "Fig. 5.17"),
+        _NoJumps(both, "III", "Fig. 5.17"),
+    ]
+
+
+# Case I.
+
+
+def _AdaptiveInTissue(both: Both) -> list[Row]:
+    run = both.adaptive
+    puncture = run.Number("puncture.time")
+    late = float(Amplitude(run.recording, puncture - 1.0, puncture)[0])
+    start = float(run["start_velocity_overshoot"])
+    return [
+        Statement(
+            key="5-I-smooth-start",
+            place=f"{_SECTION} I, Fig. 5.1",
+            claim="Adaptive reaches the commanded velocity in the tissue, smoothly.",
+            criterion="|v_x - v_d| below 5 % of v_d in the last second before the "
+            "puncture",
+            holds=late < 0.05 * _V_D,
+            ours=f"{late / _V_D:.1%}",
         ),
-        Truth(
-            f"5-{case}-direct-never-converges",
-            f"{section}, {velocity}",
-            "Direct force never converges; the adaptive controller does.",
-            "only the latter comes to rest (5 % of v_d) before the end",
-            d_settling is None and a_settling is not None,
-            f"direct {Seconds(d_settling)}, adaptive {Seconds(a_settling)}",
-            "A constant force on a spring without damping cannot come to rest, "
+        Statement(
+            key="5-I-no-overshoot",
+            place=f"{_SECTION} I, Fig. 5.1",
+            claim="Adaptive does so without any overshoot.",
+            criterion="v_x exceeds v_d by less than 1 % of it before the puncture",
+            holds=start < 0.01 * _V_D,
+            ours=f"{start / _V_D:.1%}",
+            reason="As with one axis, the surgeon's loop overshoots.",
+        ),
+    ]
+
+
+def _DirectInTissue(both: Both) -> list[Row]:
+    recording, puncture = both.direct.recording, both.direct.Number("puncture.time")
+    v_x = recording["tool_velocity"][:, 0]
+    is_above = v_x[During(recording, 0.0, puncture)] > _V_D
+    crossings = int(np.count_nonzero(np.diff(is_above)))
+    swing = float(np.ptp(v_x[During(recording, puncture - 1.0, puncture)]))
+    d_speed, a_speed = both.Numbers("puncture.velocity")
+    return [
+        Statement(
+            key="5-I-direct-oscillates",
+            place=f"{_SECTION} I, Fig. 5.1",
+            claim="Direct force oscillates about the commanded velocity in the tissue.",
+            criterion="v_x crosses v_d three times or more, and still swings by 20 % "
+            "of v_d in the last second before the puncture",
+            holds=crossings >= 3 and swing > 0.2 * _V_D,
+            ours=f"{crossings} crossings, {swing / _V_D:.0%} of v_d",
+        ),
+        Statement(
+            key="5-I-direct-faster",
+            place=f"{_SECTION} I, Fig. 5.1",
+            claim="Direct force is faster at the puncture.",
+            criterion="by more than 5 % of v_d",
+            holds=d_speed > a_speed + 0.05 * _V_D,
+            ours=Pair(d_speed, a_speed, unit="m/s"),
+            reason="Where in its swing the puncture comes is a matter of the task.",
+        ),
+    ]
+
+
+def _DirectDiverges(full: Both, inside: Both) -> Row:
+    recording = inside.direct.recording
+    puncture, end = inside.direct.Number("puncture.time"), float(recording.time[-1])
+    early = float(Amplitude(recording, puncture, puncture + 1.0)[1])
+    late = float(Amplitude(recording, end - 1.0, end)[1])
+    return Statement(
+        key="5-I-direct-diverges",
+        place=f"{_SECTION} I, Fig. 5.1",
+        claim="Direct force diverges after the puncture.",
+        criterion="it exceeds five times v_d in the end, and |v_y| has at least "
+        f"doubled before x = {INSIDE_WORKSPACE} m, one second against another",
+        holds=full.direct["diverged"] and late > 2 * early,
+        ours=f"amplitude of v_y {early:.3g} to {late:.3g} m/s, "
+        f"ended at {Seconds(full.direct['diverged_at'])}",
+        reason="The loop of haptic device and 0.2 s tolerates 4.7 1/kg in free space; "
+        "M_r^-1 of the arm has an eigenvalue of 6. The stretched arm, at 1.5 m, ends "
+        "either run soon after.",
+    )
+
+
+def _NoForceAlongY(evidence: Evidence) -> Row:
+    forces = [
+        run.recording["environment_force"][:, 1]
+        for name in TASKS[1:]
+        for run in evidence.Both(name)
+    ]
+    largest = max(float(np.abs(F).max()) for F in forces)
+    return Statement(
+        key="5-no-force-along-y",
+        place="section 5.2, Fig. 5.2, 5.8, 5.15",
+        claim="The sensed force along y is zero in all cases.",
+        criterion="exactly, in all six runs",
+        holds=largest == 0.0,
+        ours=f"largest {largest:g} N",
+        reason="By construction: the environment pushes along x only.",
+    )
+
+
+# Cases II and III.
+
+
+def _Contact(both: Both, case: str, *, velocity: str, force: str) -> list[Row]:
+    d_first, a_first = both.Numbers("collision.initial_impact_force")
+    d_settling, a_settling = (run["collision.settling_time"] for run in both)
+    return [
+        Statement(
+            key=f"5-{case}-tracking",
+            place=f"{_SECTION} {case}, {velocity}",
+            claim="Adaptive tracks the velocity well on both axes, before and after "
+            "the collision.",
+            criterion="at most half the rms of v - v_d(t - T_f) of direct force on "
+            "both axes",
+            holds=both.IsBelow("velocity_rms_error", 0.5),
+            ours=BothAxes(both, "velocity_rms_error", "m/s"),
+        ),
+        Statement(
+            key=f"5-{case}-direct-never-converges",
+            place=f"{_SECTION} {case}, {velocity}",
+            claim="Direct force never converges; the adaptive controller does.",
+            criterion="only the latter comes to rest (5 % of v_d) before the end",
+            holds=d_settling is None and a_settling is not None,
+            ours=BothSeconds(both, "collision.settling_time"),
+            reason="A constant force on a spring without damping cannot come to rest, "
             "whatever the delay.",
         ),
-        Truth(
-            f"5-{case}-lower-first-impact",
-            f"{section}, {force}",
-            "The first impact is much weaker with the adaptive controller.",
-            "by at least a quarter",
-            a_first <= 0.75 * d_first,
-            Pair(d_first, a_first, unit="N"),
-            "Speed at the contact: "
-            + Pair(
-                direct.Number("collision.velocity"),
-                adaptive.Number("collision.velocity"),
-                unit="m/s.",
-            )
-            + " Direct force swings, and where in its swing it meets the bone is a "
-            "matter of the task.",
+        Statement(
+            key=f"5-{case}-lower-first-impact",
+            place=f"{_SECTION} {case}, {force}",
+            claim="The first impact is much weaker with the adaptive controller.",
+            criterion="by at least a quarter",
+            holds=a_first <= 0.75 * d_first,
+            ours=Pair(d_first, a_first, unit="N"),
+            reason="Speed at the contact: "
+            f"{Pair(*both.Numbers('collision.velocity'), unit='m/s')}. Direct force "
+            "swings, and where in its swing it meets the bone is a matter of the task.",
         ),
     ]
-    if case == "II":
-        rows += [
-            Truth(
-                "5-II-damps-out",
-                f"{section}, {force}",
-                "With the adaptive controller the impacts die out quickly.",
-                "each is weaker than the one before, and the tool settles",
-                a_settling is not None
-                and all(b < a for a, b in itertools.pairwise(a_hits)),
-                ", ".join(f"{hit:.3g}" for hit in a_hits)
-                + f" N; settled after {Seconds(a_settling)}",
-                "",
-            ),
-            Truth(
-                "5-II-direct-impacts-grow",
-                f"{section}, {force}",
-                "With direct force the impacts grow with time.",
-                "every later one is stronger than the first",
-                len(d_hits) > 1 and min(d_hits[1:]) > d_hits[0],
-                ", ".join(f"{hit:.3g}" for hit in d_hits) + " N",
-                "They grow once, before the constant force has arrived. From then on "
-                "the energy of arm and spring is constant: no growth for ever.",
-            ),
-        ]
-    rows += [
-        Truth(
-            f"5-{case}-direct-position",
-            f"{section}, {position}",
-            "Direct force tracks the position well before the collision.",
-            "within 15 % of the way to the bone, on both axes",
-            bool((way < 0.15).all()),
-            Shares(way),
-            "The axes are coupled through M_r^-1, and the loop swings. Adaptive: "
-            f"{Shares(PathError(adaptive.recording))}.",
+
+
+def _Impacts(both: Both) -> list[Row]:
+    d_hits, a_hits = (ImpactForces(run.recording) for run in both)
+    settling = both.adaptive["collision.settling_time"]
+    return [
+        Statement(
+            key="5-II-damps-out",
+            place=f"{_SECTION} II, Fig. 5.8",
+            claim="With the adaptive controller the impacts die out quickly.",
+            criterion="each is weaker than the one before, and the tool settles",
+            holds=settling is not None
+            and all(b < a for a, b in itertools.pairwise(a_hits)),
+            ours=f"{Listed(a_hits)} N; settled after {Seconds(settling)}",
         ),
-        Truth(
-            f"5-{case}-direct-unstable",
-            f"{section}, {position}",
-            "Direct force is unstable on both axes after the collision.",
-            "the largest speed of the last two seconds exceeds that of the first two "
-            "after the constant force has arrived, on both axes",
-            bool((late > early).all()),
-            f"first {Axes(early)}; last {Axes(late)} m/s",
-            "Once the force is constant nothing feeds energy and nothing takes it: the "
-            "tool goes on bouncing, and off the line along y, to "
-            f"{direct.recording['tool_position'][-1, 1]:.2g} m at the end, but its "
-            "speed is bounded.",
+        Statement(
+            key="5-II-direct-impacts-grow",
+            place=f"{_SECTION} II, Fig. 5.8",
+            claim="With direct force the impacts grow with time.",
+            criterion="every later one is stronger than the first",
+            holds=len(d_hits) > 1 and min(d_hits[1:]) > d_hits[0],
+            ours=f"{Listed(d_hits)} N",
+            reason="They grow once, before the constant force has arrived. From then "
+            "on the energy of arm and spring is constant: no growth for ever.",
         ),
-        Truth(
-            f"5-{case}-sluggish",
-            f"{section}, {position}",
-            "The adaptive controller is sluggish at the start.",
-            "it takes longer to reach 90 % of v_d",
-            a_rise > d_rise,
-            Pair(d_rise, a_rise, unit="s"),
-            "",
-        ),
-        Truth(
-            f"5-{case}-stable-on-bone",
-            f"{section}, {position}",
-            "The adaptive controller reaches the bone and stays there.",
-            "in the end F_e is within 1 % of the commanded force, and the speed below "
-            "1 % of v_d",
-            abs(final_force / contact_force - 1) < 0.01 and final_speed < 0.01 * v_d,
-            f"{final_force:.4g} N of {contact_force:g} N, {final_speed:.2g} m/s",
-            "",
-        ),
-        *_ControlForce(case, section, control, direct, adaptive),
     ]
-    return rows
+
+
+def _OnTheBone(both: Both, case: str, *, position: str) -> list[Row]:
+    place = f"{_SECTION} {case}, {position}"
+    d_way, a_way = (PathError(run.recording) for run in both)
+    d_rise, a_rise = (RiseTime(run.recording) for run in both)
+    adaptive = both.adaptive.recording
+    contact_force = float(adaptive.scenario.surgeon.contact_force[0])
+    final_force = float(adaptive["environment_force"][-1, 0])
+    final_speed = float(np.linalg.norm(adaptive["tool_velocity"][-1]))
+    return [
+        Statement(
+            key=f"5-{case}-direct-position",
+            place=place,
+            claim="Direct force tracks the position well before the collision.",
+            criterion="within 15 % of the way to the bone, on both axes",
+            holds=bool((d_way < 0.15).all()),
+            ours=Shares(d_way),
+            reason="The axes are coupled through M_r^-1, and the loop swings. "
+            f"Adaptive: {Shares(a_way)}.",
+        ),
+        _DirectUnstable(both, case, place),
+        Statement(
+            key=f"5-{case}-sluggish",
+            place=place,
+            claim="The adaptive controller is sluggish at the start.",
+            criterion="it takes longer to reach 90 % of v_d",
+            holds=a_rise > d_rise,
+            ours=Pair(d_rise, a_rise, unit="s"),
+        ),
+        Statement(
+            key=f"5-{case}-stable-on-bone",
+            place=place,
+            claim="The adaptive controller reaches the bone and stays there.",
+            criterion="in the end F_e is within 1 % of the commanded force, and the "
+            "speed below 1 % of v_d",
+            holds=abs(final_force / contact_force - 1) < 0.01
+            and final_speed < 0.01 * _V_D,
+            ours=f"{final_force:.4g} N of {contact_force:g} N, {final_speed:.2g} m/s",
+        ),
+    ]
+
+
+def _DirectUnstable(both: Both, case: str, place: str) -> Row:
+    recording = both.direct.recording
+    # From when the constant force has arrived at the slave.
+    switch = FirstEvent(recording, "surgeon_force")
+    begin = switch + recording.scenario.forward_channel.delay
+    end = float(recording.time[-1])
+    speed = np.abs(recording["tool_velocity"])
+    early, late = (
+        speed[During(recording, a, b)].max(axis=0, initial=0.0)
+        for a, b in ((begin, begin + 2.0), (end - 2.0, end))
+    )
+    return Statement(
+        key=f"5-{case}-direct-unstable",
+        place=place,
+        claim="Direct force is unstable on both axes after the collision.",
+        criterion="the largest speed of the last two seconds exceeds that of the first "
+        "two after the constant force has arrived, on both axes",
+        holds=bool((late > early).all()),
+        ours=f"first {Axes(early)}; last {Axes(late)} m/s",
+        reason="Once the force is constant nothing feeds energy and nothing takes it: "
+        "the tool goes on bouncing, and off the line along y, to "
+        f"{recording['tool_position'][-1, 1]:.2g} m at the end, but its speed is "
+        "bounded.",
+    )
+
+
+# Every case.
+
+
+def _LessForce(both: Both, case: str, figure: str, inside: str = "") -> list[Row]:
+    return [
+        Statement(
+            key=f"5-{case}-less-force",
+            place=f"{_SECTION} {case}, {figure}",
+            claim="Adaptive needs less control force.",
+            criterion=f"lower peak on every axis{inside}",
+            holds=both.IsBelow("control_force_peak"),
+            ours=BothAxes(both, "control_force_peak", "N"),
+            reason="The backstepping law pushes hard at the start and stops the "
+            "bouncing with force.",
+        ),
+        Statement(
+            key=f"5-{case}-less-variation",
+            place=f"{_SECTION} {case}, {figure}",
+            claim="The adaptive controller's force is the smoother one: it moves less.",
+            criterion=f"lower total variation on every axis{inside}",
+            holds=both.IsBelow("control_force_variation"),
+            ours=BothAxes(both, "control_force_variation", "N"),
+        ),
+    ]
+
+
+def _NoJumps(both: Both, case: str, figure: str) -> Row:
+    direct, adaptive = (LargestJump(run.recording) for run in both)
+    return Statement(
+        key=f"5-{case}-no-jumps",
+        place=f"{_SECTION} {case}, {figure}",
+        claim="The adaptive controller's force is smooth; that of direct force is "
+        "abrupt.",
+        criterion="its largest jump is below 1 % of that of direct force",
+        holds=adaptive < 0.01 * direct,
+        ours=Pair(direct, adaptive, unit="N"),
+        reason="It is a state, so it cannot jump.",
+    )

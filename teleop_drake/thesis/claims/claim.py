@@ -40,16 +40,27 @@ class Row:
     reason: str
 
 
-def Truth(
+def Statement(
+    *,
     key: str,
     place: str,
     claim: str,
     criterion: str,
     holds: bool | np.bool_ | None,
     ours: str,
-    reason: str,
+    reason: str = "",
 ) -> Row:
-    """Returns the row of a claim without a number; None: no run can decide."""
+    """Returns the row of a claim without a number.
+
+    Args:
+        key: See Row.
+        place: See Row.
+        claim: See Row.
+        criterion: See Row.
+        holds: Whether our runs meet the criterion; None: no run can decide.
+        ours: What they show, as text.
+        reason: See Row.
+    """
     verdict = REPRODUCED if holds else REFUTED
     if holds is None:
         verdict = NOT_DETERMINABLE
@@ -66,48 +77,49 @@ def Truth(
     )
 
 
-def Number(
+def PrintedNumber(
+    *,
     key: str,
     place: str,
     claim: str,
-    thesis: float,
+    printed: float,
     ours: float,
-    tolerance: float,
     unit: tuple[float, str],
-    in_kind: tuple[bool | np.bool_, str],
-    reason: str,
-    *,
+    tolerance: float,
+    in_kind: str,
+    is_in_kind: bool | np.bool_,
+    reason: str = "",
     is_absolute: bool = False,
 ) -> Row:
-    """Returns the row of a number.
+    """Returns the row of a number that the thesis prints.
 
     Args:
         key: See Row.
         place: See Row.
         claim: See Row.
-        thesis: The thesis's value.
-        ours: Our value.
-        tolerance: Relative, or absolute in the unit shown.
+        printed: The thesis's value, in SI units.
+        ours: Our value, in SI units.
         unit: (how many of the unit shown there are in one SI unit, its symbol).
-        in_kind: Whether the statement that the number stands for holds, and it.
+        tolerance: Relative, or absolute in the unit shown.
+        in_kind: The statement that the number stands for.
+        is_in_kind: Whether that statement holds.
         reason: See Row.
         is_absolute: Whether the tolerance is absolute.
     """
     scale, symbol = unit
-    width = tolerance / scale if is_absolute else tolerance * abs(thesis)
-    if abs(ours - thesis) <= width:
+    width = tolerance / scale if is_absolute else tolerance * abs(printed)
+    if abs(ours - printed) <= width:
         verdict = REPRODUCED
     else:
-        verdict = IN_KIND if in_kind[0] else REFUTED
-    shown = f"{tolerance:g} points" if is_absolute else f"{100 * tolerance:g} %"
+        verdict = IN_KIND if is_in_kind else REFUTED
     return Row(
         key=key,
         place=place,
         claim=claim,
-        criterion=f"the number within the tolerance; in kind: {in_kind[1]}",
-        thesis=f"{scale * thesis:.4g} {symbol}",
+        criterion=f"the number within the tolerance; in kind: {in_kind}",
+        thesis=f"{scale * printed:.4g} {symbol}",
         ours=f"{scale * ours:.4g} {symbol}" if math.isfinite(ours) else "none",
-        tolerance=shown,
+        tolerance=f"{tolerance:g} points" if is_absolute else f"{100 * tolerance:g} %",
         verdict=verdict,
         reason=reason,
     )

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from teleop_drake.recording import Recording
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis.claims.requests import Variant
+from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT, Variant
 from teleop_drake.thesis.runs import ThesisRuns
 
 
@@ -31,21 +31,48 @@ class Run:
         return math.nan if value is None else float(value)
 
 
+class Both(NamedTuple):
+    """The same task with direct force and with the adaptive controller."""
+
+    direct: Run
+    adaptive: Run
+
+    def Numbers(self, path: str) -> tuple[float, float]:
+        """Returns a metric of both, see Run.Number."""
+        return self.direct.Number(path), self.adaptive.Number(path)
+
+    def IsBelow(self, path: str, factor: float = 1.0) -> bool:
+        """Returns whether a metric per axis of adaptive is below factor times direct's.
+
+        Args:
+            path: Name of the metric.
+            factor: How much of direct force's the adaptive one must stay below.
+        """
+        return all(
+            a < factor * d
+            for a, d in zip(self.adaptive[path], self.direct[path], strict=True)
+        )
+
+
 class Evidence:
-    """The runs with their metrics, each computed once."""
+    """The runs with their metrics, each computed once.
+
+    Args:
+        runs: Where the recordings come from.
+    """
 
     def __init__(self, runs: ThesisRuns):
         self._runs = runs
         self._cache: dict[int, Run] = {}
 
     def __call__(
-        self, name: str, kind: Mapping[str, Any], change: Mapping[str, Any] = {}
+        self, name: str, kind: Mapping[str, Any] = {}, change: Mapping[str, Any] = {}
     ) -> Run:
         """Returns a run; the full one if nothing is changed, else a short one.
 
         Args:
             name: The task.
-            kind: DIRECT or ADAPTIVE.
+            kind: DIRECT or ADAPTIVE, or what else changes a full run.
             change: What else differs from the scenario, by dotted paths.
         """
         overrides = Variant(name, kind, change)[1] if change else dict(kind)
@@ -54,3 +81,9 @@ class Evidence:
             # The recording is kept with its metrics, so that its id stays its own.
             self._cache[id(recording)] = Run(recording, RunMetrics(recording))
         return self._cache[id(recording)]
+
+    def Both(self, name: str, change: Mapping[str, Any] = {}) -> Both:
+        """Returns the runs of both controllers, see __call__."""
+        return Both(
+            direct=self(name, DIRECT, change), adaptive=self(name, ADAPTIVE, change)
+        )

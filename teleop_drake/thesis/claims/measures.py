@@ -1,4 +1,7 @@
-"""What the claims measure on recordings, beyond the metrics."""
+"""What the claims measure on recordings, beyond the metrics.
+
+Times are in s, from the start of the run; signals are in SI units.
+"""
 
 import dataclasses
 import math
@@ -161,15 +164,11 @@ def FarShare(recording: Recording) -> float:
     The larger of both networks' shares of the sum of |w_i phi_i|, as means over the
     samples.
     """
-    config = recording.scenario.controller.network
-    network = GaussianNetwork(
-        lower=config.lower, upper=config.upper, count=config.count, width=config.width
-    )
     Phi = BasisFunctions(recording)
     is_far = Phi < math.exp(-4.0)
     shares = []
     for name in ("weights_1", "weights_3"):
-        parts = np.abs(recording[name].reshape(len(Phi), -1, network.num_functions))
+        parts = np.abs(recording[name].reshape(len(Phi), -1, Phi.shape[1]))
         parts = parts * Phi[:, np.newaxis, :]
         far = np.where(is_far[:, np.newaxis, :], parts, 0.0).sum()
         shares.append(float(far / parts.sum()))
@@ -184,11 +183,3 @@ def EarlyError(run: Run) -> float:
     n = recording.scenario.num_axes
     error = early["tool_velocity"] - early["forward_packet_received"][:, n:]
     return Rms(early, error[:, 0])
-
-
-def IsBelow(run: Run, other: Run, name: str, factor: float = 1.0) -> bool:
-    """Returns whether a metric is below that of another run on every axis."""
-    return all(
-        a < factor * b
-        for a, b in zip(run.metrics[name], other.metrics[name], strict=True)
-    )
