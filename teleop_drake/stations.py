@@ -20,9 +20,7 @@ from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
 
 
-def MakeMasterStation(
-    scenario: Scenario, master_side: System | None = None, *, num_members: int = 1
-) -> Diagram:
+def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> Diagram:
     """Makes the surgeon, the haptic device and the master side, named `master`.
 
     | port | name           | size | unit                             |
@@ -43,14 +41,12 @@ def MakeMasterStation(
             applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
-        num_members: M, the number of an ensemble's members. All vectors are M times as
-            wide, and each half of the thesis's packets is that of all members.
 
     Raises:
         ValueError: If a parameter is not allowed.
         RuntimeError: If the master side lacks one of these ports.
     """
-    size = num_members * scenario.num_axes
+    n = scenario.num_axes
     builder = DiagramBuilder()
     surgeon = builder.AddNamedSystem(
         "surgeon",
@@ -59,7 +55,6 @@ def MakeMasterStation(
             contact_force=scenario.surgeon.contact_force,
             contact_position=scenario.contact_surface,
             stop_time=scenario.surgeon.stop_time,
-            num_members=num_members,
         ),
     )
     device = builder.AddNamedSystem(
@@ -67,14 +62,14 @@ def MakeMasterStation(
         HapticDevice(
             numerator=scenario.haptic_device.numerator,
             denominator=scenario.haptic_device.denominator,
-            num_axes=size,
+            num_axes=n,
         ),
     )
     force = surgeon.GetOutputPort("force_command")
     command = surgeon.GetOutputPort("velocity_command")
     if master_side is None:
-        unpack = builder.AddNamedSystem("unpack", Demultiplexer([size, size]))
-        pack = builder.AddNamedSystem("pack", Multiplexer([size, size]))
+        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
+        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
         return_packet = unpack.get_input_port()
         forward_packet = pack.get_output_port()
         felt_position, felt_velocity = map(unpack.get_output_port, (0, 1))
@@ -113,21 +108,19 @@ def MakeMasterStation(
     return master
 
 
-def MakeControlLaw(scenario: Scenario, *, num_members: int = 1) -> System:
+def MakeControlLaw(scenario: Scenario) -> System:
     """Makes the thesis's control law that the scenario names, DirectForce for example.
 
     Args:
         scenario: Its field controller is used; `auto` also needs robot and
             environment.
-        num_members: M, the number of an ensemble's members. All vectors are M times as
-            wide.
 
     Raises:
         ValueError: If a parameter is not allowed, or the kind has no such law.
     """
     config, n = scenario.controller, scenario.num_axes
     if config.kind == "direct_force":
-        return DirectForce(num_axes=num_members * n)
+        return DirectForce(num_axes=n)
     if config.kind != "adaptive_backstepping":
         raise ValueError(
             f"controller.kind: {config.kind}; allowed: {', '.join(CONTROLLERS)}"
@@ -154,7 +147,6 @@ def MakeControlLaw(scenario: Scenario, *, num_members: int = 1) -> System:
             count=config.network.count,
             width=config.network.width,
         ),
-        num_members=num_members,
     )
 
 

@@ -169,7 +169,7 @@ def AddTeleoperator(
     master = builder.AddNamedSystem(
         "master", MakeMasterStation(scenario, architecture.master_side)
     )
-    builder.AddNamedSystem(
+    forward_channel = builder.AddNamedSystem(
         "forward_channel",
         MakeChannel(
             scenario.forward_channel,
@@ -196,7 +196,7 @@ def AddTeleoperator(
         environment
         or LayeredForceField(layers=scenario.environment.layers, num_axes=n),
     )
-    builder.AddNamedSystem(
+    return_channel = builder.AddNamedSystem(
         "return_channel",
         MakeChannel(
             scenario.return_channel,
@@ -205,26 +205,6 @@ def AddTeleoperator(
             duration=scenario.duration,
             stream="return_channel",
         ),
-    )
-    ConnectTeleoperator(builder)
-
-
-def ConnectTeleoperator(builder: DiagramBuilder) -> None:
-    """Connects the teleoperator's six systems.
-
-    Args:
-        builder: Of a diagram that has them, by the names of MakeTeleoperator.
-    """
-    master, forward_channel, controller, robot, environment, return_channel = (
-        builder.GetSubsystemByName(name)
-        for name in (
-            "master",
-            "forward_channel",
-            "controller",
-            "robot",
-            "environment",
-            "return_channel",
-        )
     )
     for source, output, target, input_name in (
         (master, "forward_packet", forward_channel, "signal"),

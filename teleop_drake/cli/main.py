@@ -225,14 +225,6 @@ def _MakeParser() -> argparse.ArgumentParser:
         help="processes that simulate (default: one per processor)",
     )
     sweep.add_argument(
-        "--ensemble",
-        type=int,
-        default=1,
-        metavar="N",
-        help="simulate up to N runs that differ in their delays only together, which "
-        "is faster (default: 1; numbers differ within the accuracy)",
-    )
-    sweep.add_argument(
         "--dask",
         metavar="ADDRESS",
         help="simulate on the cluster of this Dask scheduler instead, for example "
@@ -478,9 +470,7 @@ def _Sweep(args: argparse.Namespace) -> int:
     num_finished = num_runs = 0
     try:
         grid, overrides = _Grid(args)
-        plan = PlanSweep(
-            args.scenario, grid, overrides=overrides, ensemble=args.ensemble
-        )
+        plan = PlanSweep(args.scenario, grid, overrides=overrides)
         metrics = []
         if args.metrics is not None:
             names = [name.strip() for name in args.metrics.split(",")]

@@ -40,7 +40,6 @@ Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) 
 """
 
 from collections import namedtuple
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -219,40 +218,20 @@ def pack_state(state: BacksteppingState) -> Array:
     )
 
 
-def unpack_state(
-    x: Array, num_axes: int, num_members: int = 1, member: int = 0
-) -> BacksteppingState:
+def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
     """Returns the parts of a vector made by pack_state, as views.
 
-    The vector of an ensemble has every part of all members before the next part, as
-    pack_members makes it.
-
     Args:
-        x: The vector, num_members times the size given by state_size.
+        x: The vector, of the size given by state_size.
         num_axes: Number n of task axes.
-        num_members: Number M of the ensemble's members.
-        member: Whose parts to return, 0 to M - 1.
     """
-    n, M, i = num_axes, num_members, member
-    nn = n * n
-    nN = (x.size // M - n - nn) // 2
-    W1, Psi, W3 = M * n, M * (n + nN), M * (n + nN + nn)
+    n = num_axes
+    nN = (x.size - n - n * n) // 2
     return BacksteppingState(
-        x[i * n : (i + 1) * n],
-        x[W1 + i * nN : W1 + (i + 1) * nN].reshape(n, -1),
-        x[Psi + i * nn : Psi + (i + 1) * nn].reshape(n, n),
-        x[W3 + i * nN : W3 + (i + 1) * nN].reshape(n, -1),
-    )
-
-
-def pack_members(states: Sequence[BacksteppingState]) -> Array:
-    """Returns the states of an ensemble as one vector, F_c of all, W1 of all, ...
-
-    Args:
-        states: Of the members.
-    """
-    return np.concatenate(
-        [part.ravel() for x in zip(*states, strict=True) for part in x]
+        x[:n],
+        x[n : n + nN].reshape(n, -1),
+        x[n + nN : n + nN + n * n].reshape(n, n),
+        x[n + nN + n * n :].reshape(n, -1),
     )
 
 
@@ -406,69 +385,63 @@ def backstepping_rate(
 
 
 def backstepping_rate_vector(
-    matrices: Array, numbers: Array, Phi: Array, Phi_dot: Array, signals: Array
+    matrices: Array,
+    numbers: Array,
+    x: Array,
+    Phi: Array,
+    Phi_dot: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
 ) -> Array:
-    """Returns backstepping_rate() of and as a vector, for all members of an ensemble.
+    """Returns backstepping_rate() of a state vector, as a vector.
 
     Args:
-        matrices: Those of BacksteppingGains.AsArrays().
-        numbers: Likewise.
-        Phi: Basis functions at the present inputs (M, N).
-        Phi_dot: Their time rates in 1/s (M, N).
-        signals: v, v_dd, F_e, F_hd and r (M n each), and the state as pack_members
-            makes it.
+        matrices: The gains, of BacksteppingGains.AsArrays().
+        numbers: The gains, of BacksteppingGains.AsArrays().
+        x: The state as pack_state() makes it.
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their time rate in 1/s (N).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
 
     Returns:
         The time rate of the state.
     """
     gains = _gains_from_arrays(matrices, numbers)
-    n, M = matrices.shape[1], len(Phi)
-    x = signals[5 * M * n :]
-    x_dot = np.empty_like(x)
-    for i in range(M):
-        v, v_dd, F_e, F_hd = _member_signals(signals, n, M, i)
-        state = unpack_state(x, n, M, i)
-        rate = backstepping_rate(gains, state, Phi[i], Phi_dot[i], v, v_dd, F_e, F_hd)
-        result = unpack_state(x_dot, n, M, i)
-        result.F_c[:], result.W1[:] = rate.F_c, rate.W1
-        result.Psi[:], result.W3[:] = rate.Psi, rate.W3
-    return x_dot
+    state = unpack_state(x, v.size)
+    return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
 def backstepping_error_vector(
-    matrices: Array, numbers: Array, Phi: Array, signals: Array
+    matrices: Array,
+    numbers: Array,
+    x: Array,
+    Phi: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
 ) -> Array:
-    """Returns auxiliary_error() and control_force_error() of all members, [s; z].
+    """Returns auxiliary_error() and control_force_error() as one vector [s; z].
 
     Args:
-        matrices: As for backstepping_rate_vector(), likewise the others.
-        numbers: See there.
-        Phi: See there.
-        signals: See there.
+        matrices: The gains, of BacksteppingGains.AsArrays().
+        numbers: The gains, of BacksteppingGains.AsArrays().
+        x: The state as pack_state() makes it.
+        Phi: Basis functions at the present input (N).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
 
     Returns:
-        s of all members and z of all members (2 M n).
+        s in m/s and z in N (2n).
     """
     gains = _gains_from_arrays(matrices, numbers)
-    n, M = matrices.shape[1], len(Phi)
-    x = signals[5 * M * n :]
-    s, z = np.empty((M, n)), np.empty((M, n))
-    for i in range(M):
-        v, v_dd, F_e, F_hd = _member_signals(signals, n, M, i)
-        state = unpack_state(x, n, M, i)
-        s[i] = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-        z[i] = control_force_error(gains, state, Phi[i], s[i], F_e)
-    return np.concatenate((s.ravel(), z.ravel()))
-
-
-def _member_signals(
-    signals: Array, n: int, M: int, i: int
-) -> tuple[Array, Array, Array, Array]:
-    """Returns v, v_dd, F_e and F_hd of a member (n each)."""
-    a, b, c, d = i * n, (M + i) * n, (2 * M + i) * n, (3 * M + i) * n
-    return (
-        signals[a : a + n],
-        signals[b : b + n],
-        signals[c : c + n],
-        signals[d : d + n],
-    )
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
+    return np.concatenate((s, z))

@@ -104,26 +104,6 @@ def gaussian_functions(
     return Phi, Phi * (offset @ (u_dot / widths)) * -2.0
 
 
-def gaussian_functions_of_members(
-    u: Array, u_dot: Array, centres: Array, widths: Array
-) -> tuple[Array, Array]:
-    """Returns gaussian_functions() at several inputs, (M, N) each.
-
-    Args:
-        u: Inputs, one after another (M m).
-        u_dot: Their time rates (M m).
-        centres: As for gaussian_functions().
-        widths: Likewise.
-    """
-    N, m = centres.shape
-    Phi = np.empty((u.size // m, N))
-    Phi_dot = np.empty_like(Phi)
-    for i in range(len(Phi)):
-        a, b = i * m, (i + 1) * m
-        Phi[i], Phi_dot[i] = gaussian_functions(u[a:b], u_dot[a:b], centres, widths)
-    return Phi, Phi_dot
-
-
 class GaussianNetwork:
     """The basis functions of one network: Phi of (3.1) and its rate of change.
 
@@ -161,7 +141,6 @@ class GaussianNetwork:
         self._centres.setflags(write=False)
         self._widths.setflags(write=False)
         self._functions = compiled(gaussian_functions)
-        self._functions_of_members = compiled(gaussian_functions_of_members)
 
     @property
     def centres(self) -> Array:
@@ -205,15 +184,3 @@ class GaussianNetwork:
             (Phi, Phi_dot), both (N); Phi_dot in 1/s.
         """
         return self._functions(u, u_dot, self._centres, self._widths)
-
-    def evaluate_members(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
-        """Returns evaluate_with_rate() at the inputs of all members of an ensemble.
-
-        Args:
-            u: Inputs, one after another (M m).
-            u_dot: Their time rates (M m).
-
-        Returns:
-            (Phi, Phi_dot), both (M, N).
-        """
-        return self._functions_of_members(u, u_dot, self._centres, self._widths)

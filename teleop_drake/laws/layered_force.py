@@ -1,8 +1,10 @@
 """Force of layered material on a tool, (2.14) to (2.16)."""
 
 import itertools
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -29,6 +31,18 @@ class Layer(Protocol):
     reference: float
 
 
+@dataclass
+class _EmptySpace:
+    name: str = "empty space"
+    start: float = -math.inf
+    stiffness: float = 0.0
+    damping: float = 0.0
+    reference: float = 0.0
+
+
+_EMPTY_SPACE: Layer = _EmptySpace()
+
+
 def spring_damper_force(
     stiffness: float, reference: float, damping: float, x: float, v: float
 ) -> float:
@@ -53,49 +67,77 @@ def layer_force(layer: Layer, x: float, v: float) -> float:
     return spring_damper_force(layer.stiffness, layer.reference, layer.damping, x, v)
 
 
-def layered_forces(table: Array, regions: Array, p_WT: Array, v_WT: Array) -> Array:
-    """Returns the forces in N, along x only, on the material by M tools (M n).
+def layered_force(
+    layers: Array,
+    regions: NDArray[np.int64],
+    region: int,
+    p_WT: Array,
+    v_WT: Array,
+) -> Array:
+    """Returns the force in N on the material by a tool, along x only (n).
+
+    Equations (2.14) to (2.16), with the layers of one region only.
 
     Args:
-        table: As layer_table() makes it.
-        regions: The region of each tool (M), whose layers hold for it; -1 for that of
-            the layer at x.
-        p_WT: Positions of the tools in m (M n).
-        v_WT: Their velocities in m/s (M n).
+        layers: As layer_table() makes it.
+        regions: As layer_regions() makes it.
+        region: The region that the tool is in.
+        p_WT: Position of the tool in m (n).
+        v_WT: Its velocity in m/s (n).
     """
+    row = layer_row(layers, regions, region, p_WT[0])
+    stiffness, reference, damping = layers[row, 1], layers[row, 2], layers[row, 3]
     F_e = np.zeros(p_WT.size)
-    n = p_WT.size // regions.size
-    for i in range(regions.size):
-        j, region = i * n, int(regions[i])
-        x, v = p_WT[j], v_WT[j]
-        row = np.searchsorted(table[:, 0], x, side="right") - 1
-        if region >= 0:
-            row = min(max(row, int(table[region, 4])), int(table[region, 5]))
-        stiffness, reference, damping = table[row, 1], table[row, 2], table[row, 3]
-        F_e[j] = spring_damper_force(stiffness, reference, damping, x, v)
+    F_e[0] = spring_damper_force(stiffness, reference, damping, p_WT[0], v_WT[0])
     return F_e
 
 
-def layer_table(layers: Sequence[Layer], regions: Sequence[tuple[int, int]]) -> Array:
-    """Returns layers and regions for layered_forces().
+def layer_row(layers: Array, regions: NDArray[np.int64], region: int, x: float) -> int:
+    """Returns the row of the layer at x, or of the one next to x in the region.
+
+    Args:
+        layers: As layer_table() makes it.
+        regions: As layer_regions() makes it.
+        region: The region that the tool is in.
+        x: Position of the tool in m; a start belongs to the layer that begins there.
+    """
+    row = np.searchsorted(layers[:, 0], x, side="right") - 1
+    return min(max(row, regions[region, 0]), regions[region, 1])
+
+
+def layer_table(layers: Sequence[Layer]) -> Array:
+    """Returns layers as rows of start, stiffness, reference and damping.
+
+    The first row is that of the empty space before the layers.
 
     Args:
         layers: By ascending start.
-        regions: The first and the last layer of each region, -1 for the empty space
-            before the layers.
-
-    Returns:
-        Rows of start, stiffness, reference and damping, the first one for the empty
-        space and then one for each layer; beside them, for each region, its first and
-        its last row.
     """
-    table = np.zeros((len(layers) + 1, 6))
-    table[0, 0] = -np.inf
-    for row, layer in enumerate(layers, 1):
-        table[row, :4] = layer.start, layer.stiffness, layer.reference, layer.damping
-    for row, region in enumerate(regions):
-        table[row, 4:] = np.add(region, 1)
-    return table
+    return np.array(
+        [
+            (layer.start, layer.stiffness, layer.reference, layer.damping)
+            for layer in (_EMPTY_SPACE, *layers)
+        ]
+    )
+
+
+def layer_regions(layers: Sequence[Layer]) -> NDArray[np.int64]:
+    """Returns the first and the last row of layer_table() in each region (k, 2).
+
+    A region is a run of layers in which the force is continuous; between two regions
+    it jumps.
+
+    Args:
+        layers: By ascending start.
+    """
+    rows = (_EMPTY_SPACE, *layers)
+    # Layers without a beginning leave no empty space before them.
+    firsts = [1 if layers and layers[0].start == -math.inf else 0]
+    for row in range(firsts[0] + 1, len(rows)):
+        if not is_continuous(rows[row - 1], rows[row]):
+            firsts.append(row)
+    lasts = [row - 1 for row in firsts[1:]] + [len(layers)]
+    return np.column_stack((firsts, lasts))
 
 
 def layer_index(starts: Sequence[float], x: float) -> int:

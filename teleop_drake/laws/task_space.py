@@ -16,44 +16,33 @@ Array = NDArray[np.float64]
 
 
 def tool_kinematics(p_WT: Array, Jv_v_WT: Array, x: Array, num_axes: int) -> Array:
-    """Returns [p_WT; v_WT; J row by row] of M robots, in m and m/s (2 M n + n nv).
-
-    The columns of J are the robot's own nv/M generalized velocities.
+    """Returns [p_WT; v_WT; J row by row] in m and m/s (2n + n nv).
 
     Args:
-        p_WT: Positions of the tools in m (3 M).
-        Jv_v_WT: Their translational Jacobians, one below the other (3 M, nv).
-        x: [q; qdot] of all robots, in the order of the tools.
+        p_WT: Position of the tool in m (3).
+        Jv_v_WT: Its translational Jacobian (3, nv).
+        x: The robot's state, [q; qdot] (nq + nv).
         num_axes: n.
     """
-    n, M, nv = num_axes, p_WT.size // 3, Jv_v_WT.shape[1]
-    own = nv // M
+    n, nv = num_axes, Jv_v_WT.shape[1]
     qdot = x[x.size - nv :]
-    result = np.empty(n * (2 * M + nv))
-    for i in range(M):
-        first, end = i * own, (i + 1) * own
-        for j in range(n):
-            k, J_k = i * n + j, Jv_v_WT[3 * i + j, first:end]
-            result[k] = p_WT[3 * i + j]
-            result[M * n + k] = (J_k * qdot[first:end]).sum()
-            result[2 * M * n + k * own : 2 * M * n + (k + 1) * own] = J_k
+    result = np.empty(n * (2 + nv))
+    result[:n] = p_WT[:n]
+    for i in range(n):
+        J_i = Jv_v_WT[i]
+        result[n + i] = (J_i * qdot).sum()
+        result[2 * n + i * nv : 2 * n + (i + 1) * nv] = J_i
     return result
 
 
-def joint_torques(F_c: Array, F_e: Array, kinematics: Array, num_axes: int) -> Array:
-    """Returns [tau; tau_e], (2.11) and (2.6), in N m or N, for M robots (2 M nv).
+def joint_torques(F_c: Array, F_e: Array, kinematics: Array) -> Array:
+    """Returns [tau; tau_e], (2.11) and (2.6), in N m or N (2 nv).
 
     Args:
-        F_c: Control forces in N (M n).
-        F_e: Forces of the robots ON their environments in N (M n).
-        kinematics: [p_WT (M n); v_WT (M n); J row by row (M n nv)].
-        num_axes: n.
+        F_c: Control force in N (n).
+        F_e: Force of the robot ON the environment in N (n).
+        kinematics: As from tool_kinematics().
     """
-    n = num_axes
-    M = F_c.size // n
-    J = kinematics[2 * M * n :].reshape(M, n, -1)
-    torques = np.empty((2, M, J.shape[2]))
-    for i in range(M):
-        a, b = i * n, (i + 1) * n
-        torques[0, i], torques[1, i] = F_c[a:b] @ J[i], -F_e[a:b] @ J[i]
-    return torques.ravel()
+    n = F_c.size
+    J = kinematics[2 * n :].reshape(n, -1)
+    return np.concatenate((F_c @ J, -F_e @ J))

@@ -206,23 +206,6 @@ def evaluate_newton(polynomials: Table, t: float) -> Array:
     return result
 
 
-def evaluate_newton_within(
-    polynomials: Array, spans: Array, t: float
-) -> tuple[Array, NDArray[np.int64]]:
-    """Returns evaluate_newton(), and the indices of the spans that t is outside of.
-
-    Args:
-        polynomials: As newton_polynomial() returns them.
-        spans: (2, M) first and last times at which something is valid.
-        t: A time.
-    """
-    nodes, coefficients = polynomials[0], polynomials[1]
-    values = coefficients[-1]
-    for m in range(len(nodes) - 2, -1, -1):
-        values = coefficients[m] + (t - nodes[m]) * values
-    return values, np.flatnonzero(~((spans[0] <= t) & (t <= spans[1])))
-
-
 class IntervalPolynomial:
     """The ENO polynomial of a vector signal on [times[i], times[i + 1]].
 
@@ -230,18 +213,15 @@ class IntervalPolynomial:
         times: As for newton_polynomial().
         values: Likewise.
         i: Likewise.
-
-    Attributes:
-        table: What limited_polynomial() returns.
     """
 
     def __init__(self, times: Array, values: Array, i: int):
-        self.table: Array = compiled(limited_polynomial)(times, values, i)
+        polynomials = compiled(limited_polynomial)(times, values, i)
         self._evaluate = compiled(evaluate_newton)
-        self._polynomials: Table = self.table
+        self._polynomials: Table = polynomials
         if self._evaluate is evaluate_newton:
             # Python itself is faster with lists.
-            self._polynomials = self.table.tolist()
+            self._polynomials = polynomials.tolist()
 
     def Eval(self, t: float) -> Array:
         """Returns the signal (k) at a time.

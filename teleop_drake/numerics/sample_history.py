@@ -98,7 +98,7 @@ class SampleHistory:
         polynomials = {}
         i = self._Interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
-            polynomials[i - first] = self.Polynomial(i)
+            polynomials[i - first] = self._Polynomial(i)
         values = np.empty((keep - first + 1, len(value)))
         values[:-1] = self.values[first:keep]
         values[-1] = value
@@ -130,15 +130,10 @@ class SampleHistory:
             i: Index of a sample that is older than the next.
             time: In s.
         """
-        polynomial = self.polynomials.get(i) or self.Polynomial(i)
-        return polynomial.Eval(time)
+        return self._Polynomial(i).Eval(time)
 
-    def Polynomial(self, i: int) -> IntervalPolynomial:
-        """Returns the polynomial between the samples i and i + 1.
-
-        Args:
-            i: Index of a sample that is older than the next.
-        """
+    def _Polynomial(self, i: int) -> IntervalPolynomial:
+        """Returns the polynomial between the samples i and i + 1."""
         polynomial = self.polynomials.get(i)
         if polynomial is None:
             polynomial = IntervalPolynomial(np.array(self.times), self.values, i)

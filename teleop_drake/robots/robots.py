@@ -70,7 +70,6 @@ def LoadRobotPlant(
     mass: float | None = None,
     damping: float | None = None,
     gravity: ArrayLike | None = None,
-    num_members: int = 1,
 ) -> MultibodyPlant:
     """Loads a model into a continuous, finalized MultibodyPlant named `plant`.
 
@@ -81,8 +80,6 @@ def LoadRobotPlant(
             Slider only.
         gravity: Acceleration of gravity along the task axes, m/s^2 (n); None keeps
             Drake's, across the plane in which the robots move.
-        num_members: How many robots of the model the plant has, each in a world of its
-            own: nothing collides.
 
     Raises:
         ValueError: If there is no such model or it cannot take an override.
@@ -101,10 +98,7 @@ def LoadRobotPlant(
             element.text = repr(float(value))
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
-    parser = Parser(plant)
-    parser.SetAutoRenaming(True)
-    for _ in range(num_members):
-        parser.AddModelsFromString(ET.tostring(sdf, encoding="unicode"), "sdf")
+    Parser(plant).AddModelsFromString(ET.tostring(sdf, encoding="unicode"), "sdf")
     if gravity is not None:
         gravity_W = np.zeros(3)
         gravity_W[: NumTaskAxes(model)] = gravity
@@ -254,7 +248,6 @@ def MakeRobot(
     mass: float | None = None,
     damping: float | None = None,
     gravity: ArrayLike | None = None,
-    num_members: int = 1,
 ) -> Diagram:
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
 
@@ -266,16 +259,16 @@ def MakeRobot(
 
     | name              | size | unit                                              |
     |-------------------|------|---------------------------------------------------|
-    | control_force     | M n  | N                                                 |
-    | environment_force | M n  | N, force of the robot ON the environment          |
+    | control_force     | n    | N                                                 |
+    | environment_force | n    | N, force of the robot ON the environment          |
 
     Output ports:
 
     | name              | size | unit         | direct feedthrough from             |
     |-------------------|------|--------------|-------------------------------------|
-    | tool_position     | M n  | m            | none                                |
-    | tool_velocity     | M n  | m/s          | none                                |
-    | tool_acceleration | M n  | m/s^2        | both forces; costs a forward        |
+    | tool_position     | n    | m            | none                                |
+    | tool_velocity     | n    | m/s          | none                                |
+    | tool_acceleration | n    | m/s^2        | both forces; costs a forward        |
     |                   |      |              | dynamics, meant for recordings      |
     | joint_position    | nq   | rad or m     | none                                |
     | joint_velocity    | nv   | rad/s or m/s | none                                |
@@ -289,8 +282,6 @@ def MakeRobot(
         mass: As for `LoadRobotPlant`, kg.
         damping: As for `LoadRobotPlant`, N s/m.
         gravity: As for `LoadRobotPlant`, m/s^2.
-        num_members: M, >= 1: the robots of an ensemble, at the same start. nq and nv
-            are those of all.
 
     Raises:
         ValueError: If a parameter does not fit the model.
@@ -299,23 +290,15 @@ def MakeRobot(
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem(
         "plant",
-        LoadRobotPlant(
-            model,
-            mass=mass,
-            damping=damping,
-            gravity=gravity,
-            num_members=num_members,
-        ),
+        LoadRobotPlant(model, mass=mass, damping=damping, gravity=gravity),
     )
-    plant.SetDefaultPositions(np.tile(q, num_members))
+    plant.SetDefaultPositions(q)
     n = NumTaskAxes(model)
     tool = builder.AddNamedSystem(
-        "tool_interface",
-        ToolInterface(plant=plant, num_task_axes=n, num_members=num_members),
+        "tool_interface", ToolInterface(plant=plant, num_task_axes=n)
     )
     nq, nv = plant.num_positions(), plant.num_velocities()
-    size = num_members * n
-    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([size, size, n * nv]))
+    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))
     joints = builder.AddNamedSystem("joint_state", Demultiplexer([nq, nv]))
     state = plant.get_state_output_port()
     builder.Connect(state, joints.get_input_port())

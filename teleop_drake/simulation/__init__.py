@@ -1,13 +1,8 @@
 """Runs a scenario and records it."""
 
-from teleop_drake.simulation.simulate import (
-    MakeDiagram,
-    simulate,
-    simulate_ensemble,
-)
+from teleop_drake.simulation.simulate import MakeDiagram, simulate
 
 __all__ = [
     "MakeDiagram",
     "simulate",
-    "simulate_ensemble",
 ]

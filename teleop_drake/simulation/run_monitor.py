@@ -19,7 +19,6 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.channels.delay_line import DelayLine
-from teleop_drake.channels.transport_delays import TransportDelays
 from teleop_drake.scenario import Scenario
 
 # A step across a border as short as twice this many s is not bisected any further.
@@ -93,7 +92,6 @@ class RunMonitor:
 
     Attributes:
         recorder: What it records with.
-        num_members: Of the ensemble; 1 for a run of its own.
         failure: Why the run cannot go on; empty while it can.
         is_interrupted: Whether it is to end because of Ctrl-C.
         speed_limit: Of the tool, in m/s.
@@ -108,10 +106,8 @@ class RunMonitor:
         speed_limit: float,
         limit_name: str,
         progress: Callable[[float], None] | None,
-        num_members: int = 1,
     ):
         self.recorder = Recorder(diagram, root_context)
-        self.num_members = num_members
         self.failure = ""
         self.is_interrupted = False
         self.speed_limit = speed_limit
@@ -127,12 +123,7 @@ class RunMonitor:
         """Records the end of a step; ends AdvanceTo() if there is more to do."""
         now = self.recorder.Sample()
         time = root_context.get_time()
-        velocity = now[self._velocity]
-        if self.num_members == 1:
-            speed = math.hypot(*velocity)
-        else:
-            members = velocity.reshape(self.num_members, -1)
-            speed = float(np.linalg.norm(members, axis=1).max())
+        speed = math.hypot(*now[self._velocity])
         if not speed <= self.speed_limit:
             self.failure = (
                 f"the tool's speed, {speed:.4g} m/s, exceeds {self._limit_name}"
@@ -209,9 +200,6 @@ class TeleoperatorMonitor(RunMonitor):
     The simulator runs by itself except near a jump. There it stops, so that both
     sides are recorded. It is led up to a border by short steps, because finding the
     crossing by bisection would cost a hundred times more.
-
-    Attributes:
-        crossings: When each member of the ensemble crossed a border, in s.
     """
 
     def __init__(
@@ -220,7 +208,6 @@ class TeleoperatorMonitor(RunMonitor):
         teleoperator: Diagram,
         simulator: Simulator,
         progress: Callable[[float], None] | None,
-        num_members: int = 1,
     ):
         root_context = simulator.get_mutable_context()
         ratio = scenario.divergence_speed_ratio
@@ -231,9 +218,7 @@ class TeleoperatorMonitor(RunMonitor):
             speed_limit=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
             limit_name=f"{ratio:g} times the commanded speed",
             progress=progress,
-            num_members=num_members,
         )
-        self._num_axes = scenario.num_axes
         self._scenario = scenario
         self._channels = [
             (system, system.GetMyContextFromRoot(root_context))
@@ -241,8 +226,7 @@ class TeleoperatorMonitor(RunMonitor):
             if hasattr(system, "NextJumpTime")
         ]
         self._has_delay_lines = any(
-            isinstance(system, DelayLine | TransportDelays)
-            for system, _ in self._channels
+            isinstance(system, DelayLine) for system, _ in self._channels
         )
         # Where the force on the tool jumps or has a kink, and where the surgeon feels
         # contact.
@@ -259,21 +243,18 @@ class TeleoperatorMonitor(RunMonitor):
         self._integrator = simulator.get_mutable_integrator()
         self._longest_step = self._integrator.get_maximum_step_size()
         self._step_limit = self._longest_step
-        # Two of each member, the tool's and what its surgeon feels.
         self._motions: list[_Motion] = []
         self._last_jump = 0.0
         self._crossing_time = -math.inf
-        self.crossings: list[list[float]] = [[] for _ in range(num_members)]
         self._next_jump = math.inf
         self._stop = 0.0
 
     def _MustStop(self, now: list[np.ndarray]) -> bool:
         before, self._motions = self._motions, self._FindMotions(now)
-        for i, (last, motion) in enumerate(zip(before, self._motions, strict=False)):
+        for last, motion in zip(before, self._motions, strict=False):
             for border in motion.borders:
                 if (last.position < border) != (motion.position < border):
                     self._crossing_time = self._context.get_time()
-                    self.crossings[i // 2].append(self._crossing_time)
         is_at_jump = self.AtJump()
         if self._has_delay_lines:
             self._LimitStep(is_at_jump)
@@ -329,34 +310,29 @@ class TeleoperatorMonitor(RunMonitor):
         Only the steps towards a border depend on velocity and acceleration, so they
         may be off.
         """
-        position, velocity = now[self._position], now[self._velocity]
-        acceleration = None
-        if self._acceleration is not None:
-            acceleration = now[self._acceleration]
-        felt, mode, n = now[self._felt], now[self._mode], self._num_axes
+        felt = now[self._felt]
         if self._felt_velocity is None:
             felt_velocity = felt[len(felt) // 2 :]
         else:
             felt_velocity = now[self._felt_velocity]
-        motions: list[_Motion] = []
-        for member in range(self.num_members):
-            i = member * n
-            awaits_contact = mode.item(member) == 0
-            motions += (
-                _Motion(
-                    position.item(i),
-                    velocity.item(i),
-                    0.0 if acceleration is None else acceleration.item(i),
-                    self._force_borders,
-                ),
-                _Motion(
-                    felt.item(i),
-                    felt_velocity.item(i),
-                    0.0,
-                    self._surfaces if awaits_contact else [],
-                ),
-            )
-        return motions
+        acceleration = 0.0
+        if self._acceleration is not None:
+            acceleration = now[self._acceleration].item(0)
+        awaits_contact = now[self._mode].item(0) == 0
+        return [
+            _Motion(
+                now[self._position].item(0),
+                now[self._velocity].item(0),
+                acceleration,
+                self._force_borders,
+            ),
+            _Motion(
+                felt.item(0),
+                felt_velocity.item(0),
+                0.0,
+                self._surfaces if awaits_contact else [],
+            ),
+        ]
 
     def _ApproachTime(self) -> float:
         """Returns the length of a step towards a border ahead, infinity if none is.

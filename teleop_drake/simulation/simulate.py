@@ -1,8 +1,7 @@
 """Runs a scenario and records it."""
 
-import copy
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +24,6 @@ from teleop_drake.scenario import (
     Scenario,
     TrackingScenario,
 )
-from teleop_drake.simulation.ensemble import MakeEnsemble, MemberSignals
 from teleop_drake.simulation.run_monitor import RunMonitor, TeleoperatorMonitor
 from teleop_drake.simulation.stale_cache_guard import MakeSimulator
 from teleop_drake.tasks.tracking import MakeNetworkTracking
@@ -141,62 +139,6 @@ def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
         )
 
 
-def simulate_ensemble(
-    scenarios: Sequence[Scenario],
-    *,
-    progress: Callable[[float], None] | None = None,
-) -> list[Recording]:
-    """Simulates scenarios that differ in their delays only, all in one Diagram.
-
-    The members share their steps and the calls from Drake to Python: nine neighbours
-    of fifty delays take about half the time of nine runs. A step is as short as any of
-    them needs it, so each differs from its simulate() by no more than both differ from
-    the exact solution. If one of them diverges, or the solver cannot go on, all are
-    simulated alone.
-
-    Args:
-        scenarios: As MakeEnsemble takes them.
-        progress: Called now and then with the simulated time in s.
-
-    Returns:
-        The recording of each. Its solver statistics are those of the ensemble, except
-        that each has its share of the real time.
-
-    Raises:
-        ScenarioError: If a scenario is not valid, or they cannot be one ensemble.
-    """
-    diagram = MakeEnsemble(scenarios)
-    first, num_members = scenarios[0], len(scenarios)
-    simulator_config = copy.copy(first.simulator)
-    simulator_config.max_step_size = min(
-        scenario.simulator.max_step_size for scenario in scenarios
-    )
-    run = _Simulate(
-        diagram,
-        simulator_config,
-        first.duration,
-        lambda simulator: TeleoperatorMonitor(
-            first, diagram, simulator, progress, num_members
-        ),
-    )
-    assert isinstance(run.monitor, TeleoperatorMonitor)
-    if run.termination == "diverged":
-        return [simulate(scenario, progress=progress) for scenario in scenarios]
-    run.wall_time /= num_members
-    times, signals = run.monitor.recorder.Finish()
-    recordings = []
-    for member, scenario in enumerate(scenarios):
-        own = MemberSignals(
-            times,
-            signals,
-            member=member,
-            num_members=num_members,
-            crossings=run.monitor.crossings[member],
-        )
-        recordings.append(_MakeRecording(scenario, run, *own))
-    return recordings
-
-
 @dataclass(kw_only=True)
 class _Simulation:
     """What came out of a simulation.
@@ -274,7 +216,7 @@ def _MakeRecording(
     times: np.ndarray,
     signals: dict[str, np.ndarray],
 ) -> Recording:
-    """Makes the recording of a run, or of a member of an ensemble."""
+    """Makes the recording of a run."""
     integrator = run.simulator.get_integrator()
     root_context = run.simulator.get_context()
     return Recording(

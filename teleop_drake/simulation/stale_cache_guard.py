@@ -54,18 +54,6 @@ class StaleCacheGuard(LeafSystem):
         self._time = time
 
 
-_NAME = "stale_cache_guard"
-
-
-def AddStaleCacheGuard(builder: DiagramBuilder) -> StaleCacheGuard:
-    """Adds a guard, named `stale_cache_guard`, to a Diagram that has no systems yet.
-
-    Args:
-        builder: Of the Diagram.
-    """
-    return builder.AddNamedSystem(_NAME, StaleCacheGuard())
-
-
 _guarded: weakref.WeakKeyDictionary[Diagram, tuple[Diagram, StaleCacheGuard]] = (
     weakref.WeakKeyDictionary()
 )
@@ -74,9 +62,9 @@ _guarded: weakref.WeakKeyDictionary[Diagram, tuple[Diagram, StaleCacheGuard]] = 
 def MakeSimulator(diagram: Diagram) -> tuple[Simulator, StaleCacheGuard]:
     """Makes a Simulator that repeats a rejected step as if it were the first attempt.
 
-    It simulates a Diagram of a guard and of the one that is given, unless that has a
-    guard already, named `stale_cache_guard`. The Context of what is given, or of a
-    system in it, is what GetMyContextFromRoot() makes of the Simulator's.
+    It simulates a Diagram of a guard and of the one that is given. The Context of the
+    latter, or of a system in it, is what GetMyContextFromRoot() makes of the
+    Simulator's.
 
     Args:
         diagram: What to simulate; not part of another Diagram.
@@ -85,16 +73,13 @@ def MakeSimulator(diagram: Diagram) -> tuple[Simulator, StaleCacheGuard]:
         The Simulator, and the guard, which holds on to its Context until it is told
         to watch another one, or None.
     """
-    if diagram.HasSubsystemNamed(_NAME):
-        guarded, guard = diagram, diagram.GetSubsystemByName(_NAME)
-    else:
-        if diagram not in _guarded:
-            # A system can be built into one Diagram only.
-            builder = DiagramBuilder()
-            guard = AddStaleCacheGuard(builder)
-            builder.AddSystem(diagram)
-            _guarded[diagram] = builder.Build(), guard
-        guarded, guard = _guarded[diagram]
+    if diagram not in _guarded:
+        # A system can be built into one Diagram only.
+        builder = DiagramBuilder()
+        guard = builder.AddNamedSystem("stale_cache_guard", StaleCacheGuard())
+        builder.AddSystem(diagram)
+        _guarded[diagram] = builder.Build(), guard
+    guarded, guard = _guarded[diagram]
     simulator = Simulator(guarded)
     guard.Watch(simulator.get_mutable_context())
     return simulator, guard

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import yaml
@@ -44,8 +44,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.simulation import simulate, simulate_ensemble
-from teleop_drake.simulation.ensemble import CheckEnsemble
+from teleop_drake.simulation import simulate
 from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
@@ -204,7 +203,6 @@ def Sweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
-    ensemble: int = 1,
     executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -227,10 +225,6 @@ def Sweep(
         grid: Values by key. A key is the dotted path of a field as LoadScenario takes
             it, or one of ALIASES. The last key varies fastest.
         overrides: For all runs, as LoadScenario takes them.
-        ensemble: At most so many neighbours in the grid that differ in their delays
-            only are simulated together, by simulate_ensemble(), which is faster. Where
-            they cannot be, they are simulated alone. A run's numbers depend on its
-            company, within the accuracy of the solver.
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
             open. None makes WorkerProcesses.
@@ -250,7 +244,7 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    plan = PlanSweep(scenario, grid, overrides=overrides, ensemble=ensemble)
+    plan = PlanSweep(scenario, grid, overrides=overrides)
     return RunSweep(
         plan, executor=executor, jobs=jobs, out=out, resume=resume, progress=progress
     )
@@ -266,7 +260,6 @@ class SweepPlan:
         axes: Keys of the grid and their values.
         points: Key to value for each run; the last key varies fastest.
         scenario: The first point that is valid.
-        groups: The numbers of the runs that are simulated together.
     """
 
     source: "_Source"
@@ -274,7 +267,6 @@ class SweepPlan:
     axes: dict[str, list[Any]]
     points: list[dict[str, Any]]
     scenario: AnyScenario
-    groups: list[list[int]]
 
 
 def PlanSweep(
@@ -282,7 +274,6 @@ def PlanSweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
-    ensemble: int = 1,
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
@@ -290,14 +281,11 @@ def PlanSweep(
         scenario: As Sweep takes it, and so are the others.
         grid: Values by key.
         overrides: For all runs.
-        ensemble: Most members of an ensemble.
 
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
-        SweepError: If the grid or ensemble cannot be used.
+        SweepError: If the grid cannot be used.
     """
-    if ensemble < 1:
-        raise SweepError(f"ensemble = {ensemble}: must be 1 or more")
     if isinstance(overrides, Mapping):
         overrides = [_Override(path, _ToPlain(x)) for path, x in overrides.items()]
     elif isinstance(overrides, str):
@@ -318,17 +306,15 @@ def PlanSweep(
         raise SweepError(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
-    points = [
-        dict(zip(axes, values, strict=True))
-        for values in itertools.product(*axes.values())
-    ]
     return SweepPlan(
         source=_ReadSource(scenario),
         overrides=overrides,
         axes=axes,
-        points=points,
+        points=[
+            dict(zip(axes, values, strict=True))
+            for values in itertools.product(*axes.values())
+        ],
         scenario=first,
-        groups=_Groups(points, ensemble),
     )
 
 
@@ -557,15 +543,13 @@ def _Version(package: str) -> str:
 
 def _Parameters(plan: SweepPlan) -> dict[str, Any]:
     """Returns what makes a sweep different from others, as it is read from a file."""
-    parameters: dict[str, Any] = {
+    parameters = {
         "scenario": plan.scenario.name,
         "overrides": plan.overrides,
         "axes": plan.axes,
         "first_scenario": ScenarioToYaml(plan.scenario),
         "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
     }
-    if len(plan.groups) < len(plan.points):
-        parameters["groups"] = plan.groups
     return dict(json.loads(json.dumps(parameters)))
 
 
@@ -636,32 +620,6 @@ def _CheckValues(
     return first_valid if first_valid is not None else load(overrides)
 
 
-_DELAYS = {
-    key
-    for key in (*ALIASES, *itertools.chain(*ALIASES.values()))
-    if key.endswith("delay")
-}
-
-
-def _Groups(points: Sequence[Mapping[str, Any]], most: int) -> list[list[int]]:
-    """Returns the runs in groups of neighbours that differ in their delays only.
-
-    Args:
-        points: Key to value for each run.
-        most: Largest size of a group; the groups have about the same size.
-    """
-    groups: list[list[int]] = []
-    for _, runs in itertools.groupby(
-        range(len(points)),
-        lambda run: {k: x for k, x in points[run].items() if k not in _DELAYS},
-    ):
-        neighbours = list(runs)
-        num_groups = math.ceil(len(neighbours) / most)
-        ends = [len(neighbours) * i // num_groups for i in range(num_groups + 1)]
-        groups += [neighbours[a:b] for a, b in itertools.pairwise(ends)]
-    return groups
-
-
 def _ToPlain(value: Any) -> Any:
     """Returns a value without numpy, as JSON would give it back."""
     if isinstance(value, np.ndarray | np.generic):
@@ -695,88 +653,53 @@ def _Simulate(
     plan: SweepPlan, runs: Iterable[int], executor: Executor
 ) -> Iterator[dict[str, Any]]:
     """Simulates runs of a plan and yields each record as it comes."""
-    finished: SimpleQueue[tuple[int, Future[list[dict[str, Any]]]]] = SimpleQueue()
-    pending: dict[int, Future[list[dict[str, Any]]]] = {}
+    finished: SimpleQueue[tuple[int, Future[dict[str, Any]]]] = SimpleQueue()
+    pending: dict[int, Future[dict[str, Any]]] = {}
     retried: set[int] = set()
-    wanted = set(runs)
 
-    def Submit(group: int) -> None:
-        overrides = [
-            [*plan.overrides, *_Overrides(plan.points[run])]
-            for run in plan.groups[group]
-        ]
-        future = executor.submit(_SimulateGroup, plan.source, overrides)
-        pending[group] = future
-        future.add_done_callback(lambda future: finished.put((group, future)))
+    def Submit(run: int) -> None:
+        overrides = [*plan.overrides, *_Overrides(plan.points[run])]
+        future = executor.submit(_SimulateOne, plan.source, overrides)
+        pending[run] = future
+        future.add_done_callback(lambda future: finished.put((run, future)))
 
-    # A group is simulated as a whole, also for one that is missing: its numbers depend
-    # on its company.
-    waiting = (i for i, group in enumerate(plan.groups) if not wanted.isdisjoint(group))
+    waiting = iter(runs)
     try:
-        for group in itertools.islice(waiting, _MAX_IN_FLIGHT):
-            Submit(group)
+        for run in itertools.islice(waiting, _MAX_IN_FLIGHT):
+            Submit(run)
         while pending:
-            group, future = finished.get()
-            del pending[group]
+            run, future = finished.get()
+            del pending[run]
             error = None if future.cancelled() else future.exception()
             if future.cancelled() or isinstance(error, BrokenExecutor):
                 raise RuntimeError(
                     f"the executor gave up: {_OneLine(error or 'it cancelled a run')}"
                 ) from error
             if error is None:
-                outcomes = future.result()
+                outcome = future.result()
             elif not isinstance(error, Exception):
                 raise error  # KeyboardInterrupt.
-            elif group not in retried:
-                retried.add(group)
-                Submit(group)
+            elif run not in retried:
+                retried.add(run)
+                Submit(run)
                 continue
             else:
-                outcomes = [_Failure(error) for _ in plan.groups[group]]
-            for run, outcome in zip(plan.groups[group], outcomes, strict=True):
-                if run in wanted:
-                    yield {"run": run, "varied": plan.points[run], **outcome}
-            for group in itertools.islice(waiting, 1):
-                Submit(group)
+                outcome = _Failure(error)
+            yield {"run": run, "varied": plan.points[run], **outcome}
+            for run in itertools.islice(waiting, 1):
+                Submit(run)
     finally:
         for future in pending.values():
             future.cancel()
 
 
-def _SimulateGroup(
-    source: _Source, overrides: Sequence[list[str]]
-) -> list[dict[str, Any]]:
-    """Simulates runs, in a worker, and returns their records."""
-    scenarios: dict[int, AnyScenario] = {}
-    outcomes: dict[int, dict[str, Any]] = {}
-    for i, texts in enumerate(overrides):
-        try:
-            scenarios[i] = source.Load(texts)
-        except (Exception, SystemExit) as error:
-            outcomes[i] = _Failure(error)
-    members = {i: x for i, x in scenarios.items() if _CanJoin(x)}
-    recordings: dict[int, Recording] = {}
-    if len(members) > 1:
-        # If they fail, each shows alone what is wrong with it.
-        with contextlib.suppress(Exception, SystemExit):
-            together = simulate_ensemble(cast(list[Scenario], [*members.values()]))
-            recordings = dict(zip(members, together, strict=True))
-    for i, scenario in scenarios.items():
-        try:
-            outcomes[i] = _Outcome(recordings.get(i) or simulate(scenario))
-        except (Exception, SystemExit) as error:
-            # Some violated contracts of Drake end in SystemExit.
-            outcomes[i] = _Failure(error)
-    return [outcomes[i] for i in range(len(overrides))]
-
-
-def _CanJoin(scenario: AnyScenario) -> bool:
-    """Returns whether a scenario can be a member of an ensemble."""
+def _SimulateOne(source: _Source, overrides: list[str]) -> dict[str, Any]:
+    """Simulates one run, in a worker, and returns its record."""
     try:
-        CheckEnsemble([cast(Scenario, scenario)])
-    except ScenarioError:
-        return False
-    return True
+        return _Outcome(simulate(source.Load(overrides)))
+    except (Exception, SystemExit) as error:
+        # Some violated contracts of Drake end in SystemExit.
+        return _Failure(error)
 
 
 def _Outcome(recording: Recording) -> dict[str, Any]:

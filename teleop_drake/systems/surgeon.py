@@ -34,16 +34,13 @@ class Surgeon(LeafSystem):
 
     | port | name             | size | unit                     |
     |------|------------------|------|--------------------------|
-    | in   | haptic_force     | M n  | N                        |
-    | in   | felt_position    | M n  | m, from the return channel |
-    | out  | velocity_command | M n  | m/s                      |
-    | out  | force_command    | M n  | N                        |
-    | out  | mode             | M    | 0, 1 or 2                |
+    | in   | haptic_force     | n    | N                        |
+    | in   | felt_position    | n    | m, from the return channel |
+    | out  | velocity_command | n    | m/s                      |
+    | out  | force_command    | n    | N                        |
+    | out  | mode             | 1    | 0, 1 or 2                |
 
-    M is 1, or the number of an ensemble's members: as many surgeons with the same
-    intentions, each of whom perceives contact on their own.
-
-    State (discrete, M + 1): [contact perceived (M), stopped], each 0 or 1. A returned
+    State (discrete, 2): [contact perceived, stopped], each 0 or 1. A returned
     position that moves continuously is watched by a witness function if the Context
     has an accuracy (context.SetAccuracy); one that jumps, as behind a sampled
     channel, is checked at the end of every step, which is the instant of the jump
@@ -60,7 +57,6 @@ class Surgeon(LeafSystem):
         contact_force: Force after contact in N (n); None: never switches.
         contact_position: Where contact is perceived along x in m; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        num_members: M, >= 1.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -73,7 +69,6 @@ class Surgeon(LeafSystem):
         contact_force: ArrayLike | None = None,
         contact_position: float | None = None,
         stop_time: float | None = None,
-        num_members: int = 1,
     ):
         LeafSystem.__init__(self)
         self._velocity = np.array(velocity, dtype=float)
@@ -102,25 +97,23 @@ class Surgeon(LeafSystem):
             if contact_force is None or contact_position is None
             else contact_position
         )
-        M, self._n = num_members, n
-        self._members = range(M)
-        self._haptic_force = self.DeclareVectorInputPort("haptic_force", M * n)
-        self._p = self.DeclareVectorInputPort("felt_position", M * n)
-        self._mode = self.DeclareDiscreteState(M + 1)
+        self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
+        self._p = self.DeclareVectorInputPort("felt_position", n)
+        self._mode = self.DeclareDiscreteState(2)
         self.DeclareVectorOutputPort(
             "velocity_command",
-            M * n,
+            n,
             self._CalcVelocityCommand,
             prerequisites_of_calc={self.xd_ticket()},
         )
         self.DeclareVectorOutputPort(
             "force_command",
-            M * n,
+            n,
             self._CalcForceCommand,
             prerequisites_of_calc={self.xd_ticket(), self._haptic_force.ticket()},
         )
         self.DeclareVectorOutputPort(
-            "mode", M, self._CalcMode, prerequisites_of_calc={self.xd_ticket()}
+            "mode", 1, self._CalcMode, prerequisites_of_calc={self.xd_ticket()}
         )
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
@@ -136,69 +129,48 @@ class Surgeon(LeafSystem):
                 )
             )
 
-    def _GetPerceived(self, context: Context) -> list[bool]:
-        """Returns who has perceived contact (M)."""
-        mode = context.get_discrete_state_vector()
-        return [mode.GetAtIndex(i) != 0 for i in self._members]
+    def _IsPerceived(self, context: Context) -> bool:
+        return bool(context.get_discrete_state_vector().GetAtIndex(0))
 
     def _IsStopped(self, context: Context) -> bool:
-        mode = context.get_discrete_state_vector()
-        return bool(mode.GetAtIndex(len(self._members)))
-
-    def _IsAwaiting(self, context: Context) -> bool:
-        """Returns whether anybody may still perceive contact."""
-        return not (self._IsStopped(context) or all(self._GetPerceived(context)))
+        return bool(context.get_discrete_state_vector().GetAtIndex(1))
 
     def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
-        stopped = self._IsStopped(context)
-        output.SetFromVector(
-            np.concatenate(
-                [
-                    self._velocity * (not (perceived or stopped))
-                    for perceived in self._GetPerceived(context)
-                ]
-            )
-        )
+        active = not (self._IsPerceived(context) or self._IsStopped(context))
+        output.SetFromVector(self._velocity if active else 0.0 * self._velocity)
 
     def _CalcForceCommand(self, context: Context, output: BasicVector) -> None:
-        force = self._haptic_force.Eval(context)
-        for i, perceived in enumerate(self._GetPerceived(context)):
-            if perceived:
-                applied = 0.0 if self._IsStopped(context) else self._contact_force
-                force[i * self._n : (i + 1) * self._n] = applied
-        output.SetFromVector(force)
+        if not self._IsPerceived(context):
+            output.SetFromVector(self._haptic_force.Eval(context))
+        elif self._IsStopped(context):
+            output.SetFromVector(np.zeros(len(self._velocity)))
+        else:
+            output.SetFromVector(self._contact_force)
 
     def _CalcMode(self, context: Context, output: BasicVector) -> None:
-        stopped = self._IsStopped(context)
-        output.SetFromVector([2 if stopped else x for x in self._GetPerceived(context)])
+        mode = 2 if self._IsStopped(context) else int(self._IsPerceived(context))
+        output.SetAtIndex(0, mode)
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the contact witness while contact is awaited and can be located."""
-        is_located = context.get_accuracy() and self._IsAwaiting(context)
-        return self._witnesses if is_located else []
+        awaited = not (self._IsPerceived(context) or self._IsStopped(context))
+        return self._witnesses if awaited and context.get_accuracy() else []
 
     def _CalcPastSurface(self, context: Context) -> float:
-        """Returns how far, at most, one who awaits contact feels past the surface."""
-        x = self._p.Eval(context)[:: self._n].tolist()
-        if len(x) > 1:
-            perceived = self._GetPerceived(context)
-            x = [x for x, done in zip(x, perceived, strict=True) if not done]
-        return max(x) - self._surface
+        return self._p.Eval(context).item(0) - self._surface
 
     def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
-        self._Perceive(context, state.get_mutable_discrete_state(self._mode))
+        state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
 
     def _CheckContact(self, context: Context, values: DiscreteValues) -> EventStatus:
-        if not self._IsAwaiting(context) or self._CalcPastSurface(context) < 0:
+        if (
+            self._IsPerceived(context)
+            or self._IsStopped(context)
+            or self._CalcPastSurface(context) < 0
+        ):
             return EventStatus.DidNothing()
-        self._Perceive(context, values.get_mutable_vector(self._mode))
+        values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
         return EventStatus.Succeeded()
 
-    def _Perceive(self, context: Context, mode: BasicVector) -> None:
-        x = self._p.Eval(context)[:: self._n]
-        for i in np.flatnonzero(x >= self._surface):
-            mode.SetAtIndex(int(i), 1.0)
-
     def _Stop(self, context: Context, state: State) -> None:
-        mode = state.get_mutable_discrete_state(self._mode)
-        mode.SetAtIndex(len(self._members), 1.0)
+        state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, ModelInstanceIndex
+from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -32,20 +32,16 @@ class ToolInterface(LeafSystem):
     |----------------------------|---------|-------------------------------------------|
     | plant_state                | nq + nv | rad or m, and their rates                 |
     | body_spatial_accelerations | list    | m/s^2, one for each body                  |
-    | control_force              | M n     | N                                         |
-    | environment_force          | M n     | N, force of the robot ON the environment  |
+    | control_force              | n       | N                                         |
+    | environment_force          | n       | N, force of the robot ON the environment  |
 
     Output ports:
 
-    | name              | size        | unit     | direct feedthrough from          |
-    |-------------------|-------------|----------|----------------------------------|
-    | tool_kinematics   | 2M n + n nv | m, m/s   | plant_state                      |
-    | tool_acceleration | M n         | m/s^2    | body_spatial_accelerations       |
-    | joint_torques     | 2 nv        | N m or N | plant_state, both forces         |
-
-    M is 1, or the number of an ensemble's members: as many robots of one model, which
-    the plant has one after another. Every part of a vector has theirs in this order;
-    J has the columns of the robot's own velocities.
+    | name              | size      | unit     | direct feedthrough from            |
+    |-------------------|-----------|----------|------------------------------------|
+    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                        |
+    | tool_acceleration | n         | m/s^2    | body_spatial_accelerations         |
+    | joint_torques     | 2 nv      | N m or N | plant_state, both forces           |
 
     `tool_kinematics` is [p_WT; v_WT; J row by row], what one visit to the plant for
     each state yields. `joint_torques` is [tau; tau_e]: the first half goes to the
@@ -58,12 +54,7 @@ class ToolInterface(LeafSystem):
     """
 
     def __init__(
-        self,
-        *,
-        plant: MultibodyPlant,
-        num_task_axes: int,
-        tool_name: str = "tool",
-        num_members: int = 1,
+        self, *, plant: MultibodyPlant, num_task_axes: int, tool_name: str = "tool"
     ):
         """Constructs the interface.
 
@@ -71,8 +62,7 @@ class ToolInterface(LeafSystem):
             plant: A finalized plant; its actuators must be one for each joint, in the
                 order of the generalized velocities.
             num_task_axes: n, 1 to 3.
-            tool_name: The body whose origin is T; each robot has one of that name.
-            num_members: M, >= 1.
+            tool_name: The body whose origin is T.
 
         Raises:
             ValueError: If `num_task_axes` is out of range or the plant's actuation is
@@ -89,30 +79,15 @@ class ToolInterface(LeafSystem):
                 "its generalized velocities"
             )
         self._plant = plant
-        if num_members == 1:
-            tools = [plant.GetBodyByName(tool_name)]
-        else:
-            tools = [
-                plant.GetBodyByName(tool_name, ModelInstanceIndex(i))
-                for i in range(plant.num_model_instances())
-                if plant.HasBodyNamed(tool_name, ModelInstanceIndex(i))
-            ]
-        if len(tools) != num_members:
-            raise ValueError(
-                f"num_members: {num_members}, but the plant has {len(tools)} bodies "
-                f"{tool_name!r}"
-            )
-        # What the calls to the plant for each tool take.
-        self._tools = [(tool, tool.body_frame()) for tool in tools]
-        self._tool_indices = [int(tool.index()) for tool in tools]
+        self._tool = plant.GetBodyByName(tool_name)
+        self._tool_index = int(self._tool.index())
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._world_frame = plant.world_frame()
         self._origin = np.zeros(3)
         self._tool_kinematics = compiled(tool_kinematics)
         self._joint_torques = compiled(joint_torques)
-        M, n = num_members, num_task_axes
-        self._n = n
+        n = self._n = num_task_axes
 
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", BasicVector(plant.num_multibody_states())
@@ -121,19 +96,19 @@ class ToolInterface(LeafSystem):
             "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
         )
         self._control_force = self.DeclareVectorInputPort(
-            "control_force", BasicVector(M * n)
+            "control_force", BasicVector(n)
         )
         self._environment_force = self.DeclareVectorInputPort(
-            "environment_force", BasicVector(M * n)
+            "environment_force", BasicVector(n)
         )
 
         state = {self._plant_state.ticket()}
         self._kinematics = self.DeclareVectorOutputPort(
-            "tool_kinematics", 2 * M * n + n * nv, self._CalcKinematics, state
+            "tool_kinematics", n * (2 + nv), self._CalcKinematics, state
         )
         self.DeclareVectorOutputPort(
             "tool_acceleration",
-            M * n,
+            n,
             self._CalcAcceleration,
             {self._accelerations.ticket()},
         )
@@ -148,23 +123,20 @@ class ToolInterface(LeafSystem):
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
-        eval_pose = plant.EvalBodyPoseInWorld
-        calc_jacobian = plant.CalcJacobianTranslationalVelocity
-        kV, p_TT, W = JacobianWrtVariable.kV, self._origin, self._world_frame
-        p_WT, Jv_v_WT = [], []
-        for tool, T in self._tools:
-            p_WT.append(eval_pose(plant_context, tool).translation())
-            Jv_v_WT.append(calc_jacobian(plant_context, kV, T, p_TT, W, W))
-        if len(p_WT) == 1:  # For speed.
-            p, J = p_WT[0], Jv_v_WT[0]
-        else:
-            p, J = np.concatenate(p_WT), np.concatenate(Jv_v_WT)
-        output.SetFromVector(self._tool_kinematics(p, J, x, self._n))
+        p_WT = plant.EvalBodyPoseInWorld(plant_context, self._tool).translation()
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+            plant_context,
+            JacobianWrtVariable.kV,
+            self._tool.body_frame(),
+            self._origin,
+            self._world_frame,
+            self._world_frame,
+        )
+        output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x, self._n))
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
-        A_WT = self._accelerations.Eval(context)
-        parts = [A_WT[i].translational()[: self._n] for i in self._tool_indices]
-        output.SetFromVector(parts[0] if len(parts) == 1 else np.concatenate(parts))
+        A_WT = self._accelerations.Eval(context)[self._tool_index]
+        output.SetFromVector(A_WT.translational()[: self._n])
 
     def _CalcJointTorques(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
@@ -172,6 +144,5 @@ class ToolInterface(LeafSystem):
                 self._control_force.Eval(context),
                 self._environment_force.Eval(context),
                 self._kinematics.Eval(context),
-                self._n,
             )
         )

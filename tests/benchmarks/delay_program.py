@@ -3,14 +3,13 @@
     python -m benchmarks.delay_program '[kind, what, task, [delay, ...], duration]'
 
 A kind is `pool`, where `what` is the name of a contender, or `sweep`, where it is the
-settings of the solver and the size of the ensembles.
+settings of the solver.
 
 Each imports only what it needs, because start-up counts.
 """
 
 import itertools
 import json
-import math
 import multiprocessing
 import sys
 
@@ -35,28 +34,21 @@ def Groups(settings: dict, delays: list[float]) -> list[tuple[dict, list[float]]
     return [(AtDelay(settings, values[0]), values) for values in lists]
 
 
-def PlanOf(task: str, delays: list[float], duration: float, settings: dict, size: int):
-    """Returns the plan of a sweep in ensembles of a size, or as many as processes."""
-    from teleop_drake.sweep import PlanSweep
-
-    overrides = {"controller.kind": CONTROLLER, "duration": duration} | {
-        f"simulator.{key}": value for key, value in settings.items()
-    }
-    size = min(size, math.ceil(len(delays) / JOBS))
-    return PlanSweep(task, {"delay": delays}, overrides=overrides, ensemble=size)
-
-
-def RunSweeps(task: str, delays: list[float], duration: float, what: list):
+def RunSweeps(task: str, delays: list[float], duration: float, settings: dict):
     """Runs the package's sweep; returns the peak control force of each run in N."""
-    from teleop_drake.sweep import RunSweep
+    from teleop_drake.sweep import Sweep
     from teleop_drake.sweep.workers import WorkerProcesses
 
-    settings, size = what
+    base = {"controller.kind": CONTROLLER, "duration": duration}
     peaks = []
     with WorkerProcesses(JOBS) as executor:
         for settings_here, values in Groups(settings, delays):
-            plan = PlanOf(task, values, duration, settings_here, size)
-            result = RunSweep(plan, executor=executor)
+            overrides = base | {
+                f"simulator.{key}": value for key, value in settings_here.items()
+            }
+            result = Sweep(
+                task, {"delay": values}, overrides=overrides, executor=executor
+            )
             peaks += result.Values("control_force_peak.x").tolist()
     return peaks
 

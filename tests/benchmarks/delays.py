@@ -21,7 +21,7 @@ from benchmarks.peers import Peers
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
-from teleop_drake.simulation import simulate, simulate_ensemble
+from teleop_drake.simulation import simulate
 
 DELAYS = np.linspace(0.02, 0.4, 50)
 
@@ -31,15 +31,6 @@ SWEEP_SETTINGS: dict[str, dict[str, float]] = {
     "one_dof": {"accuracy": 1e-9, "max_step_size": 0.08},
     "two_dof_combined": {"accuracy": 1e-6, "max_step_size": 0.05},
 }
-
-# At every one of the delays within contenders.TARGETS.
-ENSEMBLE_SETTINGS: dict[str, dict[str, float]] = {
-    "one_dof": {"accuracy": 1e-10, "max_step_size": 0.035},
-    "two_dof_combined": {"accuracy": 4e-6, "max_step_size": 0.06},
-}
-
-# Members of an ensemble: 50 delays make six groups of about the same size.
-ENSEMBLE = 9
 
 
 def Delays(options: Options) -> list[float]:
@@ -52,12 +43,8 @@ def Measure(options: Options) -> Iterator[Table]:
         scenario = contenders.Load(task)
         duration = options.Duration(scenario)
         programs: dict[str, list] = {
-            "package Sweep, its own settings": ["sweep", [{}, 1]],
-            "package Sweep, looser": ["sweep", [SWEEP_SETTINGS[task], 1]],
-            "package Sweep, ensembles": [
-                "sweep",
-                [ENSEMBLE_SETTINGS[task], ENSEMBLE],
-            ],
+            "package Sweep, its own settings": ["sweep", {}],
+            "package Sweep, looser": ["sweep", SWEEP_SETTINGS[task]],
             "straightforward": ["pool", "straightforward"],
             "scipy, method of steps": ["pool", "scipy, method of steps"],
             "scipy, within target": ["pool", "scipy, within target"],
@@ -92,7 +79,7 @@ def Measure(options: Options) -> Iterator[Table]:
             some = delays[:: max(1, (len(delays) - 1) // 2)]
             is_fast = kind == "sweep" or what.startswith("scipy")
             if kind == "sweep":
-                errors = _SweepErrors(task, delays, duration, *what)
+                errors = _SweepErrors(task, delays, duration, what)
             else:
                 errors = {
                     delay: _Error(what, task, duration, delay)
@@ -122,27 +109,17 @@ def _Error(name: str, task: str, duration: float, delay: float) -> float:
 
 
 def _SweepErrors(
-    task: str, delays: list[float], duration: float, settings: dict, size: int
+    task: str, delays: list[float], duration: float, settings: dict
 ) -> dict[float, float]:
     """Returns the error of each run of a sweep, measured outside of its time."""
     errors = {}
-    for settings_here, values in delay_program.Groups(settings, delays):
-        plan = delay_program.PlanOf(task, values, duration, settings_here, size)
-        for group in plan.groups:
-            scenarios = [
-                contenders.Load(
-                    task, CONTROLLER, values[run], duration, **settings_here
-                )
-                for run in group
-            ]
-            if len(group) == 1:
-                recordings = [simulate(scenarios[0])]
-            else:
-                recordings = simulate_ensemble(scenarios)
-            for run, recording in zip(group, recordings, strict=True):
-                oracle = _Oracle(task, values[run], duration)
-                solution = contenders.FromRecording(recording)
-                errors[values[run]] = accuracy.LargestError(oracle, solution)
+    for delay in delays:
+        settings_here = delay_program.AtDelay(settings, delay)
+        recording = simulate(
+            contenders.Load(task, CONTROLLER, delay, duration, **settings_here)
+        )
+        solution = contenders.FromRecording(recording)
+        errors[delay] = accuracy.LargestError(_Oracle(task, delay, duration), solution)
     return errors
 
 

@@ -18,14 +18,17 @@ from teleop_drake.laws.backstepping import (
 from teleop_drake.laws.gaussian_network import (
     GaussianNetwork,
     gaussian_functions,
-    gaussian_functions_of_members,
 )
-from teleop_drake.laws.layered_force import layer_table, layered_forces
+from teleop_drake.laws.layered_force import (
+    layer_regions,
+    layer_row,
+    layer_table,
+    layered_force,
+)
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.numerics.compiled import compiled
 from teleop_drake.numerics.interpolation import (
     evaluate_newton,
-    evaluate_newton_within,
     newton_polynomial,
     newton_polynomials,
 )
@@ -64,56 +67,38 @@ def test_backstepping(n, is_at_limit):
         Psi0=4 * I + 0.1,
         Psi_min=2.0 if is_at_limit else 0.1,
     )
-    for M in (1, 3) * 10:
-        x = rng.normal(size=M * state_size(n, NUM_FUNCTIONS))
-        for i in range(M):
-            unpack_state(x, n, M, i).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
-        signals = np.concatenate((rng.normal(size=5 * M * n), x))
-        Phi, Phi_dot = rng.normal(size=(2, M, NUM_FUNCTIONS))
+    for _ in range(20):
+        x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
+        unpack_state(x, n).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
+        signals = rng.normal(size=(4, n))
+        Phi, Phi_dot = rng.normal(size=(2, NUM_FUNCTIONS))
         arrays = gains.AsArrays()
-        assert_same(backstepping_rate_vector, *arrays, Phi, Phi_dot, signals)
-        assert_same(backstepping_error_vector, *arrays, Phi, signals)
+        assert_same(backstepping_rate_vector, *arrays, x, Phi, Phi_dot, *signals)
+        assert_same(backstepping_error_vector, *arrays, x, Phi, *signals)
 
 
 def test_task_space():
     rng = np.random.default_rng(0)
     for n in (1, 2, 3):
-        for M in (1, 3):
-            p, x = rng.normal(size=3 * M), rng.normal(size=8 * M + 1)
-            J = rng.normal(size=(3 * M, 4 * M))
-            assert_same(tool_kinematics, p, J, x, n)
-            F_c, F_e = rng.normal(size=(2, M * n))
-            assert_same(joint_torques, F_c, F_e, rng.normal(size=M * n * (2 + 4)), n)
+        p, x, J = rng.normal(size=3), rng.normal(size=9), rng.normal(size=(3, 4))
+        assert_same(tool_kinematics, p, J, x, n)
+        F_c, F_e = rng.normal(size=(2, n))
+        assert_same(joint_torques, F_c, F_e, rng.normal(size=n * (2 + 4)))
 
 
-def test_layered_forces():
+def test_layered_force():
     rng = np.random.default_rng(0)
     layers = [
         LayerConfig(name="a", start=0.0, stiffness=9.0, reference=0.1, damping=2.0),
         LayerConfig(name="b", start=1.0, stiffness=5.0, reference=1.0, damping=0.0),
         LayerConfig(name="c", start=2.0, stiffness=7.0, reference=2.0, damping=1.0),
     ]
-    table = layer_table(layers, [(-1, -1), (0, 1), (2, 2)])
-    regions = np.array([-1.0, 0, 1, 2])
-    for p, v in rng.uniform(-1, 3, size=(20, 2, 8)):
-        assert_same(layered_forces, table, regions, p, v)
-
-
-def product(a, b):
-    return a @ b
-
-
-@pytest.mark.parametrize("transposed", [False, True])
-def test_products(transposed):
-    rng = np.random.default_rng(0)
-    for m, k, n in ((1, 1, 1), (2, 3, 4), (5, 2, 1)):
-        A, B = rng.normal(size=(m, k)), rng.normal(size=(k, n))
-        if transposed:
-            A, B = np.asfortranarray(A), np.asfortranarray(B)
-        assert_same(product, A, B)
-        assert_same(product, A, rng.normal(size=k))
-        assert_same(product, rng.normal(size=k), B)
-        assert_same(product, rng.normal(size=k), rng.normal(size=k))
+    table, regions = layer_table(layers), layer_regions(layers)
+    assert regions.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    for p, v in rng.uniform(-1, 3, size=(20, 2, 2)):
+        for region in range(4):
+            assert_same(layered_force, table, regions, region, p, v)
+            assert_same(layer_row, table, regions, region, p[0])
 
 
 def test_gaussian_functions():
@@ -121,8 +106,6 @@ def test_gaussian_functions():
     network = GaussianNetwork(lower=[0, 0], upper=[1, 2], count=[3, 4], width=1.2)
     for u, u_dot in rng.normal(size=(20, 2, 2)):
         assert_same(gaussian_functions, u, u_dot, network.centres, network.widths)
-    arguments = (*rng.normal(size=(2, 6)), network.centres, network.widths)
-    assert_same(gaussian_functions_of_members, *arguments)
 
 
 @pytest.mark.parametrize("num_samples", [2, 5, 14])
@@ -135,10 +118,6 @@ def test_interpolation(num_samples):
         polynomials = newton_polynomial(times, values, i)
         time = (times[i] + times[i + 1]) / 2
         assert_same(evaluate_newton, polynomials, time)
-        spans = time + np.array([[-1.0, 0.0, 0.1, np.nan], [1.0, 0.0, 0.2, np.nan]])
-        assert_same(evaluate_newton_within, polynomials, spans, time)
-        _, outside = evaluate_newton_within(polynomials, spans, time)
-        assert outside.tolist() == [2, 3]
     times[1] = times[0]  # A jump.
     assert_same(newton_polynomials, times, values, np.arange(num_samples - 1))
 

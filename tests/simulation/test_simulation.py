@@ -325,7 +325,7 @@ def test_interrupt_keeps_what_there_is():
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     """Raised in the machine code of a law, it would become a SystemError."""
     scenario = LoadScenario("one_dof")
-    network = GaussianNetwork.evaluate_members
+    network = GaussianNetwork.evaluate_with_rate
     calls = 0
 
     def interrupt_once(self, u, u_dot):
@@ -339,7 +339,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
         return network(self, u, u_dot)
 
     reference = Run("one_dof", ADAPTIVE)
-    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_once)
+    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_once)
     recording = simulate(scenario)
     assert (recording.termination, recording.reason) == (
         "interrupted",
@@ -357,7 +357,7 @@ def test_interrupt_in_the_step_that_diverges(monkeypatch):
     """Otherwise a comparison would go on with its next run."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
     assert simulate(scenario).termination == "diverged"
-    network = GaussianNetwork.evaluate_members
+    network = GaussianNetwork.evaluate_with_rate
     limit = 1.1 * abs(scenario.surgeon.velocity[0])
     is_interrupted = False
 
@@ -368,7 +368,7 @@ def test_interrupt_in_the_step_that_diverges(monkeypatch):
             signal.raise_signal(signal.SIGINT)
         return network(self, u, u_dot)
 
-    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_at_limit)
+    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_at_limit)
     assert simulate(scenario).termination == "interrupted"
 
 
@@ -378,7 +378,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("the second one did not interrupt")
 
-    monkeypatch.setattr(GaussianNetwork, "evaluate_members", interrupt_twice)
+    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_twice)
     with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
         simulate(LoadScenario("one_dof"))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -135,63 +135,6 @@ def test_records_are_those_of_single_runs(threads):
     threads.submit(int).result()  # The executor stays open.
 
 
-def test_neighbours_can_be_simulated_together(threads):
-    delays = [0.0, 0.04, 0.05, 0.06, 0.07]
-    grid = {"controller": CONTROLLERS, "delay": delays, "seed": [0, 1]}
-    with pytest.raises(SweepError, match="ensemble = 0: must be 1 or more"):
-        PlanSweep("one_dof", grid, ensemble=0)
-    del grid["seed"]
-    plan = PlanSweep("one_dof", grid, ensemble=3)
-    assert plan.groups == [[0, 1], [2, 3, 4], [5, 6], [7, 8, 9]]
-
-    def Run(ensemble, out, resume=False):
-        overrides = SHORT | {"duration": 0.4}
-        return Sweep(
-            "one_dof",
-            grid,
-            overrides=overrides,
-            executor=threads,
-            ensemble=ensemble,
-            out=out,
-            resume=resume,
-        )
-
-    together, alone = Run(3, "together"), Run(1, "alone")
-    for run, (mine, its) in enumerate(
-        zip(together.records, alone.records, strict=True)
-    ):
-        assert mine["status"] == "completed"
-        assert (mine == its) == (run in (0, 1, 5, 6))  # There is no delay to share.
-        metrics = [FlattenMetrics(record["metrics"]) for record in (mine, its)]
-        assert metrics[0] == pytest.approx(metrics[1], rel=1e-3, abs=1e-9)
-
-    # What is done again has the same company.
-    files = [Path("together") / name for name in ("runs.jsonl", "runs.csv")]
-    expected = [file.read_bytes() for file in files]
-    lines = expected[0].splitlines(keepends=True)
-    files[0].write_bytes(b"".join(lines[:3] + lines[4:]))
-    Run(3, "together", resume=True)
-    assert [file.read_bytes() for file in files] == expected
-    with pytest.raises(SweepError, match="other parameters \\(groups\\)"):
-        Run(2, "together", resume=True)
-    with pytest.raises(SweepError, match="other parameters \\(groups\\)"):
-        Run(3, "alone", resume=True)
-
-
-def test_members_that_fail_do_so_alone(threads, monkeypatch):
-    def Fail(scenarios):
-        raise RuntimeError("too much")
-
-    monkeypatch.setattr("teleop_drake.sweep.simulate_ensemble", Fail)
-    # One of the steps is too long for 1 ms.
-    grid = {"simulator.max_step_size": [0.01, 0.001], "delay": [0.001, 0.04, 0.05]}
-    overrides = SHORT | {"duration": 0.1}
-    result = Sweep("one_dof", grid, overrides=overrides, executor=threads, ensemble=3)
-    assert result.Status()[0].tolist() == ["failed", "completed", "completed"]
-    expected = Sweep("one_dof", grid, overrides=overrides, executor=threads)
-    assert result.records == expected.records
-
-
 def test_a_file_with_a_trace_can_be_swept(processes):
     os.mkdir("mine")
     Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
@@ -542,10 +485,9 @@ def IsAlive(pid):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
-@pytest.mark.parametrize("ensemble", ["1", "3"])
-def test_kill_and_resume(ensemble):
+def test_kill_and_resume():
     """kill -9 costs the runs in flight; what is resumed is the same, to the byte."""
-    options = ["--delay", "0.01:0.2:12", "--jobs", "2", "--ensemble", ensemble]
+    options = ["--delay", "0.01:0.2:12", "--jobs", "2"]
     options += ["--metrics", "velocity_rms_error", "--out"]
     process = Start(*options, "out")
     children = Children(process.pid)
@@ -690,7 +632,6 @@ def test_progress(monkeypatch, capsys):
         ),
         (["--controllers", "direct"], "controller.kind = 'direct': must be one of"),
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
-        (["--ensemble", "0"], "ensemble = 0: must be 1 or more"),
         (["--seeds", "0"], "--seeds = 0: must be 1 to"),
         (["--seeds", "3"], "grid.seed = [0, 1, 2]: must be left out, no channel"),
         (["--metrics", "force"], "metric 'force': must be one of"),

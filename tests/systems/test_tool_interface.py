@@ -153,10 +153,3 @@ def test_actuators_must_be_the_joints_in_order(actuated):
 def test_task_axes_must_be_axes_of_space(num_task_axes):
     with pytest.raises(ValueError, match=f"num_task_axes: {num_task_axes} is not"):
         ToolInterface(plant=make_plant(), num_task_axes=num_task_axes, tool_name="hand")
-
-
-def test_there_must_be_a_tool_for_each_member():
-    with pytest.raises(ValueError, match="num_members: 2, but the plant has 1 bodies"):
-        ToolInterface(
-            plant=make_plant(), num_task_axes=2, tool_name="hand", num_members=2
-        )
