@@ -311,9 +311,8 @@ def _StudyHtml(out: Path, study: Study) -> str:
         for name in study.figures
     )
     headers, rows = study.table
-    return "\n".join(
-        [*paragraphs, *pictures, _TableHtml(headers, map(_LineHtml, rows))]
-    )
+    tables = [_TableHtml(headers, map(_LineHtml, rows))] if rows else []
+    return "\n".join([*paragraphs, *pictures, *tables])
 
 
 def _TableHtml(headers: Sequence[str], lines: Iterable[str]) -> str:
