@@ -16,7 +16,6 @@ from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
-from teleop_drake.teleoperator import MakeChannel
 
 
 def MakeTwoDofArm(scenario: Scenario) -> Diagram:
@@ -27,7 +26,7 @@ def MakeTwoDofArm(scenario: Scenario) -> Diagram:
     # surgeon feels the tool at rest at its start.
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
-        MakeChannel(scenario.forward_channel, size=4, initial_value=[0.0] * 4),
+        scenario.forward_channel.MakeChannel(size=4, initial_value=[0.0] * 4),
     )
     controller = builder.AddNamedSystem(
         "controller", MakeSlaveStation(MakeControlLaw(scenario))
@@ -42,7 +41,7 @@ def MakeTwoDofArm(scenario: Scenario) -> Diagram:
     )
     return_channel = builder.AddNamedSystem(
         "return_channel",
-        MakeChannel(scenario.return_channel, size=4, initial_value=[*start, 0.0, 0.0]),
+        scenario.return_channel.MakeChannel(size=4, initial_value=[*start, 0.0, 0.0]),
     )
 
     def connect(source, output, target, input):

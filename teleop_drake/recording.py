@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.channels.packet_network import PacketStatistics
+from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.interpolation import interpolate
 from teleop_drake.scenario import ScenarioFromYaml, ScenarioToYaml

@@ -1,82 +1,12 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
-import math
-from collections.abc import Sequence
-
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture, MakeArchitecture
-from teleop_drake.channels.network_delay import NetworkDelay
-from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.channels.sampled_delay import SampledDelay
-from teleop_drake.channels.transport_delay import TransportDelay
-from teleop_drake.channels.variable_delay import VariableDelay
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.robots import MakeRobot
-from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
+from teleop_drake.scenario import Scenario
 from teleop_drake.stations import MakeMasterStation
-
-# A scenario's longest step does not exceed the delay.
-_AS_THE_SOLVER_STEPS = math.inf
-
-
-def MakeChannel(
-    config: ChannelConfig,
-    *,
-    size: int,
-    initial_value: Sequence[float],
-    duration: float = math.inf,
-    stream: str = "",
-) -> LeafSystem:
-    """Makes one direction of the communication between the stations.
-
-    Args:
-        config: Kind and parameters of the channel.
-        size: Width of the packets.
-        initial_value: What arrives before the first packet does (size).
-        duration: Until when a delay that varies with time is needed, s.
-        stream: Name of the random numbers; another one gives other numbers.
-
-    Raises:
-        ValueError: If a parameter is not allowed.
-    """
-    if config.kind == "transport":
-        return TransportDelay(
-            delay=config.delay,
-            size=size,
-            initial_value=initial_value,
-            max_sample_interval=_AS_THE_SOLVER_STEPS,
-        )
-    if config.kind == "variable":
-        profile = ChannelProfile(config, duration)
-        return VariableDelay(
-            profile=profile,
-            size=size,
-            initial_value=initial_value,
-            max_sample_interval=_AS_THE_SOLVER_STEPS,
-        )
-    if config.sample_period is None:
-        raise ValueError("sample_period: None; allowed: a number > 0 (s)")
-    if config.kind == "sampled":
-        return SampledDelay(
-            delay=config.delay,
-            sample_period=config.sample_period,
-            size=size,
-            initial_value=initial_value,
-        )
-    return NetworkDelay(
-        network=PacketNetwork(
-            profile=ChannelProfile(config, duration),
-            sample_period=config.sample_period,
-            jitter=config.jitter,
-            loss=config.loss,
-            seed=config.seed,
-            stream=stream,
-        ),
-        receiver=config.receiver,
-        size=size,
-        initial_value=initial_value,
-    )
 
 
 def MakeTeleoperator(
@@ -171,8 +101,7 @@ def AddTeleoperator(
     )
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
-        MakeChannel(
-            scenario.forward_channel,
+        scenario.forward_channel.MakeChannel(
             size=master.GetOutputPort("forward_packet").size(),
             initial_value=architecture.initial_forward_packet,
             duration=scenario.duration,
@@ -198,8 +127,7 @@ def AddTeleoperator(
     )
     return_channel = builder.AddNamedSystem(
         "return_channel",
-        MakeChannel(
-            scenario.return_channel,
+        scenario.return_channel.MakeChannel(
             size=controller.GetOutputPort("return_packet").size(),
             initial_value=architecture.initial_return_packet,
             duration=scenario.duration,

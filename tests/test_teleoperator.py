@@ -4,6 +4,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
+from teleop_drake.channels import SampledChannelConfig
 from teleop_drake.channels.sampled_delay import SampledDelay
 from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.environments.layered_force_field import LayeredForceField
@@ -12,7 +13,7 @@ from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
-from teleop_drake.teleoperator import MakeChannel, MakeTeleoperator
+from teleop_drake.teleoperator import MakeTeleoperator
 
 FIGURE_2_1 = {
     "master",
@@ -86,13 +87,13 @@ def test_default_context_is_the_start():
 
 
 def test_channels_by_kind():
+    ports = {"size": 2, "initial_value": [0, 0]}
     config = LoadScenario("one_dof").forward_channel
-    assert isinstance(MakeChannel(config, size=2, initial_value=[0, 0]), TransportDelay)
-    config.kind, config.sample_period = "sampled", 0.001
-    assert isinstance(MakeChannel(config, size=2, initial_value=[0, 0]), SampledDelay)
-    config.sample_period = None
-    with pytest.raises(ValueError, match="sample_period: None"):
-        MakeChannel(config, size=2, initial_value=[0, 0])
+    assert isinstance(config.MakeChannel(**ports), TransportDelay)
+    config = SampledChannelConfig(sample_period=0.001)
+    assert isinstance(config.MakeChannel(**ports), SampledDelay)
+    with pytest.raises(ScenarioError, match="sample_period = null: must be a finite"):
+        SampledChannelConfig().MakeChannel(**ports)
 
 
 def test_stations_speak_in_packets():

@@ -33,7 +33,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.constant_delay import ConstantDelay
 from teleop_drake.analysis.linear_models import LoopModel
 from teleop_drake.analysis.linearization import LinearizeLoop
 from teleop_drake.analysis.operating_point import (
@@ -204,7 +203,7 @@ class StabilityAnalysis:
 
     Attributes:
         scenario: The scenario.
-        forward_delay: Of the forward channel, in s; see ConstantDelay.
+        forward_delay: Of the forward channel, in s; see ChannelConfig.AsConstantDelay.
         return_delay: Of the return channel, in s.
         max_delay: Up to which round-trip delay the intervals reach, in s.
         points: One for each operating point, in the order in which the tool comes to
@@ -351,7 +350,7 @@ def AnalyzeStability(
 
     Args:
         scenario: A teleoperation. Of channels whose delay is not constant, a constant
-            one takes the place; see ConstantDelay.
+            one takes the place; see ChannelConfig.AsConstantDelay.
         points: Operating points; None: those of OperatingPoints(scenario).
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
         teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
@@ -359,7 +358,7 @@ def AnalyzeStability(
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            ConstantDelay refuses a channel.
+            a channel is no delay.
         ValueError: If max_delay is not allowed, LinearizeLoop refuses a point, or a
             station has a delay of its own that is not the round trip.
     """
@@ -372,7 +371,8 @@ def AnalyzeStability(
     if not 0 < max_delay < np.inf:
         raise ValueError(f"max_delay = {max_delay}: must be a finite number > 0 (s)")
     forward, back = (
-        ConstantDelay(scenario, path) for path in ("forward_channel", "return_channel")
+        getattr(scenario, path).AsConstantDelay(path, scenario.duration)
+        for path in ("forward_channel", "return_channel")
     )
     delay = forward.delay + back.delay
     if points is None:

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.analysis.constant_delay import ConstantDelay
 from teleop_drake.analysis.linear_models import TwoPortModel
 from teleop_drake.analysis.linearization import LinearizeTwoPort
 from teleop_drake.analysis.operating_point import EMPTY, OperatingPoint
@@ -259,16 +258,16 @@ def FeltStiffness(
     away from the layer while pushing into it no further.
 
     Args:
-        scenario: A valid one; see ConstantDelay for its channels.
+        scenario: A valid one; see ChannelConfig.AsConstantDelay for its channels.
         point: Where the tool is, taken at rest.
         frequencies: w in rad/s (K), > 0.
 
     Raises:
-        ScenarioError: As ConstantDelay.
+        ScenarioError: If a channel is no delay.
         ValueError: As LinearizeTwoPort.
     """
     forward, back = (
-        ConstantDelay(scenario, path).delay
+        getattr(scenario, path).AsConstantDelay(path, scenario.duration).delay
         for path in ("forward_channel", "return_channel")
     )
     felt = AnalyzeTransparency(

@@ -32,7 +32,6 @@ from teleop_drake.robots import TaskDamping, TaskInertiaInverse
 from teleop_drake.scenario import (
     CONTROLLERS,
     ChannelConfig,
-    ChannelProfile,
     GainMatrix,
     LayerConfig,
     Scenario,
@@ -197,7 +196,7 @@ def _StartLayer(scenario: Scenario) -> LayerConfig:
 def _HasNoDelay(scenario: Scenario) -> bool:
     """Returns whether both channels pass their signals straight through."""
     return all(
-        channel.delay == 0 and channel.kind in ("transport", "sampled")
+        channel.IsPassThrough()
         for channel in (scenario.forward_channel, scenario.return_channel)
     )
 
@@ -227,9 +226,7 @@ def _ResolveWaveVariables(scenario: Scenario) -> WaveVariablesConfig:
     def Scaling(given: float | None, channel: ChannelConfig) -> float:
         if given is not None:
             return given
-        if channel.kind not in ("variable", "network"):
-            return 1.0
-        return passive_scaling(ChannelProfile(channel, scenario.duration).max_slope)
+        return passive_scaling(channel.LargestSlope(scenario.duration))
 
     return dataclasses.replace(
         config,

@@ -1,1 +1,30 @@
-"""The communication between the stations."""
+"""The communication between the stations: a file for each kind of channel."""
+
+from teleop_drake.channels.base import ChannelConfig, ConstantDelay
+from teleop_drake.channels.network import NetworkChannelConfig
+from teleop_drake.channels.sampled import SampledChannelConfig
+from teleop_drake.channels.transport import TransportChannelConfig
+from teleop_drake.channels.variable import VariableChannelConfig
+from teleop_drake.kinds import KindTable
+
+CHANNEL_KINDS = KindTable(
+    ChannelConfig,
+    (
+        TransportChannelConfig,
+        VariableChannelConfig,
+        SampledChannelConfig,
+        NetworkChannelConfig,
+    ),
+    noun="channel",
+)
+"""Every kind of channel, the default first."""
+
+__all__ = [
+    "CHANNEL_KINDS",
+    "ChannelConfig",
+    "ConstantDelay",
+    "NetworkChannelConfig",
+    "SampledChannelConfig",
+    "TransportChannelConfig",
+    "VariableChannelConfig",
+]

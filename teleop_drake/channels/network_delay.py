@@ -10,13 +10,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from teleop_drake.channels.delay_line import check_channel
-from teleop_drake.channels.packet_network import (
-    PacketNetwork,
-    PacketStatistics,
-    Receiver,
-    check_receiver,
-    packet_statistics,
-)
+from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.channels.packet_statistics import PacketStatistics, packet_statistics
+from teleop_drake.channels.receiver import Receiver, check_receiver
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from teleop_drake.channels.delay_line import DelayLine
-from teleop_drake.channels.packet_network import DelayProfile
+from teleop_drake.channels.delay_profile import DelayProfile
 
 # Keys are multiples of this, in s, so that the two sides of a jump have equal ones
 # although t - T(t) is rounded. Exact for times up to some hours.

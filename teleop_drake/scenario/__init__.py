@@ -2,12 +2,10 @@
 
 from teleop_drake.scenario.scenario import (
     ARCHITECTURES,
-    CHANNELS,
     CONTROLLERS,
     TRACKING_CONTROLLERS,
     AnyScenario,
     ChannelConfig,
-    ChannelProfile,
     CheckSteps,
     ControllerConfig,
     DisturbanceConfig,
@@ -31,12 +29,10 @@ from teleop_drake.scenario.scenario import (
 
 __all__ = [
     "ARCHITECTURES",
-    "CHANNELS",
     "CONTROLLERS",
     "TRACKING_CONTROLLERS",
     "AnyScenario",
     "ChannelConfig",
-    "ChannelProfile",
     "CheckSteps",
     "ControllerConfig",
     "DisturbanceConfig",

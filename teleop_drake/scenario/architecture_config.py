@@ -9,11 +9,12 @@ A ValueError names the parameter by its place in the controller, its value and w
 allowed.
 """
 
-import math
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
+
+from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 
 @dataclass(kw_only=True, eq=False)
@@ -168,7 +169,7 @@ def check_controller(controller: Any, num_axes: int) -> None:
     _check_smith_predictor(controller.smith_predictor, num_axes)
     passivity = controller.time_domain_passivity
     path = "time_domain_passivity"
-    _check_number(f"{path}.horizon", passivity.horizon, "s", above=0)
+    CheckNumber(f"{path}.horizon", passivity.horizon, "s", above=0)
     for key, unit in (
         ("maximum_damping", "N s/m"),
         ("maximum_mobility", "m/(N s)"),
@@ -176,105 +177,76 @@ def check_controller(controller: Any, num_axes: int) -> None:
     ):
         value = getattr(passivity, key)
         if value is not None:
-            _check_number(f"{path}.{key}", value, unit, above=0)
+            CheckNumber(f"{path}.{key}", value, unit, above=0)
 
 
 def _check_proportional_damping(config: ProportionalDampingConfig, n: int) -> None:
     path = "proportional_damping"
     if config.master_mass is None:
-        _refuse(f"{path}.master_mass", None, "a number or a matrix (kg)")
-    _check_gain(f"{path}.master_mass", config.master_mass, n)
+        Refuse(f"{path}.master_mass", None, "a number or a matrix (kg)")
+    CheckGain(f"{path}.master_mass", config.master_mass, n, may_be_null=True)
     for key in ("master_damping", "slave_damping", "stiffness"):
-        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
-    _check_number(f"{path}.margin", config.margin, "", above=1)
+        CheckGain(
+            f"{path}.{key}", getattr(config, key), n, may_be_zero=True, may_be_null=True
+        )
+    CheckNumber(f"{path}.margin", config.margin, "", above=1)
 
 
 def _check_four_channel(config: FourChannelConfig, n: int) -> None:
     path = "four_channel"
     if config.variant not in FOUR_CHANNEL_VARIANTS:
         variants = ", ".join(FOUR_CHANNEL_VARIANTS)
-        _refuse(f"{path}.variant", config.variant, f"one of {variants}")
+        Refuse(f"{path}.variant", config.variant, f"one of {variants}")
     for key in ("master_mass", "master_damping"):
         if getattr(config, key) is None:
-            _refuse(f"{path}.{key}", None, "a number or a matrix")
-    _check_gain(f"{path}.master_mass", config.master_mass, n)
+            Refuse(f"{path}.{key}", None, "a number or a matrix")
+    CheckGain(f"{path}.master_mass", config.master_mass, n, may_be_null=True)
     for key in ("master_damping", "slave_mass", "slave_damping"):
-        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
+        CheckGain(
+            f"{path}.{key}", getattr(config, key), n, may_be_zero=True, may_be_null=True
+        )
     for key in ("C_m", "C_s"):
         local = getattr(config, key)
         for name in ("damping", "stiffness"):
             gain = getattr(local, name)
-            _check_gain(f"{path}.{key}.{name}", gain, n, may_be_zero=True)
+            CheckGain(
+                f"{path}.{key}.{name}", gain, n, may_be_zero=True, may_be_null=True
+            )
     for key in ("bandwidth", "acceleration_bandwidth"):
         if getattr(config, key) is not None:
-            _check_number(f"{path}.{key}", getattr(config, key), "rad/s", above=0)
+            CheckNumber(f"{path}.{key}", getattr(config, key), "rad/s", above=0)
     for key in ("C1", "C2", "C3", "C4", "C5", "C6"):
         if getattr(config, key) is not None:
-            _check_number(f"{path}.{key}", getattr(config, key), "")
+            CheckNumber(f"{path}.{key}", getattr(config, key), "")
 
 
 def _check_smith_predictor(config: SmithPredictorConfig, n: int) -> None:
     path = "smith_predictor"
-    _check_gain(f"{path}.mass", config.mass, n)
+    CheckGain(f"{path}.mass", config.mass, n, may_be_null=True)
     for key in ("damping", "stiffness"):
-        _check_gain(f"{path}.{key}", getattr(config, key), n, may_be_zero=True)
+        CheckGain(
+            f"{path}.{key}", getattr(config, key), n, may_be_zero=True, may_be_null=True
+        )
     if config.delay is not None:
-        _check_number(f"{path}.delay", config.delay, "s", minimum=0)
+        CheckNumber(f"{path}.delay", config.delay, "s", minimum=0)
 
 
 def _check_wave_variables(config: WaveVariablesConfig, n: int) -> None:
     path = "wave_variables"
-    _check_gain(f"{path}.impedance", config.impedance, n)
-    _check_gain(f"{path}.master_damping", config.master_damping, n, may_be_zero=True)
+    CheckGain(f"{path}.impedance", config.impedance, n, may_be_null=True)
+    CheckGain(
+        f"{path}.master_damping",
+        config.master_damping,
+        n,
+        may_be_zero=True,
+        may_be_null=True,
+    )
     for key in ("forward_bandwidth", "return_bandwidth"):
         value = getattr(config, key)
         if value is not None:
-            _check_number(f"{path}.{key}", value, "rad/s", above=0)
+            CheckNumber(f"{path}.{key}", value, "rad/s", above=0)
     for key in ("forward_scaling", "return_scaling"):
         value = getattr(config, key)
         if value is not None:
-            _check_number(f"{path}.{key}", value, "", above=0, maximum=1)
-    _check_number(f"{path}.drift_correction", config.drift_correction, "1/s", minimum=0)
-
-
-def _refuse(path: str, value: Any, allowed: str) -> NoReturn:
-    shown = value.tolist() if isinstance(value, np.ndarray) else value
-    shown = "null" if shown is None else shown
-    raise ValueError(f"{path} = {shown}: must be {allowed}")
-
-
-def _check_number(
-    path: str,
-    value: float,
-    unit: str,
-    *,
-    above: float = -math.inf,
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
-) -> None:
-    is_allowed = value is not None and math.isfinite(value)
-    if not (is_allowed and above < value and minimum <= value <= maximum):
-        bounds = f" > {above:g}" if above > -math.inf else ""
-        bounds += f" >= {minimum:g}" if minimum > -math.inf else ""
-        if maximum < math.inf:
-            bounds += f"{' and' if bounds else ''} <= {maximum:g}"
-        _refuse(path, value, f"a finite number{bounds}{f' ({unit})' if unit else ''}")
-
-
-def _check_gain(path: str, value: Any, n: int, *, may_be_zero: bool = False) -> None:
-    """Refuses what is not null, a number or a symmetric matrix of the right sign."""
-    if value is None:
-        return
-    matrix = np.asarray(value, dtype=float)
-    if matrix.ndim == 0:
-        matrix = matrix * np.eye(n)
-    if matrix.shape == (n, n) and np.all(np.isfinite(matrix)):
-        is_symmetric = np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
-        smallest = np.linalg.eigvalsh(matrix)[0]
-        if is_symmetric and (smallest > 0 or (may_be_zero and smallest >= 0)):
-            return
-    sign = "not negative" if may_be_zero else "positive"
-    kind = "semidefinite" if may_be_zero else "definite"
-    _refuse(
-        path, value, f"null, {sign}, or a symmetric positive {kind} {n} x {n} matrix"
-    )
+            CheckNumber(f"{path}.{key}", value, "", above=0, maximum=1)
+    CheckNumber(f"{path}.drift_correction", config.drift_correction, "1/s", minimum=0)

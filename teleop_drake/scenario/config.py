@@ -6,25 +6,13 @@ the first bad field, its value and what is allowed.
 """
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from teleop_drake.channels.packet_network import (
-    DelayProfile,
-    Jitter,
-    Loss,
-    PacketNetwork,
-    Receiver,
-    Sinusoid,
-    check_receiver,
-)
+from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.robots import CheckRobot, RobotModels
 from teleop_drake.scenario.architecture_config import (
@@ -35,16 +23,16 @@ from teleop_drake.scenario.architecture_config import (
     WaveVariablesConfig,
     check_controller,
 )
-from teleop_drake.scenario.tree import (
+from teleop_drake.scenario.tree import ElementName
+from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
+    CheckGain,
     CheckNumber,
     CheckVector,
-    ElementName,
     Refuse,
     ScenarioError,
     Show,
-    ToTree,
 )
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
@@ -66,19 +54,9 @@ TRACKING_CONTROLLERS = ("network_tracking",)
 DISTURBANCES = ("linear", "coupled")
 """Every kind of disturbance of a TrackingScenario."""
 
-CHANNELS = ("transport", "variable", "sampled", "network")
-"""Every kind of channel."""
-
 MAX_BASIS_FUNCTIONS = 10_000
 """Largest lattice that a network may have, so that a typing error cannot exhaust the
 memory."""
-
-SHORTEST_TIME = 1e-6
-"""Shortest non-zero delay, sample period and maximum step in s. The simulation steps
-at least as often as these, and would never end."""
-
-MAX_PACKETS = 100_000
-"""Most packets that may be under way in a sampled or network channel."""
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a trajectory in rad/s."""
@@ -131,37 +109,6 @@ class HapticDeviceConfig:
     numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
     # The same; the first is not zero, and there are at least as many (H is proper).
     denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
-
-
-@dataclass(kw_only=True, eq=False)
-class ChannelConfig:
-    """One direction of the communication (thesis section 2.1, Fig. 2.1)."""
-
-    # transport (exact delay), variable (the same, but changing with time), sampled (a
-    # packet stream with a zero-order hold) or network (packets with fates of their
-    # own).
-    kind: str = "transport"
-    # Delay, s, >= 0; in transport and sampled channels 0 passes the signal through. In
-    # variable and network ones it is the mean, on which the rest adds. Default: thesis
-    # section 4.2.
-    delay: float = 0.1
-    # Time between packets, s, > 0 and, for sampled, at most a non-zero delay; sampled
-    # and network only, else null.
-    sample_period: float | None = None
-    # Growth of the delay, s/s; variable and network only, else 0, as the next two.
-    drift: float = 0.0
-    sinusoid: Sinusoid = field(default_factory=Sinusoid)
-    # A CSV file with the columns time and delay, both in s, which is added. It covers
-    # the duration and is interpolated linearly; null: none. In a scenario file the path
-    # is relative to that file.
-    trace: str | None = None
-    # The rest is for network only.
-    jitter: Jitter = field(default_factory=Jitter)
-    loss: Loss = field(default_factory=Loss)
-    receiver: Receiver = field(default_factory=Receiver)
-    # Of the random numbers, a whole number >= 0. The two directions have different
-    # ones all the same. Without effect in other channels.
-    seed: int = 0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -299,99 +246,6 @@ def DefaultSimulator() -> SimulatorConfig:
     )
 
 
-def GainMatrix(gain: ArrayLike, num_axes: int) -> np.ndarray:
-    """Returns a gain as an n x n matrix; a number means that times the identity."""
-    matrix = np.asarray(gain, dtype=float)
-    return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
-
-
-def ChannelProfile(
-    channel: ChannelConfig, duration: float, *, path: str = "channel"
-) -> DelayProfile:
-    """Returns how the delay of a channel varies with time, jitter apart.
-
-    Args:
-        channel: Its delay, drift, sinusoid and trace are used; the trace is read.
-        duration: Until when, in s.
-        path: What to call the channel in a message.
-
-    Raises:
-        ScenarioError: If one of them is not allowed.
-    """
-    trace = None
-    if channel.trace is not None:
-        trace = _ReadTrace(f"{path}.trace", channel.trace)
-        if trace[0] and trace[0][-1] - trace[0][0] < duration:
-            span = trace[0][-1] - trace[0][0]
-            Refuse(
-                f"{path}.trace",
-                channel.trace,
-                f"at least as long as the duration, {duration:g} s, not {span:g} s",
-            )
-    try:
-        return DelayProfile(
-            delay=channel.delay,
-            drift=channel.drift,
-            sinusoid=channel.sinusoid,
-            trace=trace,
-            duration=duration,
-        )
-    except ValueError as e:
-        raise ScenarioError(f"{path}.{e}") from None
-
-
-# Anything else is a row, which may have a typing error.
-_HEADER = re.compile(r"""\s*["']?[^\W\d_][^,]*(,\s*["']?[^\W\d_][^,]*)+""")
-
-
-def _ReadTrace(path: str, file: str) -> tuple[list[float], list[float]]:
-    """Returns the times and delays in s of a CSV file.
-
-    Its first line may be a header, all of whose columns begin with a letter.
-    """
-    origin = f"{path} = {Show(file)}"
-    try:
-        # With a byte-order mark or without.
-        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
-    times: list[float] = []
-    delays: list[float] = []
-    may_be_header = True
-    for i, line in enumerate(lines):
-        if not line.strip() or line.startswith("#"):
-            continue
-        is_header = may_be_header and _HEADER.fullmatch(line)
-        may_be_header = False
-        try:
-            time, delay = map(float, line.split(","))
-        except ValueError:
-            if is_header:
-                continue
-            raise ScenarioError(
-                f"{origin}: line {i + 1}, {Show(line)}: must be time,delay in s"
-            ) from None
-        wrong = ""
-        if not (math.isfinite(time) and math.isfinite(delay)):
-            wrong = "finite numbers"
-        elif times and time <= times[-1]:
-            wrong = f"later than the line before, {times[-1]:g} s"
-        elif delay < 0:
-            wrong = "a delay >= 0 (s)"
-        if wrong:
-            raise ScenarioError(
-                f"{origin}: line {i + 1}, {Show(line)}: must be {wrong}"
-            )
-        times.append(time)
-        delays.append(delay)
-    if len(times) < 2:
-        raise ScenarioError(
-            f"{origin}: must have at least two lines of time,delay, not {len(times)}"
-        )
-    return times, delays
-
-
 def CheckRobotConfig(robot: RobotConfig) -> None:
     """Checks `robot`."""
     CheckChoice("robot.model", robot.model, RobotModels())
@@ -438,72 +292,6 @@ def CheckHapticDeviceConfig(device: HapticDeviceConfig) -> None:
             device.denominator,
             "coefficients that can be divided by the first one",
         )
-
-
-def CheckChannelConfig(path: str, channel: ChannelConfig, duration: float) -> None:
-    """Checks a channel; reads its trace if it has one.
-
-    Args:
-        path: The channel's field.
-        channel: What to check.
-        duration: How long the simulation lasts, s.
-    """
-    CheckChoice(f"{path}.kind", channel.kind, CHANNELS)
-    delay, period = channel.delay, channel.sample_period
-    if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
-        Refuse(f"{path}.delay", delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)")
-    if channel.kind in ("transport", "variable"):
-        if period is not None:
-            Refuse(
-                f"{path}.sample_period", period, f"null for a {channel.kind} channel"
-            )
-    else:
-        minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
-        CheckNumber(f"{path}.sample_period", period, "s", minimum=minimum)
-    if (
-        channel.kind == "sampled"
-        and delay > 0
-        and period is not None
-        and period > delay
-    ):
-        Refuse(f"{path}.sample_period", period, f"at most the delay, {delay:g} (s)")
-    _CheckUnused(path, channel)
-    if channel.seed < 0:
-        Refuse(f"{path}.seed", channel.seed, "a whole number >= 0")
-    if channel.kind in ("variable", "network"):
-        profile = ChannelProfile(channel, duration, path=path)
-        try:
-            if channel.kind == "variable":
-                profile.CheckContinuous(SHORTEST_TIME)
-            else:
-                check_receiver(channel.receiver)
-                PacketNetwork(
-                    profile=profile,
-                    sample_period=float(period or 0),
-                    jitter=channel.jitter,
-                    loss=channel.loss,
-                )
-        except ValueError as e:
-            raise ScenarioError(f"{path}.{e}") from None
-
-
-def _CheckUnused(path: str, channel: ChannelConfig) -> None:
-    """Refuses what the kind of channel has no use for."""
-    unused = []
-    if channel.kind in ("transport", "sampled"):
-        unused += ["drift", "sinusoid", "trace"]
-    if channel.kind != "network":
-        unused += ["jitter", "loss", "receiver"]
-    default = ToTree(ChannelConfig())
-    for name in unused:
-        value = ToTree(getattr(channel, name))
-        if value == default[name]:
-            continue
-        key, value, allowed = name, value, default[name]
-        if isinstance(value, dict):
-            key = next(key for key in value if value[key] != allowed[key])
-            key, value, allowed = f"{name}.{key}", value[key], allowed[key]
-        Refuse(f"{path}.{key}", value, f"{Show(allowed)} for a {channel.kind} channel")
 
 
 def CheckLayers(layers: Sequence[LayerConfig]) -> None:
@@ -556,7 +344,9 @@ def CheckControllerConfig(controller: ControllerConfig, n: int) -> None:
         with np.errstate(all="ignore"):
             product = gains["P"] @ gains["G1"]
             product = product + product.T
-        if not _IsPositiveDefinite(product):
+        if not (
+            np.all(np.isfinite(product)) and np.all(np.linalg.eigvalsh(product) > 0)
+        ):
             Refuse(
                 "controller.P",
                 controller.P,
@@ -571,32 +361,6 @@ def CheckControllerConfig(controller: ControllerConfig, n: int) -> None:
         item is not None for item in (network.lower, network.upper, network.count)
     ):
         CheckNetworkConfig(network, n)
-
-
-def _IsPositiveDefinite(matrix: np.ndarray) -> bool:
-    return bool(np.all(np.isfinite(matrix)) and np.all(np.linalg.eigvalsh(matrix) > 0))
-
-
-def CheckGain(path: str, value: Any, n: int) -> np.ndarray:
-    """Checks a gain and returns it as a matrix (n, n).
-
-    Args:
-        path: The gain's field.
-        value: A number or a matrix.
-        n: Number of task axes.
-    """
-    allowed = f"positive, or a symmetric positive definite {n} x {n} matrix"
-    if value is None:
-        Refuse(path, value, allowed)
-    matrix = GainMatrix(value, n)
-    if (
-        matrix.shape != (n, n)
-        or not np.all(np.isfinite(matrix))
-        or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
-        or not _IsPositiveDefinite(matrix)
-    ):
-        Refuse(path, value, allowed)
-    return matrix
 
 
 def CheckNetworkConfig(network: NetworkConfig, n: int) -> None:

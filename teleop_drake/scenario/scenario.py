@@ -23,6 +23,7 @@ from typing import Any, cast
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 
+from teleop_drake.channels import ChannelConfig, TransportChannelConfig
 from teleop_drake.laws.layered_force import (
     contact_position,
     layer_index,
@@ -31,16 +32,11 @@ from teleop_drake.laws.layered_force import (
 from teleop_drake.robots import CheckRobot, TaskInertiaInverse
 from teleop_drake.scenario.config import (
     ARCHITECTURES,
-    CHANNELS,
     CONTROLLERS,
     DISTURBANCES,
     MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
-    ChannelConfig,
-    ChannelProfile,
-    CheckChannelConfig,
     CheckControllerConfig,
-    CheckGain,
     CheckHapticDeviceConfig,
     CheckLayers,
     CheckNetworkConfig,
@@ -51,7 +47,6 @@ from teleop_drake.scenario.config import (
     DefaultSimulator,
     DisturbanceConfig,
     EnvironmentConfig,
-    GainMatrix,
     HapticDeviceConfig,
     LayerConfig,
     RobotConfig,
@@ -60,33 +55,34 @@ from teleop_drake.scenario.config import (
     TrajectoryConfig,
 )
 from teleop_drake.scenario.tree import (
-    REQUIRED,
-    CheckChoice,
-    CheckNumber,
-    CheckVector,
-    Choices,
     DumpYaml,
     FromTree,
-    Normalize,
     ParseFile,
     ParseOverrides,
     ParseYaml,
     ReadText,
+    SetPath,
+    ToTree,
+)
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckChoice,
+    CheckGain,
+    CheckNumber,
+    CheckVector,
+    Choices,
+    GainMatrix,
     Refuse,
     ScenarioError,
-    SetPath,
     Show,
-    ToTree,
 )
 
 __all__ = [
     "ARCHITECTURES",
-    "CHANNELS",
     "CONTROLLERS",
     "TRACKING_CONTROLLERS",
     "AnyScenario",
     "ChannelConfig",
-    "ChannelProfile",
     "CheckSteps",
     "ControllerConfig",
     "DisturbanceConfig",
@@ -167,7 +163,7 @@ class _ScenarioBase:
     def _Remember(self, tree: dict[str, Any]) -> None:
         """Remembers that this is valid, unless that depends on a file."""
         channels = (tree.get("forward_channel"), tree.get("return_channel"))
-        if not any(channel and channel["trace"] for channel in channels):
+        if not any(channel and channel.get("trace") for channel in channels):
             self._valid = repr(tree)
 
 
@@ -181,8 +177,8 @@ class Scenario(_ScenarioBase):
 
     surgeon: SurgeonConfig = field(default_factory=SurgeonConfig)
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
-    forward_channel: ChannelConfig = field(default_factory=ChannelConfig)
-    return_channel: ChannelConfig = field(default_factory=ChannelConfig)
+    forward_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
+    return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
@@ -243,15 +239,10 @@ class Scenario(_ScenarioBase):
         Raises:
             ScenarioError: If a variable channel's parameters are not allowed.
         """
-        smallest = math.inf
-        for path in ("forward_channel", "return_channel"):
-            channel = getattr(self, path)
-            if channel.kind == "transport" and channel.delay > 0:
-                smallest = min(smallest, channel.delay)
-            elif channel.kind == "variable":
-                profile = ChannelProfile(channel, self.duration, path=path)
-                smallest = min(smallest, profile.minimum)
-        return smallest
+        return min(
+            channel.LongestStep(self.duration)
+            for channel in (self.forward_channel, self.return_channel)
+        )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -357,13 +348,8 @@ def CheckSteps(scenario: AnyScenario) -> None:
     if isinstance(scenario, Scenario):
         for path in ("forward_channel", "return_channel"):
             channel = getattr(scenario, path)
-            if channel.kind == "transport" and channel.delay > 0:
-                steps[f"{path}.delay"] = channel.delay
-            elif channel.kind == "variable":
-                profile = ChannelProfile(channel, scenario.duration, path=path)
-                steps[f"{path}.delay"] = profile.minimum
-            elif channel.sample_period is not None:
-                steps[f"{path}.sample_period"] = channel.sample_period
+            steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
+            steps[f"{path}.sample_period"] = channel.PacketPeriod()
     # The last, because it may only follow a delay, which is what the user gave.
     steps["simulator.max_step_size"] = scenario.simulator.max_step_size
     field, shortest = min(steps.items(), key=lambda item: item[1])
@@ -423,7 +409,7 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     Raises:
         ScenarioError: if a field has the wrong type.
     """
-    tree = Normalize(ToTree(scenario), type(scenario), "")
+    tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
     return DumpYaml(tree, sort_keys=False, default_flow_style=None)
 
 
@@ -473,7 +459,9 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     CheckHapticDeviceConfig(scenario.haptic_device)
     channels = (scenario.forward_channel, scenario.return_channel)
     max_step = math.inf
-    if reads_traces or all(channel.trace is None for channel in channels):
+    if reads_traces or all(
+        getattr(channel, "trace", None) is None for channel in channels
+    ):
         _CheckChannels(scenario)
         max_step = scenario.max_transport_step
     CheckLayers(scenario.environment.layers)
@@ -551,7 +539,7 @@ def _CheckTrajectory(scenario: TrackingScenario) -> None:
 def _CheckChannels(scenario: Scenario) -> None:
     CheckNumber("duration", scenario.duration, "s", above=0)
     for path in ("forward_channel", "return_channel"):
-        CheckChannelConfig(path, getattr(scenario, path), scenario.duration)
+        getattr(scenario, path).Check(path, scenario.duration)
 
 
 def _CheckInitialPsi(scenario: Scenario) -> None:

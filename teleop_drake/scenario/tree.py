@@ -1,27 +1,26 @@
-"""Plain data behind scenarios: YAML, overrides, types, and what is said of bad input.
+"""Plain data behind scenarios: YAML, overrides and types.
 
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
-import copy
 import dataclasses
-import difflib
 import functools
-import math
 import os
 import re
-import reprlib
 import stat
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 import yaml
-from pydrake.common.yaml import yaml_load_typed
+from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
+
+from teleop_drake.kinds import KIND_KEYS, KindConfig, KindTable, TableOf
+from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 _T = TypeVar("_T")
 
@@ -35,64 +34,6 @@ _SIMULATOR_FIELDS: dict[str, type] = {
     "start_time": float,
     "target_realtime_rate": float,
 }
-
-
-class ScenarioError(ValueError):
-    """Bad input. Its text is one line: the field, its value and what is allowed."""
-
-
-# The default of a field that has none: `yaml_load_typed` needs every class to be
-# constructible without arguments. `Validate` refuses it.
-REQUIRED: Any = None
-
-
-# Messages.
-
-
-class _ShortRepr(reprlib.Repr):
-    """repr() on one short line, also of numbers that Python refuses to write out."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxstring = self.maxother = self.maxlong = 60
-
-    def repr_int(self, x: int, level: int) -> str:
-        """Returns the digits, or those of the hexadecimal number if there are many."""
-        is_long = x.bit_length() > 1000
-        return self.repr_instance(hex(x), level)[1:-1] if is_long else repr(x)
-
-
-_SHORT = _ShortRepr()
-
-
-def Show(value: Any) -> str:
-    """Returns the value as YAML would write it, on one short line."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    return _SHORT.repr(value)
-
-
-def Refuse(path: str, value: Any, allowed: str) -> typing.NoReturn:
-    """Raises a ScenarioError.
-
-    Args:
-        path: The field, dotted.
-        value: What it has.
-        allowed: What it must be, after "must be".
-    """
-    raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
-
-
-def Choices(value: Any, choices: Iterable[str]) -> str:
-    """Returns "one of a, b (did you mean 'a'?)"."""
-    choices = list(choices)
-    text = "one of " + ", ".join(choices)
-    nearest = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)
-    return f"{text} (did you mean {nearest[0]!r}?)" if nearest else text
 
 
 # Reading and writing.
@@ -279,12 +220,18 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
         ScenarioError: if there is no such value.
     """
     shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
-    *parents, last = dotted.split(".")
-    keys = []
-    for part in parents:
-        keys.append(_FindKey(tree, part, shown))
-        tree = tree[keys[-1]]
-    keys.append(_FindKey(tree, last, shown))
+    keys: list[str | int] = []
+    is_open = False
+    for part in dotted.split("."):
+        if keys:
+            tree = tree[keys[-1]]
+        # The kind decides which keys a mapping has, and FromTree() checks them.
+        is_open |= isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
+        if is_open and isinstance(tree, dict):
+            keys.append(part)
+            tree.setdefault(part, {})
+        else:
+            keys.append(_FindKey(tree, part, shown))
     tree[keys[-1]] = value
     return ".".join(map(str, keys))
 
@@ -312,17 +259,18 @@ def _FindKey(tree: Any, part: str, shown: str) -> str | int:
 # Types.
 
 
-def _Schema(schema: Any) -> dict[str, Any]:
-    """Returns the names and types of a class's fields."""
+def FieldTypes(schema: Any) -> dict[str, Any]:
+    """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
 
 
 def ToTree(value: Any) -> Any:
-    """Returns the tree of a dataclass, an array, a list or a plain value."""
+    """Returns the tree of a config, an array, a list or a plain value."""
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
-        return {key: ToTree(getattr(value, key)) for key in _Schema(type(value))}
+        tree = {key: ToTree(getattr(value, key)) for key in FieldTypes(type(value))}
+        return {"kind": value.kind, **tree} if isinstance(value, KindConfig) else tree
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)):
@@ -331,106 +279,123 @@ def ToTree(value: Any) -> Any:
 
 
 def FromTree(tree: Any, schema: type[_T]) -> _T:
-    """Returns an object with fields of the right types, their values unchecked.
+    """Returns a config with fields of the right types, their values unchecked.
 
     Args:
         tree: What ToTree() returned, or a file or its user made of it.
-        schema: The dataclass of the object.
+        schema: The dataclass of the config.
 
     Raises:
         ScenarioError: on unknown keys and wrong types.
     """
-    # yaml_load_typed is strict too, but names neither the path nor the choices, and
-    # takes a bare number neither for `ndarray | float` nor for a vector.
-    normal = Normalize(tree, schema, "")
-    parts = {
-        key: copy.deepcopy(_LoadPart(part, yaml.dump(normal[key], Dumper=_FastDumper)))
-        for key, part in _Schema(schema).items()
-        if isinstance(part, type)
-        and (dataclasses.is_dataclass(part) or part is SimulatorConfig)
-        and key in normal
-    }
-    plain = {key: value for key, value in normal.items() if key not in parts}
-    return yaml_load_typed(
-        schema=schema,
-        data=yaml.dump(plain, Dumper=_FastDumper),
-        defaults=schema(**parts),
-    )
+    config: _T = _Build(tree, schema, "")
+    return config
 
 
-@functools.lru_cache(maxsize=128)
-def _LoadPart(schema: type, data: str) -> Any:
-    """Returns an object of a part of a scenario; in a sweep most parts do not vary."""
-    return yaml_load_typed(schema=schema, data=data)
-
-
-def Normalize(value: Any, schema: Any, path: str) -> Any:
-    """Checks the tree against the schema; makes numbers of the declared type.
-
-    Raises:
-        ScenarioError: on unknown keys and wrong types.
-    """
+def _Build(value: Any, schema: Any, path: str) -> Any:
+    """Returns what a tree describes, of a declared type."""
     options = (
         typing.get_args(schema) if isinstance(schema, types.UnionType) else (schema,)
     )
     if value is None and type(None) in options:
         return None
     options = tuple(option for option in options if option is not type(None))
-    if options == (str,):
-        return _NormalizeText(value, path)
-    if options == (bool,):
-        if not isinstance(value, bool):
-            Refuse(path, value, "true or false")
-        return value
-    if options == (float,):
-        return _NormalizeNumber(value, path, "a number")
-    if options == (int,):
-        return _NormalizeCounts([value], path, "a whole number")[0]
-    if options == (list[int],):
-        return _NormalizeCounts(value, path)
+    build = _BUILDERS.get(options)
+    if build is not None:
+        return build(value, path)
     if np.ndarray in options:
-        if options == (np.ndarray,):
-            if not isinstance(value, list):
-                value = [value]
-            return [_NormalizeNumber(x, path, "a list of numbers") for x in value]
-        return _NormalizeGain(value, path, allow_text=str in options)
+        return _BuildGain(value, path, allow_text=str in options)
     if typing.get_origin(schema) is list:
         (item_schema,) = typing.get_args(schema)
         if not isinstance(value, list):
             Refuse(path, value, "a list")
         return [
-            Normalize(item, item_schema, f"{path}.{ElementName(item, i)}")
+            _Build(item, item_schema, f"{path}.{ElementName(item, i)}")
             for i, item in enumerate(value)
         ]
-    return _NormalizeMapping(value, schema, path)
+    (schema,) = options
+    table = TableOf(schema)
+    if table is not None:
+        return _BuildKind(value, table, path)
+    return _BuildConfig(value, schema, path)
 
 
-def _NormalizeMapping(value: Any, schema: Any, path: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        keys = ", ".join(_Schema(schema))
-        Refuse(path or "scenario", value, f"a mapping with the keys {keys}")
-    fields = _Schema(schema)
+def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
+    """Returns a config of a class, each field of the type declared there."""
+    fields = FieldTypes(schema)
+    _CheckMapping(value, fields, path)
     prefix = f"{path}." if path else ""
     for key in value:
         if key not in fields:
-            name = key if isinstance(key, str) and key.isprintable() else Show(key)
-            raise ScenarioError(
-                f"{prefix}{name} = {Show(value[key])}: unknown key {Show(key)}, "
-                f"must be {Choices(key, fields)}"
-            )
-    result = {}
+            _RefuseKey(prefix, key, value[key], fields)
+    arguments = {}
     for key, item_schema in fields.items():
-        # A required field that is null is left for Validate to name.
+        # A required field that is null is left for the checks to name.
         is_required = getattr(schema, key, 0) is None and not (
             isinstance(item_schema, types.UnionType)
             and type(None) in typing.get_args(item_schema)
         )
         if key in value and not (is_required and value[key] is None):
-            result[key] = Normalize(value[key], item_schema, prefix + key)
-    return result
+            arguments[key] = _Build(value[key], item_schema, prefix + key)
+    return schema(**arguments)
 
 
-def _NormalizeText(value: Any, path: str) -> str:
+def _BuildKind(value: Any, table: KindTable[Any], path: str) -> Any:
+    """Returns a config of the kind that a mapping names."""
+    default = table.kinds[0]
+    _CheckMapping(value, {table.key: str, **FieldTypes(default)}, path)
+    kind = table.Find(value.get(table.key, default.kind), f"{path}.{table.key}")
+    fields = FieldTypes(kind)
+    own = {}
+    for key, item in value.items():
+        if key in fields:
+            own[key] = item
+        elif key != table.key:
+            _CheckForeign(item, key, kind, table, path)
+    return _BuildConfig(own, kind, path)
+
+
+def _CheckForeign(
+    value: Any, key: Any, kind: type[KindConfig], table: KindTable[Any], path: str
+) -> None:
+    """Accepts a field of another kind if it says what holds for this kind anyway.
+
+    So that a scenario can be changed from one kind to another by its `kind` alone.
+    """
+    for other in table.kinds:
+        schema = FieldTypes(other).get(key)
+        if schema is None:
+            continue
+        given = ToTree(_Build(value, schema | None, f"{path}.{key}"))
+        neutral = ToTree(getattr(other(), key))
+        place = f"{path}.{key}"
+        if isinstance(neutral, dict) and isinstance(given, dict):
+            different = [name for name in neutral if given[name] != neutral[name]]
+            if not different:
+                return
+            place = f"{place}.{different[0]}"
+            given, neutral = given[different[0]], neutral[different[0]]
+        if given == neutral:
+            return
+        Refuse(place, given, f"{Show(neutral)} for a {kind.kind} {table.noun}")
+    _RefuseKey(f"{path}.", key, value, [table.key, *FieldTypes(kind)])
+
+
+def _CheckMapping(value: Any, keys: Iterable[str], path: str) -> None:
+    if not isinstance(value, dict):
+        allowed = f"a mapping with the keys {', '.join(keys)}"
+        Refuse(path or "scenario", value, allowed)
+
+
+def _RefuseKey(prefix: str, key: Any, value: Any, allowed: Iterable[str]) -> NoReturn:
+    name = key if isinstance(key, str) and key.isprintable() else Show(key)
+    raise ScenarioError(
+        f"{prefix}{name} = {Show(value)}: unknown key {Show(key)}, "
+        f"must be {Choices(key, allowed)}"
+    )
+
+
+def _BuildText(value: Any, path: str) -> str:
     if not isinstance(value, str):
         Refuse(path, value, "text")
     try:
@@ -440,7 +405,13 @@ def _NormalizeText(value: Any, path: str) -> str:
     return value
 
 
-def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
+def _BuildBool(value: Any, path: str) -> bool:
+    if not isinstance(value, bool):
+        Refuse(path, value, "true or false")
+    return value
+
+
+def _BuildNumber(value: Any, path: str, allowed: str = "a number") -> float:
     # Text as well: a number in quotes is one.
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         try:
@@ -450,80 +421,59 @@ def _NormalizeNumber(value: Any, path: str, allowed: str) -> float:
     Refuse(path, value, allowed)
 
 
-def _NormalizeCounts(
+def _BuildCount(value: Any, path: str) -> int:
+    return _BuildCounts([value], path, "a whole number")[0]
+
+
+def _BuildCounts(
     value: Any, path: str, allowed: str = "a list of whole numbers"
 ) -> list[int]:
     values = value if isinstance(value, list) else [value]
     counts = []
     for item in values:
-        number = _NormalizeNumber(item, path, allowed)
+        number = _BuildNumber(item, path, allowed)
         if not number.is_integer():
             Refuse(path, item if allowed == "a whole number" else value, allowed)
         counts.append(int(number))
     return counts
 
 
-def _NormalizeGain(value: Any, path: str, allow_text: bool) -> Any:
+def _BuildVector(value: Any, path: str) -> NDArray[np.float64]:
+    values = value if isinstance(value, list) else [value]
+    return np.array(
+        [_BuildNumber(x, path, "a list of numbers") for x in values], dtype=float
+    )
+
+
+def _BuildGain(
+    value: Any, path: str, allow_text: bool
+) -> float | str | NDArray[np.float64]:
     allowed = "a number or a matrix (a list of rows)"
     if allow_text:
         allowed += " or auto"
     if value == "auto" and allow_text:
-        return value
+        return "auto"
     if not isinstance(value, list):
-        return _NormalizeNumber(value, path, allowed)
+        return _BuildNumber(value, path, allowed)
     rows = []
     for row in value:
         if not isinstance(row, list) or len(row) != len(value):
             Refuse(path, value, allowed + ", square")
-        rows.append([_NormalizeNumber(x, path, allowed) for x in row])
-    return rows
+        rows.append([_BuildNumber(x, path, allowed) for x in row])
+    return np.array(rows, dtype=float)
+
+
+_BUILDERS: dict[tuple[Any, ...], Callable[[Any, str], Any]] = {
+    (str,): _BuildText,
+    (bool,): _BuildBool,
+    (float,): _BuildNumber,
+    (int,): _BuildCount,
+    (list[int],): _BuildCounts,
+    (np.ndarray,): _BuildVector,
+}
 
 
 def ElementName(item: Any, index: int) -> str:
     """Returns how messages call an element of a list."""
     name = item.get("name") if isinstance(item, dict) else None
     return name if isinstance(name, str) and name.isidentifier() else str(index)
-
-
-# Values.
-
-
-def CheckNumber(
-    path: str,
-    value: Any,
-    unit: str = "",
-    *,
-    above: float | None = None,
-    minimum: float | None = None,
-    maximum: float | None = None,
-) -> None:
-    """Refuses what is not finite or not within the bounds; takes None for missing."""
-    bounds = []
-    if above is not None:
-        bounds.append(f"> {above:g}")
-    if minimum is not None:
-        bounds.append(f">= {minimum:g}")
-    if maximum is not None:
-        bounds.append(f"<= {maximum:g}")
-    allowed = ["a finite number", " and ".join(bounds), f"({unit})" if unit else ""]
-    if (
-        value is None
-        or not math.isfinite(value)
-        or (above is not None and value <= above)
-        or (minimum is not None and value < minimum)
-        or (maximum is not None and value > maximum)
-    ):
-        Refuse(path, value, " ".join(filter(None, allowed)))
-
-
-def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
-    """Refuses what is not a vector of finite numbers; takes None for missing."""
-    if value is None or len(value) != size or not np.all(np.isfinite(value)):
-        entries = "1 finite number" if size == 1 else f"{size} finite numbers"
-        Refuse(path, value, f"a list of {entries} ({unit})")
-
-
-def CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
-    """Refuses what is none of the choices."""
-    if value not in choices:
-        Refuse(path, value, Choices(value, choices))

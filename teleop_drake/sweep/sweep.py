@@ -420,7 +420,7 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
         units = TELEOPERATION_METRICS | {
             f"{name}.{key}": unit
             for name in ("forward_channel", "return_channel")
-            if getattr(scenario, name).kind == "network"
+            if getattr(scenario, name).has_packet_statistics
             for key, unit in CHANNEL_METRICS.items()
         }
     return {
@@ -522,7 +522,8 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> _Source:
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
     """Returns whether any run may depend on a seed."""
     return isinstance(scenario, Scenario) and (
-        "network" in (scenario.forward_channel.kind, scenario.return_channel.kind)
+        scenario.forward_channel.draws_random_numbers
+        or scenario.return_channel.draws_random_numbers
         or any(key in _CHANNEL_KINDS for key in axes)
     )
 

@@ -21,7 +21,7 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.scenario import ChannelConfig, ChannelProfile, Scenario
+from teleop_drake.scenario import ChannelConfig, Scenario
 
 _TINY = 1e-12
 _HOPS = 4  # Through how many channels a jump's echoes are followed.
@@ -255,7 +255,7 @@ def _Arrivals(channel: ChannelConfig, duration: float, stream: str) -> tuple:
     if channel.kind == "sampled":
         return tuple(k * period + channel.delay for k in range(count))
     network = PacketNetwork(
-        profile=ChannelProfile(channel, duration),
+        profile=channel.Profile(duration),
         sample_period=period,
         jitter=channel.jitter,
         loss=channel.loss,

@@ -7,7 +7,8 @@ from benchmarks.options import Options
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
-from teleop_drake.scenario import CHANNELS, CONTROLLERS, LoadScenario
+from teleop_drake.channels import CHANNEL_KINDS
+from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.simulation import simulate
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
@@ -51,7 +52,7 @@ def Measure(options: Options) -> list[Table]:
         cases = {
             (controller, kind): MakeScenario(task, controller, kind, duration)
             for controller in CONTROLLERS
-            for kind in CHANNELS
+            for kind in CHANNEL_KINDS.names
         }
         measured = Alternate(
             {

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from teleop_drake.channels.packet_network import (
-    DelayProfile,
-    Jitter,
-    Loss,
-    PacketNetwork,
-    Receiver,
-    Sinusoid,
-    check_receiver,
-    packet_statistics,
-)
+from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.channels.packet_statistics import packet_statistics
+from teleop_drake.channels.receiver import Receiver, check_receiver
 
 COUNT = 20_000
 H = 0.001

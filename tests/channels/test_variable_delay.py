@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 
-from teleop_drake.channels.packet_network import DelayProfile, Sinusoid
+from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.channels.variable_delay import VariableDelay
 

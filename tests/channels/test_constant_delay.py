@@ -1,17 +1,17 @@
-"""Tests of analysis.constant_delay."""
+"""Tests of the constant delays that stand for channels."""
 
 import math
 
 import pytest
 
-from teleop_drake.analysis.constant_delay import ConstantDelay
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
 
 def Delay(**channel):
     channel = {"delay": 0.1} | channel
     scenario = LoadScenario("one_dof", {"return_channel": channel, "duration": 20.0})
-    return ConstantDelay(scenario, "return_channel")
+    channel = scenario.return_channel
+    return channel.AsConstantDelay("return_channel", scenario.duration)
 
 
 def test_transport_is_itself():

@@ -8,13 +8,12 @@ import pytest
 import yaml
 from runs import Run
 
+from teleop_drake.channels import VariableChannelConfig
 from teleop_drake.channels.network_delay import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.variable_delay import VariableDelay
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
-    ChannelConfig,
-    ChannelProfile,
     LoadScenario,
     ScenarioError,
     ScenarioFromYaml,
@@ -23,7 +22,6 @@ from teleop_drake.scenario import (
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import MetricUnits
 from teleop_drake.tasks.metrics import RunSummary
-from teleop_drake.teleoperator import MakeChannel
 
 WAYS = ("forward", "return")
 H = 0.02
@@ -83,7 +81,7 @@ def test_arrivals_have_both_sides():
         assert np.all(np.diff(recording.time)[changes] == 0)
         config = recording.scenario.forward_channel
         arrivals = PacketNetwork(
-            profile=ChannelProfile(config, 1.0),
+            profile=config.Profile(1.0),
             sample_period=H,
             jitter=Jitter(kind="gamma", std=0.02, minimum=0.05),
             loss=Loss(kind="burst", probability=0.1, burst_length=3),
@@ -235,8 +233,8 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
 def test_no_row_is_lost(header, mark, tmp_path):
     path = tmp_path / "t.csv"
     path.write_text(f"{mark}{header}0,0.1\n0.5,0.3\n1,0.3\n", encoding="utf-8")
-    channel = ChannelConfig(kind="variable", delay=0.0, trace=str(path))
-    assert ChannelProfile(channel, 0.5).minimum == 0.1
+    channel = VariableChannelConfig(delay=0.0, trace=str(path))
+    assert channel.Profile(0.5).minimum == 0.1
 
 
 @pytest.mark.parametrize(
@@ -305,14 +303,14 @@ def test_overrides_reach_every_impairment():
             "forward_channel.seed": 11,
         },
     )
-    channel = MakeChannel(scenario.forward_channel, size=2, initial_value=[0.0, 0.0])
+    channel = scenario.forward_channel.MakeChannel(size=2, initial_value=[0.0, 0.0])
     assert isinstance(channel, NetworkDelay)
 
 
 def test_make_channel_makes_a_variable_one():
     (override,) = channels("kind: variable", "forward")
     config = LoadScenario("one_dof", [override]).forward_channel
-    channel = MakeChannel(config, size=2, initial_value=[0.0, 0.0])
+    channel = config.MakeChannel(size=2, initial_value=[0.0, 0.0])
     assert isinstance(channel, VariableDelay)
 
 

@@ -1,0 +1,130 @@
+"""What every kind of channel tells: the base of their configs."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pydrake.systems.framework import System
+
+from teleop_drake.kinds import KindConfig
+from teleop_drake.validation import Refuse
+
+SHORTEST_TIME = 1e-6
+"""Shortest non-zero delay and sample period in s. The simulation steps at least as
+often, and would never end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantDelay:
+    """A constant delay in the place of a channel.
+
+    Attributes:
+        delay: In s.
+        note: A sentence that says what it stands for; None: for itself.
+    """
+
+    delay: float
+    note: str | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class ChannelConfig(KindConfig, ABC):
+    """One direction of the communication (thesis section 2.1, Fig. 2.1).
+
+    A channel of your own derives from this class, adds its fields, and makes its block
+    in MakeChannel. It can be named in a scenario: `kind: my_module:MyChannel`.
+
+    Attributes:
+        draws_random_numbers: Whether runs with other seeds differ.
+        has_packet_statistics: Whether its block has a method Statistics(context), which
+            returns PacketStatistics.
+    """
+
+    draws_random_numbers: ClassVar[bool] = False
+    has_packet_statistics: ClassVar[bool] = False
+
+    # Delay, s, >= 0. Kinds whose delay varies add to it. Default: thesis section 4.2.
+    delay: float = 0.1
+    # Of the random numbers, a whole number >= 0. The two directions have different
+    # ones all the same. Without effect where none are drawn.
+    seed: int = 0
+
+    def Check(self, path: str, duration: float) -> None:
+        """Checks every field.
+
+        Args:
+            path: The channel's field in a scenario, for messages.
+            duration: How long the simulation lasts, s.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        if self.delay != 0 and not SHORTEST_TIME <= self.delay < math.inf:
+            allowed = f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
+            Refuse(f"{path}.delay", self.delay, allowed)
+        if self.seed < 0:
+            Refuse(f"{path}.seed", self.seed, "a whole number >= 0")
+
+    @abstractmethod
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> System:
+        """Makes the block: input `signal`, output `delayed_signal` (size each).
+
+        Args:
+            size: Width of the packets.
+            initial_value: What arrives before the first packet does (size).
+            duration: How long the simulation lasts, s.
+            stream: Name of the random numbers; another one gives other numbers.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def LongestStep(self, duration: float) -> float:
+        """Returns the longest step in s that the solver may take, infinity if any.
+
+        Args:
+            duration: How long the simulation lasts, s.
+        """
+        return math.inf
+
+    def PacketPeriod(self) -> float:
+        """Returns the time in s between packets, infinity if there are none.
+
+        The solver stops at each of them.
+        """
+        return math.inf
+
+    def IsPassThrough(self) -> bool:
+        """Returns whether the signal comes out at the instant at which it goes in."""
+        return False
+
+    def LargestSlope(self, duration: float) -> float:
+        """Returns an upper bound of dT/dt of the delay T.
+
+        Args:
+            duration: How long the simulation lasts, s.
+        """
+        return 0.0
+
+    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
+        """Returns the constant delay with which a linear analysis replaces the channel.
+
+        Here the field `delay`, which is right for a delay that is constant and exact.
+
+        Args:
+            path: The channel's field in a scenario, for messages.
+            duration: How long the simulation lasts, s.
+
+        Raises:
+            ScenarioError: If the channel is no delay.
+        """
+        return ConstantDelay(delay=self.delay)

@@ -1,0 +1,130 @@
+"""Kinds: what may stand in one place of a scenario, by name.
+
+Each seam (channels, architectures, ...) has one table of its kinds. A kind is a config
+dataclass that derives from the base of its seam. It checks its own fields, makes its
+block, and answers what others may ask, so that nobody needs to know which kind it is.
+
+A kind of a user's own derives from the same base. It is named in a scenario as
+`kind: my_module:MyConfig`, or by an entry point of the group `teleop_drake.kinds`.
+"""
+
+import dataclasses
+import importlib
+from collections.abc import Iterable
+from importlib import metadata
+from typing import Any, ClassVar, Generic, TypeVar, cast
+
+from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
+
+ENTRY_POINT_GROUP = "teleop_drake.kinds"
+"""Group of the entry points that name kinds of other packages."""
+
+KIND_KEYS = ("kind", "model")
+"""The keys of a scenario that name a kind; a robot's is `model`."""
+
+
+class KindConfig:
+    """Base of the config dataclasses of all seams.
+
+    Attributes:
+        kind: Its name in a scenario. A class that does not set one is called
+            `module:Class`.
+    """
+
+    kind: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Names the class by its place unless it has a name of its own."""
+        super().__init_subclass__(**kwargs)
+        if "kind" not in cls.__dict__:
+            cls.kind = f"{cls.__module__}:{cls.__qualname__}"
+
+
+_T = TypeVar("_T", bound=KindConfig)
+
+_tables: dict[type, "KindTable[Any]"] = {}
+
+
+class KindTable(Generic[_T]):
+    """The kinds of one seam.
+
+    Args:
+        base: What every kind derives from. A field of a config that has this type is
+            read as one of the kinds.
+        kinds: Those of the package; the first one is the default.
+        noun: What to call one of them in a message.
+        key: Which of KIND_KEYS names the kind.
+    """
+
+    def __init__(
+        self,
+        base: type[Any],
+        kinds: Iterable[type[_T]],
+        *,
+        noun: str,
+        key: str = "kind",
+    ):
+        self.base = base
+        self.noun = noun
+        self.key = key
+        self._kinds = {kind.kind: kind for kind in kinds}
+        _tables[base] = self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the kinds of the package."""
+        return tuple(self._kinds)
+
+    @property
+    def kinds(self) -> tuple[type[_T], ...]:
+        """The kinds of the package."""
+        return tuple(self._kinds.values())
+
+    def Find(self, name: Any, path: str) -> type[_T]:
+        """Returns a kind by its name.
+
+        Args:
+            name: One of `names`, `module:Class`, or the name of an entry point.
+            path: The field that names it, for messages.
+
+        Raises:
+            ScenarioError: If there is no such kind, or it is none of this seam.
+        """
+        if isinstance(name, str):
+            if name in self._kinds:
+                return self._kinds[name]
+            if ":" in name:
+                return self._CheckBase(self._Import(name, path), name, path)
+            for entry in metadata.entry_points(group=ENTRY_POINT_GROUP, name=name):
+                return self._CheckBase(self._Import(entry.value, path), name, path)
+        Refuse(path, name, f"{Choices(name, self._kinds)}, or module:Class of your own")
+
+    def _Import(self, place: str, path: str) -> Any:
+        module, _, attribute = place.partition(":")
+        try:
+            return getattr(importlib.import_module(module), attribute)
+        except Exception as e:
+            # Whatever the user's module raises when it is imported.
+            reason = " ".join(f"{type(e).__name__}: {e}".split())
+            raise ScenarioError(
+                f"{path} = {Show(place)}: must be importable ({reason})"
+            ) from e
+
+    def _CheckBase(self, kind: Any, name: str, path: str) -> type[_T]:
+        if not (
+            isinstance(kind, type)
+            and issubclass(kind, self.base)
+            and dataclasses.is_dataclass(kind)
+        ):
+            Refuse(
+                path,
+                name,
+                f"a dataclass that derives from {self.base.__module__}."
+                f"{self.base.__qualname__}",
+            )
+        return cast(type[_T], kind)
+
+
+def TableOf(base: Any) -> "KindTable[Any] | None":
+    """Returns the table whose base is this class, or None."""
+    return _tables.get(base) if isinstance(base, type) else None

@@ -1,0 +1,198 @@
+"""What is said of bad input, and the checks that every part of the package shares.
+
+All of them refuse with one line: the field, its value and what is allowed.
+"""
+
+import contextlib
+import difflib
+import math
+import reprlib
+from collections.abc import Iterable, Iterator
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# The default of a field that has none. Every config is constructible without
+# arguments; its checks refuse what is missing.
+REQUIRED: Any = None
+
+
+class ScenarioError(ValueError):
+    """Bad input. Its text is one line: the field, its value and what is allowed."""
+
+
+class _ShortRepr(reprlib.Repr):
+    """repr() on one short line, also of numbers that Python refuses to write out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = self.maxlong = 60
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Returns the digits, or those of the hexadecimal number if there are many."""
+        is_long = x.bit_length() > 1000
+        return self.repr_instance(hex(x), level)[1:-1] if is_long else repr(x)
+
+
+_SHORT = _ShortRepr()
+
+
+def Show(value: Any) -> str:
+    """Returns the value as YAML would write it, on one short line."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    return _SHORT.repr(value)
+
+
+def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
+    """Raises a ScenarioError.
+
+    Args:
+        path: The field, dotted.
+        value: What it has.
+        allowed: What it must be, after "must be".
+    """
+    raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
+
+
+@contextlib.contextmanager
+def Within(path: str) -> Iterator[None]:
+    """Puts the path of a config before the fields that are refused inside of it.
+
+    Args:
+        path: Of the config, dotted.
+
+    Raises:
+        ScenarioError: With the path, if one is raised without it.
+    """
+    try:
+        yield
+    except ScenarioError as e:
+        raise ScenarioError(f"{path}.{e}") from None
+
+
+def Choices(value: Any, choices: Iterable[str]) -> str:
+    """Returns "one of a, b (did you mean 'a'?)"."""
+    choices = list(choices)
+    text = "one of " + ", ".join(choices)
+    nearest = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)
+    return f"{text} (did you mean {nearest[0]!r}?)" if nearest else text
+
+
+def CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
+    """Refuses what is none of the choices."""
+    choices = list(choices)
+    if value not in choices:
+        Refuse(path, value, Choices(value, choices))
+
+
+def CheckNumber(
+    path: str,
+    value: Any,
+    unit: str = "",
+    *,
+    above: float | None = None,
+    minimum: float | None = None,
+    maximum: float | None = None,
+) -> None:
+    """Refuses what is not finite or not within the bounds; takes None for missing.
+
+    Args:
+        path: The field, dotted.
+        value: What it has.
+        unit: Its unit, for the message.
+        above: Lower bound that is not allowed itself.
+        minimum: Least value allowed.
+        maximum: Largest value allowed.
+
+    Raises:
+        ScenarioError: If it is refused.
+    """
+    bounds = []
+    if above is not None:
+        bounds.append(f"> {above:g}")
+    if minimum is not None:
+        bounds.append(f">= {minimum:g}")
+    if maximum is not None:
+        bounds.append(f"<= {maximum:g}")
+    allowed = ["a finite number", " and ".join(bounds), f"({unit})" if unit else ""]
+    if (
+        value is None
+        or not math.isfinite(value)
+        or (above is not None and value <= above)
+        or (minimum is not None and value < minimum)
+        or (maximum is not None and value > maximum)
+    ):
+        Refuse(path, value, " ".join(filter(None, allowed)))
+
+
+def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
+    """Refuses what is not a vector of finite numbers; takes None for missing.
+
+    Args:
+        path: The field, dotted.
+        value: What it has.
+        size: Number of entries.
+        unit: Their unit, for the message.
+
+    Raises:
+        ScenarioError: If it is refused.
+    """
+    if value is None or np.shape(value) != (size,) or not np.all(np.isfinite(value)):
+        entries = "1 finite number" if size == 1 else f"{size} finite numbers"
+        Refuse(path, value, f"a list of {entries} ({unit})")
+
+
+def GainMatrix(gain: ArrayLike, num_axes: int) -> NDArray[np.float64]:
+    """Returns a gain as an n x n matrix; a number means that times the identity.
+
+    Args:
+        gain: A number or a matrix.
+        num_axes: n.
+    """
+    matrix = np.asarray(gain, dtype=float)
+    return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
+
+
+def CheckGain(
+    path: str,
+    value: Any,
+    num_axes: int,
+    *,
+    may_be_zero: bool = False,
+    may_be_null: bool = False,
+) -> NDArray[np.float64]:
+    """Checks a gain, a number or a symmetric matrix, and returns it as a matrix (n, n).
+
+    Args:
+        path: The field, dotted.
+        value: What it has.
+        num_axes: n.
+        may_be_zero: Whether the matrix may be semidefinite; else it is definite.
+        may_be_null: Whether None is allowed, of which zeros are returned.
+
+    Raises:
+        ScenarioError: If it is refused.
+    """
+    n = num_axes
+    if value is None and may_be_null:
+        return np.zeros((n, n))
+    if value is not None:
+        matrix = GainMatrix(value, n)
+        if (
+            matrix.shape == (n, n)
+            and np.all(np.isfinite(matrix))
+            and np.allclose(matrix, matrix.T, rtol=1e-9, atol=0)
+        ):
+            least = np.linalg.eigvalsh(matrix)[0]
+            if least > 0 or (may_be_zero and least >= 0):
+                return matrix
+    sign = "not negative" if may_be_zero else "positive"
+    kind = "semidefinite" if may_be_zero else "definite"
+    matrix_kind = f"symmetric positive {kind} {n} x {n} matrix"
+    Refuse(path, value, f"{'null, ' * may_be_null}{sign}, or a {matrix_kind}")
