@@ -1,6 +1,7 @@
 """The package's data flows one way, and its files import accordingly."""
 
 import ast
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -8,40 +9,22 @@ import pytest
 import teleop_drake
 
 PACKAGE = Path(teleop_drake.__file__).parent
-
-# A file imports only from what stands before it, or from its own folder.
-ORDER = [
-    "files",
-    "kernel",
-    "numerics",
-    "channels",
-    "laws",
-    "environments",
-    "systems",
-    "robots",
-    "scenario",
-    "stations",
-    "architectures",
-    "teleoperator",
-    "recording",
-    "compiler",
-    "tasks",
-    "simulation",
-    "analysis",
-    "sweep",
-    "figures",
-    "thesis",
-    "cli",
-    "__main__",
-]
-FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py")
+FILES = sorted(PACKAGE.rglob("*.py"))
 
 
 def Module(path: Path) -> str:
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+    """Returns the dotted name of a file; a folder's __init__.py has the folder's."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts).removesuffix(".__init__")
+
+
+def Floor(module: str) -> str:
+    """Returns the folder, or the file beside the folders, that a module belongs to."""
+    return module.split(".")[1] if "." in module else module
 
 
 def Imports(path: Path) -> set[str]:
+    """Returns the modules that a file imports, anywhere in it."""
     imports = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -50,30 +33,53 @@ def Imports(path: Path) -> set[str]:
             assert node.level == 0, "imports are absolute"
             assert node.module is not None
             imports.add(node.module)
+            # `from folder import file` imports the file.
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            imports.update(names & MODULES)
     return imports
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_imports_follow_the_flow(path):
-    mine = ORDER.index(Module(path))
-    for name in Imports(path):
-        assert name not in ("pydrake.all", "__future__"), name
-        if name.startswith("teleop_drake."):
-            theirs = name.split(".")[1]
-            is_folder = (PACKAGE / ORDER[mine]).is_dir()
-            allowed = ORDER[: mine + 1] if is_folder else ORDER[:mine]
-            assert theirs in allowed, f"{path.name} imports {name}"
+MODULES = {Module(path) for path in FILES}
+IMPORTS = {Module(path): Imports(path) for path in FILES}
+
+
+def AssertNoCircle(graph: dict[str, set[str]]) -> None:
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_floors_stand_on_each_other():
+    """A folder imports from folders that do not import from it, directly or not."""
+    floors: dict[str, set[str]] = {}
+    for module, imports in IMPORTS.items():
+        below = floors.setdefault(Floor(module), set())
+        below |= {Floor(name) for name in imports & MODULES if "." in name}
+        below.discard(Floor(module))
+    AssertNoCircle(floors)
+
+
+def test_files_do_not_import_in_circles():
+    AssertNoCircle(
+        {module: (imports & MODULES) - {module} for module, imports in IMPORTS.items()}
+    )
+
+
+def test_circles_are_found():
+    with pytest.raises(pytest.fail.Exception, match="a imports b imports a|b imports"):
+        AssertNoCircle({"a": {"b"}, "b": {"a"}})
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_imports_are_narrow(module):
+    assert not IMPORTS[module] & {"pydrake.all", "__future__"}
+    if Floor(module) in ("laws", "numerics", "validation", "kinds", "files"):
+        assert not any(name.startswith("pydrake") for name in IMPORTS[module])
 
 
 @pytest.mark.parametrize(
-    "path", [p for p in FILES if Module(p) == "laws"], ids=lambda path: path.stem
-)
-def test_laws_are_free_of_drake(path):
-    assert not any(name.startswith("pydrake") for name in Imports(path))
-
-
-@pytest.mark.parametrize(
-    "path", [p for p in FILES if Module(p) == "systems"], ids=lambda path: path.stem
+    "path", [p for p in FILES if p.parent.name == "systems"], ids=lambda path: path.stem
 )
 def test_one_system_a_file(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -82,4 +88,5 @@ def test_one_system_a_file(path):
         for node in tree.body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     ]
-    assert public == ["".join(word.title() for word in path.stem.split("_"))]
+    expected = "".join(word.title() for word in path.stem.split("_"))
+    assert public == ([] if path.stem == "__init__" else [expected])
