@@ -24,6 +24,7 @@ from teleop_drake.scenario import (
     Scenario,
     TrackingScenario,
 )
+from teleop_drake.simulation.failures import FirstLine, IsDivergence, NamingBlocks
 from teleop_drake.simulation.run_monitor import RunMonitor, TeleoperatorMonitor
 from teleop_drake.simulation.stale_cache_guard import MakeSimulator
 from teleop_drake.tasks.tracking import MakeNetworkTracking
@@ -80,8 +81,9 @@ def simulate(
 
     A run ends early, as a recording that says why, if the tool's speed exceeds
     divergence_speed_ratio times the commanded speed (divergence_speed, for a
-    TrackingScenario), if the solver cannot go on, or with the step at Ctrl-C (at once
-    at a second one).
+    TrackingScenario), if the solver finds no step that is short enough, if numbers
+    leave the finite, or with the step at Ctrl-C (at once at a second one). Any other
+    error of a block comes out as it is, with a note that names the block.
 
     Args:
         scenario: What to simulate.
@@ -94,7 +96,8 @@ def simulate(
 
     Raises:
         ScenarioError: If the scenario is not valid, or would take too many steps.
-        ValueError: If the teleoperator is not one for this scenario.
+        ValueError: If the teleoperator is not one for this scenario, or what it
+            puts out is not finite at the start.
     """
     if teleoperator is None:
         diagram = MakeDiagram(scenario)  # Validates the scenario.
@@ -118,6 +121,8 @@ def simulate(
 
     run = _Simulate(diagram, scenario.simulator, scenario.duration, MakeMonitor)
     times, signals = run.monitor.recorder.Finish()
+    if run.termination == "diverged":
+        times, signals = _WithFiniteEnd(times, signals, run.reason)
     if run.monitor.failure:
         _EndAtSpeed(run.monitor.speed_limit, times, signals)
     return _MakeRecording(scenario, run, times, signals)
@@ -176,22 +181,25 @@ def _Simulate(
     termination, reason = "completed", ""
     start = clock.monotonic()
     with monitor.InterruptAtSteps():
-        simulator.Initialize()
+        with NamingBlocks():
+            simulator.Initialize()
         try:
-            while not (
-                monitor.failure
-                or monitor.is_interrupted
-                or root_context.get_time() >= duration
-            ):
-                if monitor.AtJump():
-                    # This calls the monitor as well, which records the other side.
-                    simulator.AdvancePendingEvents()
-                simulator.AdvanceTo(monitor.NextStop())
+            with NamingBlocks():
+                while not (
+                    monitor.failure
+                    or monitor.is_interrupted
+                    or root_context.get_time() >= duration
+                ):
+                    if monitor.AtJump():
+                        # This calls the monitor as well, which records the other side.
+                        simulator.AdvancePendingEvents()
+                    simulator.AdvanceTo(monitor.NextStop())
         except KeyboardInterrupt:
             monitor.is_interrupted = True
-        except RuntimeError as error:
-            # The integrator gives up when its smallest step is still too inaccurate.
-            termination, reason = "diverged", str(error).splitlines()[0]
+        except Exception as error:
+            if not (monitor.is_interrupted or IsDivergence(error, root_context)):
+                raise
+            termination, reason = "diverged", FirstLine(error)
     if monitor.is_interrupted:  # However it ended: more runs may be to come.
         termination, reason = "interrupted", "interrupted by the user"
     elif monitor.failure:
@@ -246,6 +254,18 @@ def _MakeRecording(
         termination=run.termination,
         reason=run.reason,
     )
+
+
+def _WithFiniteEnd(
+    times: np.ndarray, signals: dict[str, np.ndarray], reason: str
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Returns what was recorded, up to the last sample that is a number in all."""
+    end = len(times)
+    while end > 0 and not all(np.isfinite(x[end - 1]).all() for x in signals.values()):
+        end -= 1
+    if end == 0:
+        raise ValueError(f"the run has no start: {reason}")
+    return times[:end], {name: x[:end] for name, x in signals.items()}
 
 
 def _EndAtSpeed(

@@ -192,6 +192,73 @@ def test_a_solver_that_cannot_go_on_ends_the_recording():
         assert np.all(np.isfinite(values))
 
 
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"environment.layers.tissue.stiffness": 1e4},
+        {"controller.G1": 1e5},
+        {"controller.adaptation_rate": 1e8},
+        {
+            f"environment.layers.{name}.stiffness": 1e9
+            for name in ("tissue", "free", "bone")
+        },
+    ],
+)
+def test_numbers_that_leave_the_finite_end_the_recording(overrides):
+    recording = simulate(
+        LoadScenario(
+            "two_dof_combined",
+            {"controller.kind": ADAPTIVE, "duration": 0.3} | overrides,
+        )
+    )
+    assert recording.termination == "diverged"
+    assert recording.reason
+    assert recording.time[-1] < 0.3
+    for values in recording.signals.values():
+        assert np.all(np.isfinite(values))
+
+
+class Raising(DirectForce):
+    """A control law that raises an error after half a second."""
+
+    def __init__(self, error):
+        super().__init__(num_axes=1)
+        self.set_name("my_law")
+        self.DeclareVectorOutputPort(
+            "telemetry", 1, self._CalcTelemetry, {self.time_ticket()}
+        )
+        self._error = error
+
+    def _CalcTelemetry(self, context, output):
+        if context.get_time() > 0.5:
+            raise self._error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        RuntimeError("my own bug"),
+        KeyError("my own bug"),
+        RuntimeError("TransportDelay 'x': evaluated 1 s after the last step"),
+    ],
+)
+def test_errors_of_blocks_come_out_and_name_the_block(error):
+    scenario = LoadScenario("one_dof", {"duration": 1.0})
+    teleoperator = MakeTeleoperator(scenario, control_law=Raising(error))
+    with pytest.raises(type(error)) as raised:
+        simulate(scenario, teleoperator=teleoperator)
+    assert raised.value is error
+    assert error.__notes__ == ["(in the block teleoperator::controller::my_law)"]
+
+
+def test_a_violated_contract_of_drake_does_not_end_the_interpreter():
+    scenario = LoadScenario("one_dof", {"duration": 1.0})
+    error = SystemExit("Failure at file.h:1 in SetPositions(): condition 'x' failed.")
+    teleoperator = MakeTeleoperator(scenario, control_law=Raising(error))
+    with pytest.raises(RuntimeError, match=r"SetPositions.*my_law"):
+        simulate(scenario, teleoperator=teleoperator)
+
+
 def test_blow_up_ends_early():
     recording = Run(
         "two_dof_puncture", DIRECT, "duration=12", "divergence_speed_ratio=20"
