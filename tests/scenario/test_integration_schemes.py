@@ -1,0 +1,82 @@
+"""Tests that every accepted integration scheme solves what is to be solved."""
+
+import functools
+
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
+
+from teleop_drake.robots import MakeRobot
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario.config import INTEGRATION_SCHEMES
+from teleop_drake.simulation import simulate
+
+# Of a slider of 0.5 kg and 0.1 N s/m behind the filter 1/(s/5 + 1), after 1 s of 1 N;
+# by runge_kutta5 at steps from 0.02 to 0.005 s, all the same to 2e-11.
+EXACT = 0.6416652272
+
+
+@functools.cache
+def filtered_push(scheme, step):
+    """Returns where a slider is that is pushed by way of a filter, added first."""
+    builder = DiagramBuilder()
+    push = builder.AddNamedSystem("push", ConstantVectorSource([1.0]))
+    lag = builder.AddNamedSystem(
+        "lag", LinearSystem([[-5.0]], [[5.0]], [[1.0]], [[0.0]])
+    )
+    robot = builder.AddNamedSystem("robot", MakeRobot(model="slider", start=[0.0]))
+    nothing = builder.AddNamedSystem("nothing", ConstantVectorSource([0.0]))
+    builder.Connect(push.get_output_port(), lag.get_input_port())
+    builder.Connect(lag.get_output_port(), robot.GetInputPort("control_force"))
+    builder.Connect(nothing.get_output_port(), robot.GetInputPort("environment_force"))
+    builder.ExportOutput(robot.GetOutputPort("tool_position"), "tool_position")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    config = SimulatorConfig(
+        integration_scheme=scheme, use_error_control=False, max_step_size=step
+    )
+    ApplySimulatorConfig(config, simulator)
+    simulator.AdvanceTo(1.0)
+    return diagram.GetOutputPort("tool_position").Eval(simulator.get_context())[0]
+
+
+@pytest.mark.parametrize("scheme", INTEGRATION_SCHEMES)
+def test_accepted_schemes_converge_to_one_motion(scheme):
+    coarse, fine = (filtered_push(scheme, step) for step in (0.02, 0.01))
+    # Half the step is half the error at least, and of the first order it is half:
+    # what that leaves of the error is of the second order.
+    assert abs(fine - EXACT) < max(0.51 * abs(coarse - EXACT), 1e-10)
+    assert 2 * fine - coarse == pytest.approx(EXACT, abs=5e-5)
+
+
+@functools.cache
+def final_velocity(scheme, step):
+    """Returns the velocity of the tool after the first packets are back."""
+    scenario = LoadScenario(
+        "one_dof",
+        {
+            "controller.kind": "direct_force",
+            "duration": 0.25,
+            "simulator.integration_scheme": scheme,
+            "simulator.use_error_control": False,
+            "simulator.max_step_size": step,
+        },
+    )
+    return simulate(scenario)["tool_velocity"][-1, 0]
+
+
+@pytest.mark.parametrize("scheme", INTEGRATION_SCHEMES)
+def test_accepted_schemes_agree_on_a_run(scheme):
+    # At these steps those of the first order are off by 0.3 %.
+    exact = final_velocity("runge_kutta5", 0.005)
+    assert final_velocity(scheme, 0.01) == pytest.approx(exact, rel=0.005)
+
+
+def test_a_scheme_that_takes_a_diagrams_state_for_one_systems_is_refused():
+    # Until Drake mends it; then it may be accepted.
+    assert abs(filtered_push("velocity_implicit_euler", 0.01) - EXACT) > 0.1
+    with pytest.raises(ScenarioError, match=r"simulator\.integration_scheme"):
+        LoadScenario(
+            "one_dof", {"simulator.integration_scheme": "velocity_implicit_euler"}
+        )
