@@ -53,6 +53,7 @@ _LLEWELLYN_RANGE = (-1.5, 3.0)
 
 _STABLE = "#56B4E9"
 _UNSTABLE = "#F0F0F0"
+_UNRESOLVED = "#F0F0F0"
 
 
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
@@ -61,6 +62,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     A line for each eigenlocus. The phase is that of L alone (thin) and with the
     scenario's delay (thick), -w T more. Dots mark the gain crossovers: in the thick
     phase, a dot of a crossover with falling magnitude has to lie above -180 degrees.
+    Where the model cannot tell a motion from a neutral one, the ground is grey.
 
     Args:
         analysis: The analysis, of a loop that is closed.
@@ -71,7 +73,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     points = _WithLoop(analysis)
     figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
     axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
-    limits = [math.inf, 0.0]
+    limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
         loci = _TrackedLoci(point, w)
@@ -92,12 +94,15 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
             top.plot(w[k], np.ones(len(k)), **dots)
             bottom.plot(w[k], delayed[k], **dots)
             limits = [
-                min([limits[0], -200.0, *delayed[k]]),
+                min([limits[0], *delayed[k]]),
                 max([limits[1], *phase[k]]),
             ]
         top.axhline(1, color=GREY, linewidth=0.6, zorder=0)
         bottom.axhline(-180, color=GREY, linewidth=0.6, zorder=0)
         top.set_title(_Title(point), fontsize=FONT_SIZE)
+        if point.unresolved > w[0]:
+            for ax in (top, bottom):
+                ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=0)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(*_MAGNITUDES)
         bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)

@@ -126,3 +126,17 @@ def test_nothing_to_draw():
     chart = ChartStability("one_dof", "robot.mass", [1.0])
     with pytest.raises(ValueError, match=r"robot\.mass: one value"):
         PlotStabilityChart(chart)
+
+
+def test_bode_of_a_loop_that_is_nothing():
+    analysis = Analysis()
+    points = [
+        dataclasses.replace(
+            point,
+            loop=dataclasses.replace(point.loop, B=1e-30 * point.loop.B),
+            crossings=[],
+        )
+        for point in analysis.points
+    ]
+    figure = PlotBode(dataclasses.replace(analysis, points=points))
+    assert figure.axes[-1].get_ylim() == (-270, 90)
