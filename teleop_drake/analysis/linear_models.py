@@ -29,6 +29,11 @@ class LoopModel:
         inner_delays: The delays inside, in s: first the master's, an entry for each of
             their signals.
         error: Estimated relative error of the matrices.
+        master_error: Estimated error of each entry of the master's matrices.
+        slave_error: Estimated error of each entry of the slave's.
+        master_drift: Time rate of each entry of the master's matrices while the
+            operating point moves on, per s.
+        slave_drift: That of the slave's.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
             controller's states: what no choice of the forward packet could remove, or,
             where the point has one, what it is.
@@ -42,6 +47,10 @@ class LoopModel:
     packet_sizes: tuple[int, int]
     inner_delays: tuple[float, ...]
     error: float
+    master_error: StateSpace
+    slave_error: StateSpace
+    master_drift: StateSpace
+    slave_drift: StateSpace
     trim_residual: float
 
 

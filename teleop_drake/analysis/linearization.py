@@ -38,6 +38,7 @@ delivers becomes an input of the model and what it gets an output.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +71,18 @@ Array = NDArray[np.float64]
 # The longest step of a difference, as a share of the way to the nearest border.
 _STEP_SHARE = 1 / 50
 
+# The least path in m and speed in m/s that lengths of steps derive from: shorter steps
+# would drown in rounding.
+_LEAST_SCALE = 1e-3
+
 # What is closer than this to a border, in m, is at it.
 _LEAST_DISTANCE = 1e-9
 
 # Steps of forces and of states without a scale, in their SI units.
 _STEP = 0.1
+
+# Where the model is looked at again, as shares of the way to the nearest border.
+_DRIFT_SHARES = (1 / 2, -1 / 2, 1 / 8, -1 / 8, 1 / 50, -1 / 50)
 
 # Slopes on both sides that differ by more than this share of the largest are a bend.
 _BEND = 1e-4
@@ -108,7 +116,29 @@ def LinearizeLoop(
             layer, or the robot cannot be there.
     """
     diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
-    return _Linearizer(scenario, point, diagram).Linearize()
+    linearizer = _Linearizer(scenario, point, diagram)
+    model = linearizer.Linearize()
+    speed = float(np.linalg.norm(point.velocity))
+    if speed == 0:
+        return model
+    # The model a little farther on, or, where there is none, less far or behind.
+    for share in _DRIFT_SHARES:
+        time = share * linearizer.BorderDistance() / speed
+        position = point.position + time * point.velocity
+        try:
+            other = _Linearizer(
+                scenario, replace(point, position=position), diagram
+            ).Linearize()
+        except ValueError:
+            if share == _DRIFT_SHARES[-1]:
+                raise
+            continue
+        break
+    return replace(
+        model,
+        master_drift=_Drift(model.master, other.master, model.master_error, time),
+        slave_drift=_Drift(model.slave, other.slave, model.slave_error, time),
+    )
 
 
 def LinearizeTwoPort(
@@ -131,6 +161,10 @@ def LinearizeTwoPort(
     """
     diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
     return _Linearizer(scenario, point, diagram).LinearizeTwoPort()
+
+
+# A model and the estimated error of each of its entries.
+_Side = tuple[StateSpace, StateSpace]
 
 
 class _Linearizer:
@@ -159,7 +193,10 @@ class _Linearizer:
             )
 
     def Linearize(self) -> LoopModel:
-        master, slave, error, residual = self._SettleAndLinearize()
+        """Returns the model of the loop, as if the operating point were at rest."""
+        (master, master_error), (slave, slave_error), residual = (
+            self._SettleAndLinearize()
+        )
         return LoopModel(
             point=self._point,
             master=master,
@@ -168,11 +205,18 @@ class _Linearizer:
             idle_passivity=self._idle_passivity,
             packet_sizes=self._PacketSizes(),
             inner_delays=self._InnerDelays(),
-            error=error,
+            error=max(
+                _RelativeError(master, master_error), _RelativeError(slave, slave_error)
+            ),
+            master_error=master_error,
+            slave_error=slave_error,
+            master_drift=_Zero(master),
+            slave_drift=_Zero(slave),
             trim_residual=residual,
         )
 
     def LinearizeTwoPort(self) -> TwoPortModel:
+        """Returns the model between the hand and the environment."""
         # It settles with the environment and the haptic device.
         self._SettleAndLinearize()
         force = self._Fix(
@@ -208,7 +252,9 @@ class _Linearizer:
             idle_passivity=self._idle_passivity,
             packet_sizes=self._PacketSizes(),
             inner_delays=self._InnerDelays(),
-            error=max(master_error, slave_error),
+            error=max(
+                _RelativeError(master, master_error), _RelativeError(slave, slave_error)
+            ),
         )
 
     # The diagram.
@@ -284,8 +330,8 @@ class _Linearizer:
 
     # The operating point.
 
-    def _SettleAndLinearize(self) -> tuple[StateSpace, StateSpace, float, float]:
-        """Returns master, slave, error and the rates that remain, at the point."""
+    def _SettleAndLinearize(self) -> tuple[_Side, _Side, float]:
+        """Returns master and slave, each with its error, and the rates that remain."""
         self._PlaceTool()
         self._forward_packet.Set(np.zeros(self._forward_packet.ports[0].size()))
         self._SettleDelays("controller")
@@ -302,7 +348,7 @@ class _Linearizer:
             self._forward_packet.Set(self._point.forward_packet)
             residual = float(np.abs(self._Rates()[self._n :]).max())
         slave, slave_error = self._LinearizeSlave([], [], self._SlaveStates())
-        return master, slave, max(master_error, slave_error), residual
+        return (master, master_error), (slave, slave_error), residual
 
     def _SettleDelays(self, name: str) -> None:
         """Lets the delays inside deliver what goes into them now."""
@@ -373,7 +419,7 @@ class _Linearizer:
         inputs: Sequence[FixedInput],
         outputs: Sequence[Callable[[], Array]],
         states: Sequence[States],
-    ) -> tuple[StateSpace, float]:
+    ) -> _Side:
         layer = self._Layer()
 
         def Motion() -> Array:
@@ -382,8 +428,9 @@ class _Linearizer:
             names = ("tool_position", "tool_velocity", "tool_acceleration")
             return np.concatenate([self._Eval("robot", name) for name in names])
 
-        gap = self._BorderDistance()
+        gap = self.BorderDistance()
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
+        speed = max(speed, _LEAST_SCALE)
         per_joint = np.linalg.norm(self._jacobian, axis=0)
         return self._LinearizeSide(
             "controller",
@@ -399,7 +446,7 @@ class _Linearizer:
         inputs: Sequence[FixedInput],
         outputs: Sequence[Callable[[], Array]],
         states: Sequence[States],
-    ) -> tuple[StateSpace, float]:
+    ) -> _Side:
         return self._LinearizeSide(
             "master",
             [*inputs, self._return_packet],
@@ -416,7 +463,7 @@ class _Linearizer:
         *,
         motion: Callable[[], Array] | None = None,
         steps: Sequence[Array] = (),
-    ) -> tuple[StateSpace, float]:
+    ) -> _Side:
         """Returns the model of one side, delays inside behind the rest, and its error.
 
         Args:
@@ -473,13 +520,19 @@ class _Linearizer:
         # The coordinates are a function of the state: d/d(coordinates).
         to_coordinates = np.linalg.inv(by_x[:size])
         by_z = by_x[size:] @ to_coordinates
-        error_z = error_x[size:] @ np.abs(to_coordinates)
-        by_u, error_u = by_u[size:], error_u[size:]
-        model = StateSpace(A=by_z[:size], B=by_u[:size], C=by_z[size:], D=by_u[size:])
-        return model, _RelativeError([(by_z, error_z), (by_u, error_u)])
+        error_z = error_x[size:] + np.abs(by_z) @ error_x[:size]
+        error_z = error_z @ np.abs(to_coordinates)
+        model, error = (
+            StateSpace(A=z[:size], B=u[:size], C=z[size:], D=u[size:])
+            for z, u in ((by_z, by_u[size:]), (error_z, error_u[size:]))
+        )
+        return model, error
 
-    def _BorderDistance(self) -> float:
-        """Returns how far it is to the nearest border, at most the task's path."""
+    def BorderDistance(self) -> float:
+        """Returns how far it is to the nearest border, at most the task's path.
+
+        A path of less than a millimetre says nothing of how the robot bends.
+        """
         x = self._point.position[0]
         starts = [layer.start for layer in self._scenario.environment.layers]
         distance = min((abs(x - start) for start in starts), default=math.inf)
@@ -491,13 +544,38 @@ class _Linearizer:
         path = self._scenario.duration * float(
             np.linalg.norm(self._scenario.surgeon.velocity)
         )
-        return min(distance, path, 1.0)
+        return min(distance, max(path, _LEAST_SCALE), 1.0)
 
 
-def _RelativeError(parts: Sequence[tuple[Array, Array]]) -> float:
+def _Drift(
+    model: StateSpace, other: StateSpace, error: StateSpace, time: float
+) -> StateSpace:
+    """Returns the rate of each entry, per s, as far as it is not due to its error."""
+
+    def Rate(one: Array, two: Array, doubt: Array) -> Array:
+        change = two - one
+        return np.where(np.abs(change) > 2 * doubt, change, 0.0) / time
+
+    return StateSpace(
+        A=Rate(model.A, other.A, error.A),
+        B=Rate(model.B, other.B, error.B),
+        C=Rate(model.C, other.C, error.C),
+        D=Rate(model.D, other.D, error.D),
+    )
+
+
+def _Zero(model: StateSpace) -> StateSpace:
+    return StateSpace(A=0 * model.A, B=0 * model.B, C=0 * model.C, D=0 * model.D)
+
+
+def _RelativeError(model: StateSpace, error: StateSpace) -> float:
     """Returns the largest error relative to the largest entry of its matrix."""
+    parts = [
+        (np.vstack([model.A, model.C]), np.vstack([error.A, error.C])),
+        (np.vstack([model.B, model.D]), np.vstack([error.B, error.D])),
+    ]
     return max(
-        float(error.max() / max(np.abs(matrix).max(), 1e-300))
-        for matrix, error in parts
+        float(doubt.max() / max(np.abs(matrix).max(), 1e-300))
+        for matrix, doubt in parts
         if matrix.size
     )

@@ -23,6 +23,11 @@ device's integral of the felt velocity both integrate v, and their sum stays wha
 was. With the thesis's packets it does not show in L and is removed with whatever else
 does not; with others, that carry a force back, it does, and laws.delay_margin knows it.
 Any other hidden mode on or right of the imaginary axis spoils every delay.
+
+Nor do roots count that are too slow to be told from neutral ones. A linear model is
+known only so well: its entries come from differences, and it is that of an instant,
+while the tool moves on (analysis.resolution). PointStability.unresolved says below
+which size nothing is known, RootError by how much a faster root may be off.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -40,9 +45,11 @@ from teleop_drake.analysis.operating_point import (
     OperatingPointAt,
     OperatingPoints,
 )
+from teleop_drake.analysis.resolution import RootError, UnresolvedRadius
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,
+    closed_loop_matrix,
     delay_margin,
     find_crossings,
     is_delay_robust,
@@ -86,7 +93,10 @@ class PointStability:
         stable_delays: Every interval of round-trip delays at which the loop is stable,
             in s; one that ends at max_delay goes on.
         hidden_modes: Modes that do not show in L, in 1/s, neutral ones apart.
-        num_neutral: Number of roots at 0, at every delay, hidden ones included.
+        num_neutral: Number of roots without delay that are not told from 0, hidden
+            ones included.
+        unresolved: The size in 1/s below which roots and crossings are not told from
+            neutral ones, and do not count; see analysis.resolution.
         slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
             the loop after the surgeon has switched to a force. None: it has no other.
     """
@@ -100,12 +110,8 @@ class PointStability:
     stable_delays: list[tuple[float, float]]
     hidden_modes: NDArray[np.complex128]
     num_neutral: int
+    unresolved: float
     slave_root: complex | None
-
-    @property
-    def _slow(self) -> float:
-        """Below which size in 1/s a root may be a neutral one."""
-        return _NEUTRAL * max(float(np.linalg.norm(self.loop.A)), 1e-300)
 
     @property
     def is_stable(self) -> bool:
@@ -122,7 +128,8 @@ class PointStability:
             return False
         if delay > 0 and not is_delay_robust(self.loop):
             return False
-        return int(unstable_roots(self.loop, delay, self.crossings)[1][-1]) == 0
+        _, counts = unstable_roots(self.loop, delay, self.crossings, self.unresolved)
+        return int(counts[-1]) == 0
 
     def Roots(self, delay: float, count: int = 8) -> NDArray[np.complex128]:
         """Returns the rightmost characteristic roots, by descending real part.
@@ -135,15 +142,48 @@ class PointStability:
             count: How many.
         """
         loop = self.loop
-        num_neutral = neutral_root_count(loop)
+        more = count + self.num_neutral
         roots = characteristic_roots(
-            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=count + num_neutral
+            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=more
         )
-        is_neutral = np.zeros(len(roots), dtype=bool)
-        is_neutral[np.argsort(np.abs(roots))[:num_neutral]] = True
-        roots = roots[~(is_neutral & (np.abs(roots) < self._slow))]
+        roots = roots[~self._AreNeutral(roots)]
         roots = np.concatenate([roots, self.hidden_modes])
         return roots[np.lexsort((-roots.imag, -roots.real.round(12)))][:count]
+
+    def _AreNeutral(self, roots: NDArray[np.complex128]) -> NDArray[np.bool_]:
+        """Returns which roots of the loop are not told from those at 0."""
+        # Those at 0 at every delay are known to be, with the accuracy of collocation.
+        exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
+        is_exact = np.isin(np.arange(len(roots)), exact)
+        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
+        size = np.abs(roots)
+        is_neutral: NDArray[np.bool_] = size < self.unresolved
+        return is_neutral | (is_exact & (size < slow))
+
+    def RootError(self, root: complex, delay: float) -> float | None:
+        """Returns by how much a root may be off, in 1/s, to first order.
+
+        Args:
+            root: One of Roots(delay).
+            delay: Round-trip delay in s.
+
+        Returns:
+            The bound; None for a root that is not simple, which has none.
+        """
+        error = RootError(self.model, root, delay)
+        return error if np.isfinite(error) else None
+
+    def IsCertain(self, delay: float) -> bool:
+        """Returns whether the rightmost root is farther from the axis than its error.
+
+        Args:
+            delay: Round-trip delay in s.
+        """
+        root = self.RightmostRoot(delay)
+        if root is None:
+            return False
+        error = self.RootError(root, delay)
+        return error is not None and bool(error < abs(root.real))
 
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
@@ -169,6 +209,7 @@ class PointStability:
         """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""
         point = self.model.point
         root = self.RightmostRoot(self.delay)
+        root_error = None if root is None else self.RootError(root, self.delay)
         margin = self.margin
         return {
             "name": point.name,
@@ -185,6 +226,9 @@ class PointStability:
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
             "rightmost_root": None if root is None else [root.real, root.imag],
+            "root_error": root_error,
+            "certain": self.IsCertain(self.delay),
+            "unresolved_below": self.unresolved,
             "slave_root": (
                 None
                 if self.slave_root is None
@@ -312,14 +356,15 @@ def AnalyzeModel(
     """
     cut = CutLoop(model)
     loop, hidden = minimal_realization(cut)
-    slow = _NEUTRAL * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0)
+    unresolved = UnresolvedRadius(model)
+    slow = max(unresolved, _NEUTRAL * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
     is_neutral = np.abs(hidden) < slow
     # Which modes are hidden does not depend on the delay, and what is not a decaying
     # one among them spoils every delay.
     modes = hidden[~is_neutral]
-    crossings = find_crossings(loop)
-    intervals = stable_delays(loop, max_delay, crossings)
-    margin = delay_margin(loop, crossings)
+    crossings = [x for x in find_crossings(loop) if _IsResolved(model, x, unresolved)]
+    intervals = stable_delays(loop, max_delay, crossings, unresolved)
+    margin = delay_margin(loop, crossings, unresolved)
     if np.any(modes.real >= 0):
         intervals, margin = [], None
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
@@ -334,9 +379,24 @@ def AnalyzeModel(
         margin=margin,
         stable_delays=intervals,
         hidden_modes=modes,
-        num_neutral=int(is_neutral.sum()) + neutral_root_count(loop),
+        num_neutral=int(is_neutral.sum()) + _CountSlow(loop, unresolved),
+        unresolved=unresolved,
         slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
     )
+
+
+def _IsResolved(model: LoopModel, crossing: Crossing, unresolved: float) -> bool:
+    """Returns whether the roots that cross are told from neutral ones."""
+    w = crossing.frequency
+    if w == 0:
+        return True
+    return w > unresolved and w > RootError(model, 1j * w, crossing.delay)
+
+
+def _CountSlow(loop: StateSpace, unresolved: float) -> int:
+    """Returns the number of roots without delay that are not told from 0."""
+    sizes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
+    return max(int(np.sum(sizes < unresolved)), neutral_root_count(loop))
 
 
 def AnalyzeStability(

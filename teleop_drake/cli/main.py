@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130
 
+# Below this, in rad/s, nobody asks whether a mode is neutral.
+_LEAST_UNRESOLVED = 1e-3
+
 # More stable intervals than this do not fit a table; JSON has all.
 _MAX_INTERVALS = 3
 
@@ -1026,7 +1029,8 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
                 _Cell(point["delay_margin"]),
                 ", ".join(intervals) or "none",
                 "-" if root is None else _Root(*root),
-                "stable" if point["stable"] else "UNSTABLE",
+                ("stable" if point["stable"] else "UNSTABLE")
+                + ("" if point["certain"] else ", uncertain"),
             ]
         )
     text = [
@@ -1036,6 +1040,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         _Align(lines),
     ]
     text += _Verdict(points, delay)
+    text += _Certainty(points)
     if all(point["absolutely_stable"] is not None for point in record["transparency"]):
         text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
@@ -1079,9 +1084,38 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     return text
 
 
+def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns sentences: what the linear model is not accurate enough to tell."""
+    text = []
+    slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
+    if slow:
+        sizes = ", ".join(f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow)
+        text.append(
+            f"Neutral, within the accuracy of the model there: what is slower than "
+            f"{sizes} rad/s."
+        )
+    for point in points:
+        root, error = point["rightmost_root"], point["root_error"]
+        if root is not None and not point["certain"]:
+            doubt = "not known" if error is None else f"known to ± {error:.2g}"
+            text.append(
+                f"Uncertain in {point['name']}: the root's real part is {doubt} 1/s."
+            )
+    return text
+
+
 def _Root(real: float, imaginary: float) -> str:
     """Returns a characteristic root, or both of a pair."""
     return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
+
+
+# What stands in the place of a delay margin.
+_MARGIN_WORDS = {
+    "stable": "at every delay",
+    "unstable": "at every delay that was looked at",
+    "windows": "unstable without delay, and stable at some larger ones",
+    "absent": "the tool does not come to this layer",
+}
 
 
 def _ChartTable(chart: Mapping[str, Any]) -> str:
@@ -1092,12 +1126,23 @@ def _ChartTable(chart: Mapping[str, Any]) -> str:
     lines = [[chart["key"], *(f"{name} [s]" for name in names), ""]]
     for value, analysis in zip(chart["values"], chart["analyses"], strict=True):
         points = {p["name"]: p for p in analysis["operating_points"]}
-        cells = [
-            _Cell(points[name]["delay_margin"] if name in points else None)
-            for name in names
-        ]
+        cells = [_Margin(points.get(name)) for name in names]
         lines.append([f"{value:g}", *cells, ""])
-    return "Delay margins\n" + _Align(lines)
+    shown = {cell for line in lines[1:] for cell in line[1:]}
+    words = [f"{word}: {text}" for word, text in _MARGIN_WORDS.items() if word in shown]
+    return "\n".join(["Delay margins", _Align(lines), *words])
+
+
+def _Margin(point: Mapping[str, Any] | None) -> str:
+    """Returns the delay margin at an operating point, or why it has none."""
+    if point is None:
+        return "absent"
+    if point["delay_margin"] is not None:
+        return _Cell(point["delay_margin"])
+    intervals = point["stable_delays"]
+    if not intervals:
+        return "unstable"
+    return "stable" if intervals[0][0] == 0 else "windows"
 
 
 def _Align(lines: Sequence[Sequence[str]]) -> str:

@@ -189,16 +189,17 @@ def neutral_root_count(loop: StateSpace) -> int:
     return int(np.sum(sizes <= _AXIS_TOLERANCE * np.linalg.norm(loop.A)))
 
 
-def unstable_root_count(loop: StateSpace) -> int:
+def unstable_root_count(loop: StateSpace, slow: float = 0.0) -> int:
     """Returns the number of roots right of the imaginary axis without delay.
 
     Roots on the axis do not count, and those at 0 are on it.
 
     Args:
         loop: L, minimal.
+        slow: Below which size in 1/s a root is not told from one at 0.
     """
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
-    roots = roots[np.abs(roots) > _SLOW * np.linalg.norm(loop.A)]
+    roots = roots[np.abs(roots) > max(slow, _SLOW * float(np.linalg.norm(loop.A)))]
     scale = np.maximum(np.abs(roots), np.linalg.norm(loop.A) * 1e-3)
     return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
 
@@ -222,14 +223,18 @@ def is_delay_robust(loop: StateSpace) -> bool:
 
 
 def unstable_roots(
-    loop: StateSpace, max_delay: float, crossings: list[Crossing] | None = None
+    loop: StateSpace,
+    max_delay: float,
+    crossings: list[Crossing] | None = None,
+    slow: float = 0.0,
 ) -> tuple[Array, NDArray[np.int_]]:
     """Returns how many roots of (1) are unstable, as a function of the delay.
 
     Args:
         loop: L, minimal, such that is_delay_robust(loop).
         max_delay: Up to which delay in s.
-        crossings: Those of find_crossings(loop), if they are known.
+        crossings: Those of find_crossings(loop) that count, if they are known.
+        slow: As for unstable_root_count.
 
     Returns:
         Delays (K) in s, ascending from 0, and the number of unstable roots from each to
@@ -237,7 +242,7 @@ def unstable_roots(
     """
     if crossings is None:
         crossings = find_crossings(loop)
-    count = unstable_root_count(loop)
+    count = unstable_root_count(loop, slow)
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
         if crossing.frequency == 0:
@@ -263,7 +268,10 @@ def unstable_roots(
 
 
 def stable_delays(
-    loop: StateSpace, max_delay: float, crossings: list[Crossing] | None = None
+    loop: StateSpace,
+    max_delay: float,
+    crossings: list[Crossing] | None = None,
+    slow: float = 0.0,
 ) -> list[tuple[float, float]]:
     """Returns every interval of delays in which the loop is stable.
 
@@ -272,11 +280,12 @@ def stable_delays(
     Args:
         loop: L, minimal.
         max_delay: Up to which delay in s; an interval that ends there goes on.
-        crossings: Those of find_crossings(loop), if they are known.
+        crossings: Those of find_crossings(loop) that count, if they are known.
+        slow: As for unstable_root_count.
     """
     if not is_delay_robust(loop):
         return []
-    delays, counts = unstable_roots(loop, max_delay, crossings)
+    delays, counts = unstable_roots(loop, max_delay, crossings, slow)
     ends = [*delays[1:], max_delay]
     intervals: list[tuple[float, float]] = []
     for begin, end, count in zip(delays, ends, counts, strict=True):
@@ -289,7 +298,7 @@ def stable_delays(
 
 
 def delay_margin(
-    loop: StateSpace, crossings: list[Crossing] | None = None
+    loop: StateSpace, crossings: list[Crossing] | None = None, slow: float = 0.0
 ) -> Crossing | None:
     """Returns the crossing at which growing delay first makes the loop unstable.
 
@@ -298,7 +307,8 @@ def delay_margin(
 
     Args:
         loop: L, minimal.
-        crossings: Those of find_crossings(loop), if they are known.
+        crossings: Those of find_crossings(loop) that count, if they are known.
+        slow: As for unstable_root_count.
     """
     if crossings is None:
         crossings = find_crossings(loop)
@@ -306,8 +316,8 @@ def delay_margin(
     if not outward:
         return None
     first = min(outward, key=lambda crossing: crossing.delay)
-    is_stable = stable_delays(loop, first.delay, crossings) == [(0.0, first.delay)]
-    return first if is_stable else None
+    intervals = stable_delays(loop, first.delay, crossings, slow)
+    return first if intervals == [(0.0, first.delay)] else None
 
 
 def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
@@ -375,6 +385,8 @@ def _refine(loop: StateSpace, w: Array, g: Array, i: int) -> tuple[Array, Array]
         & ((inner > 0) == (before > 0))
         & ((inner > 0) == (after > 0))
         & (np.abs(inner) < 0.5)
+        # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
+        & (np.abs(inner) > _MAGNITUDE_TOLERANCE)
     )
     added_w, added_g = [], []
     for k in np.flatnonzero(is_closest) + 1:

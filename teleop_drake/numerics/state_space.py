@@ -55,6 +55,29 @@ class StateSpace:
         """Number n of states."""
         return len(self.A)
 
+    @staticmethod
+    def BlockDiagonal(first: "StateSpace", second: "StateSpace") -> "StateSpace":
+        """Returns two systems side by side, not connected.
+
+        Args:
+            first: Its states, inputs and outputs come first.
+            second: The other one.
+        """
+
+        def Stack(one: Array, two: Array) -> Array:
+            corners = (
+                np.zeros((len(one), two.shape[1])),
+                np.zeros((len(two), one.shape[1])),
+            )
+            return np.block([[one, corners[0]], [corners[1], two]])
+
+        return StateSpace(
+            A=Stack(first.A, second.A),
+            B=Stack(first.B, second.B),
+            C=Stack(first.C, second.C),
+            D=Stack(first.D, second.D),
+        )
+
     def FrequencyResponse(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns G(j w) (K, p, m).
 

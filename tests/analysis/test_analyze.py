@@ -167,3 +167,54 @@ def test_bad_input(command, message, capsys):
     assert err.startswith(f"teleop-drake: error: {message}")
     assert err.count("\n") == 1 and err.endswith("\n")
     assert os.listdir() == ["file"]
+
+
+def Chart(capsys, *options):
+    assert main(["analyze", "one_dof", "--quiet", *options]) == 0
+    return capsys.readouterr().out.partition("Delay margins\n")[2].splitlines()
+
+
+def test_stable_and_absent_are_told_apart(capsys):
+    vary = ["--vary", "surgeon.velocity.0=0.0001,0.1"]
+    lines = Chart(capsys, "--controller", "four_channel", *vary)
+    assert [line.split() for line in lines[1:3]] == [
+        ["0.0001", "stable", "absent", "absent"],
+        ["0.1", "stable", "stable", "stable"],
+    ]
+    assert lines[3:] == [
+        "stable: at every delay",
+        "absent: the tool does not come to this layer",
+    ]
+
+
+def test_unstable_at_every_delay_is_said(capsys):
+    key = "controller.wave_variables.master_damping"
+    lines = Chart(capsys, "--controller", "wave_variables", "--vary", f"{key}=0,2")
+    assert lines[1].split()[1:] == ["unstable"] * 3
+    assert lines[2].split()[1:] == ["stable"] * 3
+    assert lines[3:] == [
+        "stable: at every delay",
+        "unstable: at every delay that was looked at",
+    ]
+
+
+def test_neutral_modes_are_said(capsys):
+    slow = ["--set", "surgeon.velocity=[0.002, 0]"]
+    command = ["analyze", "two_dof_collision", "--controller", "smith_predictor"]
+    assert main([*command, *slow]) == 0
+    _, _, free, neutral, *_ = capsys.readouterr().out.splitlines()
+    assert free.endswith("stable") and "UNSTABLE" not in free
+    assert re.fullmatch(
+        r"Neutral, within the accuracy of the model there: what is slower than "
+        r"0\.00\d+ \(free\) rad/s\.",
+        neutral,
+    )
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+@pytest.mark.parametrize("key", ["duration", "surgeon.velocity.0"])
+def test_path_of_no_length_has_a_model(name, key, capsys):
+    command = ["analyze", name, "--controller", "direct_force"]
+    assert main([*command, "--set", f"{key}=1.0e-200"]) == 0
+    assert " stable" in capsys.readouterr().out

@@ -1,0 +1,140 @@
+"""Tests of analysis.resolution: what the linear model can tell, and what not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.analysis.linearization import LinearizeLoop
+from teleop_drake.analysis.operating_point import OperatingPointAt
+from teleop_drake.analysis.resolution import RootError
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+
+
+def EverywhereBone(stiffness, **overrides):
+    return {
+        "controller.kind": "direct_force",
+        "environment.layers": [
+            {"name": "bone", "start": -math.inf, "stiffness": stiffness}
+        ],
+        "divergence_speed_ratio": 1000.0,
+    } | overrides
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.003, 0.1])
+def test_modes_of_the_motion_itself_are_neutral(speed):
+    """An arm without a controller, in motion: 0.2 v +- 1.5 v j are its slave's roots.
+
+    They are what the instant says of a motion that takes it across the workspace.
+    """
+    scenario = LoadScenario(
+        "two_dof_collision",
+        {"controller.kind": "smith_predictor", "surgeon.velocity": [speed, 0.0]},
+    )
+    free = AnalyzeStability(scenario)["free"]
+    assert free.is_stable and free.IsCertain(0.2)
+    assert free.stable_delays == [(0.0, 2.0)] and free.margin is None
+    assert not len(free.hidden_modes) and free.num_neutral == 6
+    assert free.unresolved == pytest.approx(2.5 * speed, rel=0.3)
+    assert free.RightmostRoot(0.2).real == pytest.approx(-0.68, abs=0.02)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.1])
+def test_slow_root_that_is_unstable_is_found(speed):
+    """A heavy slider on a soft spring: nothing in its model drifts as it moves on."""
+    scenario = LoadScenario(
+        "one_dof",
+        EverywhereBone(
+            0.01,
+            **{
+                "robot.mass": 100.0,
+                "robot.damping": 0.0,
+                "surgeon.velocity": [speed],
+                "forward_channel.delay": 1.0,
+                "return_channel.delay": 1.0,
+            },
+        ),
+    )
+    point = OperatingPointAt(scenario, 0.01)
+    bone = AnalyzeStability(scenario, points=[point]).points[0]
+    root = bone.RightmostRoot(2.0)
+    assert 0 < root.real < abs(root) < 0.2
+    assert bone.unresolved < 1e-4 * abs(root)
+    assert not bone.is_stable and bone.IsCertain(2.0)
+    assert bone.RootError(root, 2.0) < 1e-8
+
+
+def test_root_error_is_what_the_motion_changes():
+    """The root there and half a radian farther on, of an arm in tissue."""
+    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
+    analysis = AnalyzeStability(scenario)
+    tissue = analysis["tissue"]
+    root = tissue.RightmostRoot(analysis.points[0].delay)
+    error = tissue.RootError(root, 0.2)
+    time = 1 / abs(root) + 0.2
+    x = tissue.model.point.position[0] + 0.1 * time
+    there = AnalyzeStability(scenario, points=[OperatingPointAt(scenario, x)]).points[0]
+    shift = abs(there.RightmostRoot(0.2) - root)
+    assert shift == pytest.approx(error, rel=0.3)
+
+
+def test_drift_is_that_of_the_matrices():
+    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
+    here, there = (
+        LinearizeLoop(scenario, OperatingPointAt(scenario, x)) for x in (0.92, 0.921)
+    )
+    rate = (there.slave.A - here.slave.A) / 0.01
+    np.testing.assert_allclose(here.slave_drift.A, rate, rtol=0.5, atol=0.02)
+    assert not np.any(here.master_drift.A)
+
+
+def test_slider_on_a_spring_has_no_drift():
+    scenario = LoadScenario("one_dof", EverywhereBone(150.0))
+    point = OperatingPointAt(scenario, 0.01)
+    model = LinearizeLoop(scenario, point)
+    np.testing.assert_allclose(model.slave_drift.A, 0, atol=1e-10)
+    assert RootError(model, 0.36 + 16.7j, 0.2) < 1e-9
+
+
+def Rate(recording, begin):
+    """Growth rate of the deviation from the steady motion, from its extremes."""
+    t = np.linspace(begin, recording.time[-1], 6000)
+    v = recording.Interpolate("tool_velocity", t)[:, 0]
+    i = np.flatnonzero(np.diff(v)[:-1] * np.diff(v)[1:] < 0) + 1
+    swings = np.abs(np.diff(v[i]))
+    return np.polyfit((t[i][1:] + t[i][:-1]) / 2, np.log(swings), 1)[0]
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 16))]
+)
+def test_roots_against_growth(seed):
+    """Random sliders on random springs with random delays: the run grows or decays at
+    the rate of the rightmost root."""
+    rng = np.random.default_rng(seed)
+    delay = rng.uniform(0.1, 0.5)
+    share = rng.uniform(0.2, 0.8)
+    overrides = EverywhereBone(
+        rng.uniform(80.0, 300.0),
+        **{
+            "robot.mass": rng.uniform(0.3, 1.0),
+            "robot.damping": rng.uniform(0.0, 0.5),
+            "forward_channel.delay": share * delay,
+            "return_channel.delay": (1 - share) * delay,
+            "duration": 10.0,
+        },
+    )
+    scenario = LoadScenario("one_dof", overrides)
+    point = OperatingPointAt(scenario, 0.01)
+    bone = AnalyzeStability(scenario, points=[point]).points[0]
+    roots = bone.Roots(delay, count=6)
+    root = roots[0]
+    # Two that go on side by side have no rate of their own.
+    apart = next(s.real for s in roots if abs(s.imag) != abs(root.imag))
+    if root.real - apart < 0.3 or abs(root.real) * 10 > 25 or root.imag == 0:
+        pytest.skip("no single mode in sight")
+    recording = simulate(scenario)
+    assert Rate(recording, 5.0) == pytest.approx(root.real, rel=0.02, abs=0.01)
+    assert (root.real < 0) == bone.is_stable
