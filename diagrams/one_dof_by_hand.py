@@ -9,11 +9,7 @@ import math
 import sys
 from pathlib import Path
 
-from pydrake.systems.analysis import (
-    ApplySimulatorConfig,
-    Simulator,
-    SimulatorConfig,
-)
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
@@ -24,6 +20,7 @@ from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
+from teleop_drake.simulation import MakeSimulator
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
@@ -154,16 +151,16 @@ def main(picture: Path) -> None:
     diagram = MakeOneDofByHand()
     WriteDiagram(diagram, picture, max_depth=1)
 
-    simulator = Simulator(diagram)
-    # Dormand-Prince 5(4), which Simulink calls ode45.
-    ApplySimulatorConfig(
+    # Drake's Simulator, set up for signals that jump and arrive later.
+    simulator = MakeSimulator(
+        diagram,
         SimulatorConfig(
+            # Dormand-Prince 5(4), which Simulink calls ode45.
             integration_scheme="runge_kutta5",
             use_error_control=True,
             accuracy=1e-8,
-            max_step_size=0.01,
+            max_step_size=0.05,
         ),
-        simulator,
     )
     simulator.AdvanceTo(5.0)
     robot = diagram.GetSubsystemByName("robot")

@@ -8,13 +8,13 @@ file given as an argument) and simulates the first second.
 import sys
 from pathlib import Path
 
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.simulation import MakeSimulator
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
 
 
@@ -68,8 +68,8 @@ def main(picture: Path) -> None:
     diagram = MakeTwoDofArm(scenario)
     WriteDiagram(diagram, picture, max_depth=1)
 
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator, simulator)
+    # Drake's Simulator, set up for signals that jump and arrive later.
+    simulator = MakeSimulator(diagram, scenario.simulator)
     simulator.AdvanceTo(1.0)
     robot = diagram.GetSubsystemByName("robot")
     x, y = robot.GetOutputPort("tool_position").Eval(

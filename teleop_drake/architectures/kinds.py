@@ -491,11 +491,6 @@ def _ResolveSmithPredictor(scenario: Scenario) -> SmithPredictorConfig:
 
 def _MakeSmithPredictor(scenario: Scenario) -> Architecture:
     config: Any = _ResolveSmithPredictor(scenario)
-    if 0 < config.delay < scenario.simulator.max_step_size:
-        raise ScenarioError(
-            f"simulator.max_step_size = {scenario.simulator.max_step_size:g}: must be "
-            f"<= {config.delay:g} s, the delay of smith_predictor"
-        )
     n, start = scenario.num_axes, _Start(scenario)
     return Architecture(
         master_side=SmithPredictorMaster(

@@ -106,6 +106,11 @@ class DelayLine(LeafSystem):
         self.DeclarePerStepUnrestrictedUpdateEvent(self._RecordBeforeEvents)
         self.DeclarePerStepDiscreteUpdateEvent(self._RecordAfterEvents)
 
+    @property
+    def longest_step(self) -> float:
+        """The least time under way in s: no step of the solver may be longer."""
+        return self._shortest_delay
+
     def StoreKey(self, time: float) -> float:
         """Returns the key under which the sample taken at a time is kept.
 

@@ -80,6 +80,7 @@ class TransportDelay(DelayLine):
             )
             return
         LeafSystem.__init__(self)
+        self._shortest_delay = math.inf
         self._signal = self.DeclareVectorInputPort("signal", size)
         self.DeclareVectorOutputPort(
             "delayed_signal",

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
+from teleop_drake.callbacks import Weakly
 from teleop_drake.laws.layered_force import (
     Layer,
     layer_index,
@@ -74,6 +75,7 @@ class LayeredForceField(LeafSystem):
         self._everywhere = np.array([[0, len(layers)]])
         self._force = compiled(layered_force)
         self._row = compiled(layer_row)
+        self._boundaries = [layer.start for layer in layers]
         # Where each region begins and ends.
         borders = self._layers[self._regions[1:, 0], 0].tolist()
         self._begins = [-math.inf, *borders]
@@ -99,14 +101,14 @@ class LayeredForceField(LeafSystem):
         enters_next = self.MakeWitnessFunction(
             "enters_next_region",
             WitnessFunctionDirection.kNegativeThenNonNegative,
-            self._CalcPastEnd,
-            UnrestrictedUpdateEvent(self._EnterNextRegion),
+            Weakly(self._CalcPastEnd),
+            UnrestrictedUpdateEvent(Weakly(self._EnterNextRegion)),
         )
         enters_previous = self.MakeWitnessFunction(
             "enters_previous_region",
             WitnessFunctionDirection.kPositiveThenNonPositive,
-            self._CalcPastStart,
-            UnrestrictedUpdateEvent(self._EnterPreviousRegion),
+            Weakly(self._CalcPastStart),
+            UnrestrictedUpdateEvent(Weakly(self._EnterPreviousRegion)),
         )
         # By the region: there is nothing before the first and behind the last.
         last = len(self._regions) - 1
@@ -114,6 +116,11 @@ class LayeredForceField(LeafSystem):
             [enters_next] * (region < last) + [enters_previous] * (region > 0)
             for region in range(last + 1)
         ]
+
+    @property
+    def boundaries(self) -> list[float]:
+        """Where the force has a kink or a jump along x, m: where the layers start."""
+        return self._boundaries
 
     def _GetRegion(self, context: Context) -> int:
         return int(context.get_discrete_state_vector().GetAtIndex(0))

@@ -389,12 +389,11 @@ def CheckNetworkConfig(network: NetworkConfig, n: int) -> None:
     CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
 
 
-def CheckSimulatorConfig(simulator: SimulatorConfig, max_transport_step: float) -> None:
+def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
     """Checks `simulator`.
 
     Args:
         simulator: What to check.
-        max_transport_step: Longest step that the channels allow, s.
     """
     CheckChoice(
         "simulator.integration_scheme",
@@ -409,12 +408,6 @@ def CheckSimulatorConfig(simulator: SimulatorConfig, max_transport_step: float) 
         "s",
         minimum=SHORTEST_TIME,
     )
-    if simulator.max_step_size > max_transport_step:
-        Refuse(
-            "simulator.max_step_size",
-            simulator.max_step_size,
-            f"<= {max_transport_step:g} s, the smallest non-zero transport delay",
-        )
     if simulator.start_time != 0:
         Refuse("simulator.start_time", simulator.start_time, "0 s")
     CheckNumber(

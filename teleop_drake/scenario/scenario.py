@@ -184,8 +184,8 @@ class Scenario(_ScenarioBase):
     # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
     # at most 1000. Assumed.
     divergence_speed_ratio: float = 5.0
-    # Drake's own. A transport channel needs max_step_size <= its delay; start_time
-    # is 0.
+    # Drake's own. Steps are shorter than max_step_size where the smallest delay is;
+    # start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
     @property
@@ -229,19 +229,6 @@ class Scenario(_ScenarioBase):
             start=self.robot.start,
             elbow=self.robot.elbow,
             mass=self.robot.mass,
-        )
-
-    @property
-    def max_transport_step(self) -> float:
-        """Smallest non-zero delay of a transport or variable channel in s, the longest
-        step allowed; or inf.
-
-        Raises:
-            ScenarioError: If a variable channel's parameters are not allowed.
-        """
-        return min(
-            channel.LongestStep(self.duration)
-            for channel in (self.forward_channel, self.return_channel)
         )
 
 
@@ -291,25 +278,16 @@ def LoadScenario(
 
     Returns:
         A TrackingScenario if the file has a key `trajectory`, else a Scenario; Any to
-        a type checker, which cannot know. A `simulator.max_step_size` that a built-in
-        scenario or the default brings along is reduced to the smallest transport
-        delay; one that the caller gives is not.
+        a type checker, which cannot know.
 
     Raises:
         ScenarioError: if the file cannot be read or anything in it is not allowed.
     """
-    path, is_builtin = _FindScenario(name_or_path)
-    tree, is_step_given = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    is_step_given &= not is_builtin
+    path = _FindScenario(name_or_path)
+    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
     for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
-        is_step_given |= dotted in ("simulator", "simulator.max_step_size")
     scenario = FromTree(tree, _SchemaOf(tree))
-    if isinstance(scenario, Scenario) and not is_step_given:
-        _CheckChannels(scenario)
-        scenario.simulator.max_step_size = min(
-            scenario.simulator.max_step_size, scenario.max_transport_step
-        )
     _CheckScenario(scenario)
     scenario._Remember(ToTree(scenario))
     return scenario
@@ -330,8 +308,8 @@ def OverriddenPaths(
     Raises:
         ScenarioError: if a path does not exist.
     """
-    path, _ = _FindScenario(name_or_path)
-    tree, _ = copy.deepcopy(_CompleteTree(path, ReadText(path)))
+    path = _FindScenario(name_or_path)
+    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
     return [SetPath(tree, dotted, value) for dotted, value in ParseOverrides(overrides)]
 
 
@@ -350,7 +328,6 @@ def CheckSteps(scenario: AnyScenario) -> None:
             channel = getattr(scenario, path)
             steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
             steps[f"{path}.sample_period"] = channel.PacketPeriod()
-    # The last, because it may only follow a delay, which is what the user gave.
     steps["simulator.max_step_size"] = scenario.simulator.max_step_size
     field, shortest = min(steps.items(), key=lambda item: item[1])
     num_steps = scenario.duration / shortest
@@ -365,17 +342,15 @@ def CheckSteps(scenario: AnyScenario) -> None:
 
 
 @functools.lru_cache(maxsize=16)
-def _CompleteTree(path: Path, text: str) -> tuple[dict[str, Any], bool]:
-    """Returns the tree of a scenario file, and whether it has a longest step.
+def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
+    """Returns the tree of a scenario file.
 
     What the file leaves out has its default. A sweep comes here once for each run.
     """
     tree = ParseFile(path, text)
     tree.setdefault("name", path.stem)
-    simulator = tree.get("simulator")
-    is_step_given = isinstance(simulator, dict) and "max_step_size" in simulator
     _ResolveTraces(tree, path.parent)
-    return ToTree(FromTree(tree, _SchemaOf(tree))), is_step_given
+    return ToTree(FromTree(tree, _SchemaOf(tree)))
 
 
 def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
@@ -413,14 +388,14 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     return DumpYaml(tree, sort_keys=False, default_flow_style=None)
 
 
-def _FindScenario(name_or_path: str | os.PathLike[str]) -> tuple[Path, bool]:
-    """Returns the file to read, and whether it is a built-in one."""
+def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:
+    """Returns the file to read."""
     text = os.fspath(name_or_path)
     if text in ScenarioNames():
-        return _SCENARIO_DIR / f"{text}.yaml", True
+        return _SCENARIO_DIR / f"{text}.yaml"
     path = Path(text)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
-        return path, False
+        return path
     allowed = Choices(text, ScenarioNames())
     Refuse("scenario", text, f"{allowed} or a YAML file")
 
@@ -458,16 +433,14 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     CheckSurgeonConfig(scenario.surgeon, n)
     CheckHapticDeviceConfig(scenario.haptic_device)
     channels = (scenario.forward_channel, scenario.return_channel)
-    max_step = math.inf
     if reads_traces or all(
         getattr(channel, "trace", None) is None for channel in channels
     ):
         _CheckChannels(scenario)
-        max_step = scenario.max_transport_step
     CheckLayers(scenario.environment.layers)
     CheckControllerConfig(scenario.controller, n)
     _CheckInitialPsi(scenario)
-    CheckSimulatorConfig(scenario.simulator, max_step)
+    CheckSimulatorConfig(scenario.simulator)
     surface = scenario.contact_surface
     if surface is not None and scenario.robot.start[0] >= surface:
         Refuse(
@@ -502,7 +475,7 @@ def _CheckTracking(scenario: TrackingScenario) -> None:
     CheckNumber("controller.leakage", controller.leakage, minimum=0)
     CheckNetworkConfig(controller.network, n)
     CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
-    CheckSimulatorConfig(scenario.simulator, math.inf)
+    CheckSimulatorConfig(scenario.simulator)
 
 
 def _CheckTrajectory(scenario: TrackingScenario) -> None:

@@ -1,8 +1,10 @@
 """Runs a scenario and records it."""
 
 from teleop_drake.simulation.simulate import MakeDiagram, simulate
+from teleop_drake.simulation.simulator import MakeSimulator
 
 __all__ = [
     "MakeDiagram",
+    "MakeSimulator",
     "simulate",
 ]

@@ -5,11 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.analysis import (
-    ApplySimulatorConfig,
-    Simulator,
-    SimulatorConfig,
-)
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network_delay import NetworkDelay
@@ -25,14 +21,10 @@ from teleop_drake.scenario import (
     TrackingScenario,
 )
 from teleop_drake.simulation.failures import FirstLine, IsDivergence, NamingBlocks
-from teleop_drake.simulation.run_monitor import RunMonitor, TeleoperatorMonitor
-from teleop_drake.simulation.stale_cache_guard import MakeSimulator
+from teleop_drake.simulation.run_monitor import RunMonitor
+from teleop_drake.simulation.simulator import MakeSimulator
 from teleop_drake.tasks.tracking import MakeNetworkTracking
 from teleop_drake.teleoperator import MakeTeleoperator
-
-# Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
-# better than a microsecond.
-_EVENT_ACCURACY = 1e-4
 
 
 def MakeDiagram(scenario: AnyScenario) -> Diagram:
@@ -107,19 +99,22 @@ def simulate(
         _CheckTeleoperator(scenario, diagram)
     CheckSteps(scenario)
 
-    def MakeMonitor(simulator: Simulator) -> RunMonitor:
-        if not isinstance(scenario, TrackingScenario):
-            return TeleoperatorMonitor(scenario, diagram, simulator, progress)
-        return RunMonitor(
-            diagram,
-            simulator.get_mutable_context(),
-            duration=scenario.duration,
-            speed_limit=scenario.divergence_speed,
-            limit_name=f"{scenario.divergence_speed:g} m/s",
-            progress=progress,
-        )
-
-    run = _Simulate(diagram, scenario.simulator, scenario.duration, MakeMonitor)
+    if isinstance(scenario, TrackingScenario):
+        speed_limit = scenario.divergence_speed
+        limit_name = f"{speed_limit:g} m/s"
+    else:
+        ratio = scenario.divergence_speed_ratio
+        speed_limit = ratio * float(np.linalg.norm(scenario.surgeon.velocity))
+        limit_name = f"{ratio:g} times the commanded speed"
+    simulator = MakeSimulator(diagram, scenario.simulator)
+    monitor = RunMonitor(
+        diagram,
+        simulator.get_mutable_context(),
+        speed_limit=speed_limit,
+        limit_name=limit_name,
+        progress=progress,
+    )
+    run = _Simulate(diagram, simulator, scenario.duration, monitor)
     times, signals = run.monitor.recorder.Finish()
     if run.termination == "diverged":
         times, signals = _WithFiniteEnd(times, signals, run.reason)
@@ -166,17 +161,9 @@ class _Simulation:
 
 
 def _Simulate(
-    diagram: Diagram,
-    config: SimulatorConfig,
-    duration: float,
-    make_monitor: Callable[[Simulator], RunMonitor],
+    diagram: Diagram, simulator: Simulator, duration: float, monitor: RunMonitor
 ) -> _Simulation:
     """Simulates a diagram under the eyes of a monitor."""
-    simulator, guard = MakeSimulator(diagram)
-    ApplySimulatorConfig(config, simulator)
-    root_context = simulator.get_mutable_context()
-    root_context.SetAccuracy(_EVENT_ACCURACY)
-    monitor = make_monitor(simulator)
     simulator.set_monitor(monitor.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
@@ -185,19 +172,14 @@ def _Simulate(
             simulator.Initialize()
         try:
             with NamingBlocks():
-                while not (
-                    monitor.failure
-                    or monitor.is_interrupted
-                    or root_context.get_time() >= duration
-                ):
-                    if monitor.AtJump():
-                        # This calls the monitor as well, which records the other side.
-                        simulator.AdvancePendingEvents()
-                    simulator.AdvanceTo(monitor.NextStop())
+                if not (monitor.failure or monitor.is_interrupted):
+                    simulator.AdvanceTo(duration)
         except KeyboardInterrupt:
             monitor.is_interrupted = True
         except Exception as error:
-            if not (monitor.is_interrupted or IsDivergence(error, root_context)):
+            if not (
+                monitor.is_interrupted or IsDivergence(error, simulator.get_context())
+            ):
                 raise
             termination, reason = "diverged", FirstLine(error)
     if monitor.is_interrupted:  # However it ended: more runs may be to come.
@@ -205,9 +187,8 @@ def _Simulate(
     elif monitor.failure:
         termination, reason = "diverged", monitor.failure
     wall_time = clock.monotonic() - start
-    # pydrake keeps Diagrams alive, and with them what they know of; not the samples.
+    # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
-    guard.Watch(None)
     return _Simulation(
         diagram=diagram,
         monitor=monitor,

@@ -1,12 +1,31 @@
 """A way around results that Drake keeps when it repeats a step.
 
 When error control rejects a step, Drake's IntegratorBase puts time and continuous state
-back to the start of the step (StepOnceErrorControlledAtMost, at least in Drake 1.51 to
-1.58), but tells the Context about the time only. Whatever is cached and depends on the
-state, but not on the time, stays as it was at the end of the rejected step: the motion
-of a MultibodyPlant, for example, or the output of a controller's state. The first
-stage of the repeated step is computed from that. So a repeated step has an error of the
-second order, whatever the order of the method, and error control cannot see it.
+back to the start of the step, but tells the Context about the time only: it writes the
+state through a reference that it took before the step. Whatever is cached and depends
+on the state, but not on the time, stays as it was at the end of the rejected step: the
+motion of a MultibodyPlant, for example, or the output of a controller's state. The
+first stage of the repeated step is computed from that. So a repeated step has an error
+of the second order, whatever the order of the method, and error control cannot see it.
+
+In drake/systems/analysis/integrator_base.cc, StepOnceErrorControlledAtMost(), the same
+from v1.51.1 to v1.58.0 and in the master branch of August 2026:
+
+     66    VectorBase<T>& xc =
+     67        get_mutable_context()->get_mutable_continuous_state_vector();
+     68    xc0_save_ = xc.CopyToVector();
+    ...
+    175        // Reset the time, state, and time derivative at t0.
+    176        get_mutable_context()->SetTime(current_time);
+    177        xc.SetFromVector(xc0_save_);
+
+The mend is to write the state through the Context, instead of lines 176 and 177:
+
+               get_mutable_context()->SetTimeAndContinuousState(current_time,
+                                                                xc0_save_);
+
+tests/simulation/test_stale_cache_guard.py has the smallest case, and fails when Drake
+no longer needs the guard.
 """
 
 import math
@@ -31,55 +50,64 @@ class StaleCacheGuard(LeafSystem):
 
     def __init__(self) -> None:
         LeafSystem.__init__(self)
-        self._root_context: Context | None = None
+        self._simulators: weakref.WeakSet[Simulator] = weakref.WeakSet()
         # Of the last evaluation. No result depends on it.
         self._time = -math.inf
 
-    def Watch(self, root_context: Context | None) -> None:
-        """Sets what is watched.
+    def Watch(self, simulator: Simulator) -> None:
+        """Adds a Simulator to those whose repeated steps are watched.
 
         Args:
-            root_context: The Context of the whole diagram; None lets go of it.
+            simulator: Of the whole diagram. It is not kept alive.
         """
-        self._root_context = root_context
-        self._time = -math.inf
+        self._simulators.add(simulator)
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Looks at the time; there are no derivatives."""
         time = context.get_time()
-        if time < self._time and self._root_context is not None:
-            self._root_context.SetAllCacheEntriesOutOfDate()
+        if time < self._time:
+            for simulator in self._simulators:
+                simulator.get_mutable_context().SetAllCacheEntriesOutOfDate()
         self._time = time
 
 
-_guarded: weakref.WeakKeyDictionary[Diagram, tuple[Diagram, StaleCacheGuard]] = (
+_NAME = "stale_cache_guard"
+
+# The diagrams of a guard and of another diagram, by the latter. It keeps the former
+# alive, because pydrake keeps together what was built together. A strong reference
+# here would keep both, for ever.
+_guarded: weakref.WeakKeyDictionary[Diagram, weakref.ref[Diagram]] = (
     weakref.WeakKeyDictionary()
 )
 
 
-def MakeSimulator(diagram: Diagram) -> tuple[Simulator, StaleCacheGuard]:
-    """Makes a Simulator that repeats a rejected step as if it were the first attempt.
-
-    It simulates a Diagram of a guard and of the one that is given. The Context of the
-    latter, or of a system in it, is what GetMyContextFromRoot() makes of the
-    Simulator's.
+def MakeGuarded(diagram: Diagram) -> Diagram:
+    """Makes a Diagram of a StaleCacheGuard and of the one that is given.
 
     Args:
-        diagram: What to simulate; not part of another Diagram.
+        diagram: What to guard; not part of another Diagram.
 
     Returns:
-        The Simulator, and the guard, which holds on to its Context until it is told
-        to watch another one, or None.
+        The Diagram, the same one each time. Its guard is GuardOf() it.
     """
-    if diagram not in _guarded:
-        # A system can be built into one Diagram only.
+    guarded = _guarded[diagram]() if diagram in _guarded else None
+    if guarded is None:
         builder = DiagramBuilder()
-        guard = builder.AddNamedSystem("stale_cache_guard", StaleCacheGuard())
+        builder.AddNamedSystem(_NAME, StaleCacheGuard())
         builder.AddSystem(diagram)
-        _guarded[diagram] = builder.Build(), guard
-    guarded, guard = _guarded[diagram]
-    simulator = Simulator(guarded)
-    guard.Watch(simulator.get_mutable_context())
-    return simulator, guard
+        guarded = builder.Build()
+        _guarded[diagram] = weakref.ref(guarded)
+    return guarded
+
+
+def GuardOf(guarded: Diagram) -> StaleCacheGuard:
+    """Returns the guard in a Diagram that MakeGuarded() made.
+
+    Args:
+        guarded: That Diagram.
+    """
+    guard = guarded.GetSubsystemByName(_NAME)
+    assert isinstance(guard, StaleCacheGuard)
+    return guard

@@ -84,7 +84,8 @@ class NetworkTrackingController(LeafSystem):
         self._gains = gains
         self._network = network
         self._plant = plant
-        self._tool_frame = plant.GetFrameByName(tool_name)
+        # Not the frame itself, which would keep the plant alive, which keeps this.
+        self._tool_frame = plant.GetFrameByName(tool_name).index()
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._origin = np.zeros(3)
@@ -166,7 +167,7 @@ class NetworkTrackingController(LeafSystem):
         plant.SetPositions(plant_context, self._joint_position.Eval(context))
         plant.SetVelocities(plant_context, self._joint_velocity.Eval(context))
         world, n = plant.world_frame(), self._gains.num_axes
-        of_tool = (self._tool_frame, self._origin, world, world)
+        of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
         Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
             plant_context, JacobianWrtVariable.kV, *of_tool
         )

@@ -17,6 +17,8 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
+from teleop_drake.callbacks import Weakly
+
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12
 
@@ -97,6 +99,7 @@ class Surgeon(LeafSystem):
             if contact_force is None or contact_position is None
             else contact_position
         )
+        self._jump_times = [] if stop_time is None else [stop_time]
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
         self._p = self.DeclareVectorInputPort("felt_position", n)
         self._mode = self.DeclareDiscreteState(2)
@@ -124,10 +127,20 @@ class Surgeon(LeafSystem):
                 self.MakeWitnessFunction(
                     "perceives_contact",
                     WitnessFunctionDirection.kNegativeThenNonNegative,
-                    self._CalcPastSurface,
-                    UnrestrictedUpdateEvent(self._PerceiveContact),
+                    Weakly(self._CalcPastSurface),
+                    UnrestrictedUpdateEvent(Weakly(self._PerceiveContact)),
                 )
             )
+
+    @property
+    def contact_position(self) -> float | None:
+        """Where the surgeon perceives contact along x in m; None: nowhere."""
+        return self._surface if math.isfinite(self._surface) else None
+
+    @property
+    def jump_times(self) -> list[float]:
+        """When the outputs jump in any case, s."""
+        return self._jump_times
 
     def _IsPerceived(self, context: Context) -> bool:
         return bool(context.get_discrete_state_vector().GetAtIndex(0))

@@ -79,11 +79,12 @@ class ToolInterface(LeafSystem):
                 "its generalized velocities"
             )
         self._plant = plant
-        self._tool = plant.GetBodyByName(tool_name)
-        self._tool_index = int(self._tool.index())
+        # The body and its frame are looked up each time: to keep one would keep the
+        # plant, which keeps this, where Python's garbage collector does not see it.
+        self._tool = plant.GetBodyByName(tool_name).index()
+        self._tool_index = int(self._tool)
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
-        self._world_frame = plant.world_frame()
         self._origin = np.zeros(3)
         self._tool_kinematics = compiled(tool_kinematics)
         self._joint_torques = compiled(joint_torques)
@@ -123,14 +124,15 @@ class ToolInterface(LeafSystem):
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
-        p_WT = plant.EvalBodyPoseInWorld(plant_context, self._tool).translation()
+        tool, world_frame = plant.get_body(self._tool), plant.world_frame()
+        p_WT = plant.EvalBodyPoseInWorld(plant_context, tool).translation()
         Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
             plant_context,
             JacobianWrtVariable.kV,
-            self._tool.body_frame(),
+            tool.body_frame(),
             self._origin,
-            self._world_frame,
-            self._world_frame,
+            world_frame,
+            world_frame,
         )
         output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x, self._n))
 

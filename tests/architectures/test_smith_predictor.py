@@ -125,12 +125,17 @@ def test_defaults_are_the_tool_in_its_first_layer():
         ([f"controller.{KIND}.mass=0"], f"controller.{KIND}.mass = 0.0: must be"),
         ([f"controller.{KIND}.damping=-1"], "damping = -1.0: must be null, not neg"),
         ([f"controller.{KIND}.delay=-1"], "delay = -1.0: must be a finite number >= 0"),
-        ([f"controller.{KIND}.delay=0.001"], "simulator.max_step_size = 0.05: must be"),
     ],
 )
 def test_bad_input_is_named(overrides, message):
     with pytest.raises(ScenarioError, match=message):
         simulate(Scenario("duration=0.1", *overrides))
+
+
+def test_the_delay_of_the_model_limits_the_step():
+    recording = simulate(Scenario("duration=0.1", f"controller.{KIND}.delay=0.002"))
+    assert recording.termination == "completed"
+    assert np.diff(recording.time).max() < 0.0021
 
 
 def test_bad_parameters_of_the_block():

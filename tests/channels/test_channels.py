@@ -314,13 +314,14 @@ def test_make_channel_makes_a_variable_one():
     assert isinstance(channel, VariableDelay)
 
 
-def test_a_step_that_was_asked_for_must_fit_the_smallest_delay():
+def test_no_step_is_longer_than_the_smallest_delay():
     overrides = channels("kind: variable, sinusoid: {amplitude: 0.095}")
-    assert LoadScenario("one_dof", overrides).simulator.max_step_size < 0.00501
-    with pytest.raises(
-        ScenarioError, match=r"max_step_size = 0.01: must be <= 0.005 s"
-    ):
-        LoadScenario("one_dof", [*overrides, "simulator.max_step_size=0.01"])
+    scenario = LoadScenario(
+        "one_dof", [*overrides, "duration=0.2", "simulator.max_step_size=0.05"]
+    )
+    assert scenario.simulator.max_step_size == 0.05
+    # Drake stretches a step by up to one per cent to end it on an event.
+    assert np.diff(simulate(scenario).time).max() < 0.00506
 
 
 @pytest.mark.parametrize(

@@ -474,7 +474,7 @@ def test_simulation_in_a_thread():
 
 def test_invalid_scenario_is_refused_before_anything_runs():
     scenario = LoadScenario("one_dof")
-    scenario.simulator.max_step_size = 0.2
+    scenario.simulator.max_step_size = -0.2
     with pytest.raises(ScenarioError, match=r"simulator\.max_step_size"):
         simulate(scenario, progress=lambda time: pytest.fail("simulated"))
 

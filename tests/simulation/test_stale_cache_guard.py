@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.stale_cache_guard import MakeSimulator
+from teleop_drake.simulation.simulator import MakeSimulator
 
 START = [1.0, 0.0]
 
@@ -111,9 +111,8 @@ def largest_difference(simulator, scheme, *, repeated):
 
 @pytest.mark.parametrize("scheme", ["runge_kutta5", "runge_kutta3"])
 def test_a_repeated_step_is_as_good_as_the_first(scheme):
-    simulator, guard = MakeSimulator(make_oscillator())
+    simulator = MakeSimulator(make_oscillator(), SimulatorConfig())
     assert largest_difference(simulator, scheme, repeated=True) < 1e-12
-    guard.Watch(None)
 
 
 def test_drake_alone_still_needs_the_guard():
@@ -139,11 +138,10 @@ def test_a_diagram_can_be_simulated_again():
     diagram = make_oscillator()
     ends = []
     for _ in range(2):
-        simulator, guard = MakeSimulator(diagram)
+        simulator = MakeSimulator(diagram, SimulatorConfig())
         context = diagram.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         context.SetContinuousState(START)
         simulator.AdvanceTo(1.0)
-        guard.Watch(None)
         ends.append(context.get_continuous_state_vector().CopyToVector().tolist())
     assert ends[0] == ends[1] != START
     # It remains what it was to everybody else.
@@ -153,10 +151,18 @@ def test_a_diagram_can_be_simulated_again():
     assert diagram.CreateDefaultContext().num_continuous_states() == 2
 
 
+def test_two_simulators_of_one_diagram_are_both_guarded():
+    diagram = make_oscillator()
+    simulators = [MakeSimulator(diagram, SimulatorConfig()) for _ in range(2)]
+    for simulator in simulators:
+        difference = largest_difference(simulator, "runge_kutta5", repeated=True)
+        assert difference < 1e-12
+
+
 def test_the_guard_lets_go_of_the_simulator():
-    simulator, guard = MakeSimulator(make_oscillator())
+    simulator = MakeSimulator(make_oscillator(), SimulatorConfig())
+    simulator.AdvanceTo(0.1)
     reference = weakref.ref(simulator)
-    guard.Watch(None)
     del simulator
     gc.collect()
     assert reference() is None

@@ -1,0 +1,168 @@
+"""Tests of the Simulator that users are told to call."""
+
+import gc
+import runpy
+import weakref
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import SimulatorConfig, SimulatorStatus
+from pydrake.systems.framework import EventStatus
+
+from teleop_drake.numerics.interpolation import interpolate
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
+from teleop_drake.simulation.stepping import LongestStep
+
+DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+REACHED = SimulatorStatus.ReturnReason.kReachedBoundaryTime
+DRAKE = tuple(map(int, version("drake").split(".")[:2]))
+
+
+def by_hand(script, maker, *arguments):
+    """Builds the diagram of a script in diagrams/."""
+    return runpy.run_path(str(DIAGRAMS / f"{script}.py"))[maker](*arguments)
+
+
+def record(simulator, diagram, names):
+    """Returns a list that grows by (time, signals of the robot) at each step."""
+    robot = diagram.GetSubsystemByName("robot")
+    ports = [robot.GetOutputPort(name) for name in names]
+    rows = []
+
+    def monitor(root_context):
+        context = robot.GetMyContextFromRoot(root_context)
+        values = [port.Eval(context) for port in ports]
+        rows.append((root_context.get_time(), np.concatenate(values)))
+
+    simulator.set_monitor(monitor)
+    return rows
+
+
+def test_an_arm_wired_by_hand_runs_as_simulate_does():
+    """With Drake's Simulator, the penetration of the bone is 1.7 % off."""
+    overrides = {"controller.kind": "adaptive_backstepping", "duration": 3.0}
+    scenario = LoadScenario("two_dof_collision", overrides)
+    names = ["tool_position", "tool_velocity", "joint_torque"]
+    recording = simulate(scenario)
+
+    diagram = by_hand("two_dof_arm", "MakeTwoDofArm", scenario)
+    simulator = MakeSimulator(diagram, scenario.simulator)
+    rows = record(simulator, diagram, names)
+    # Wherever somebody stops to look, the run is the same within the accuracy.
+    for time in (1.0, 3.0):
+        assert simulator.AdvanceTo(time).return_time() == time
+
+    times = np.array([time for time, _ in rows])
+    signals = np.array([values for _, values in rows])
+    expected = np.hstack([recording[name] for name in names])
+    grid = np.linspace(0.0, 3.0, 30001)
+    ours = interpolate(times, signals, grid)[:, 0].max()
+    theirs = interpolate(recording.time, expected, grid)[:, 0].max()
+    assert theirs - scenario.contact_surface > 1e-3
+    assert ours == pytest.approx(theirs, abs=1e-7)
+    np.testing.assert_allclose(signals[-1], expected[-1], rtol=0, atol=1e-7)
+
+
+def test_no_step_is_longer_than_the_shortest_delay():
+    scenario = LoadScenario(
+        "one_dof", {"forward_channel.delay": 0.02, "return_channel.delay": 0.013}
+    )
+    diagram = MakeDiagram(scenario)
+    assert LongestStep(diagram) == 0.013
+    simulator = MakeSimulator(diagram, scenario.simulator)
+    rows = record(simulator, diagram, ["tool_position"])
+    simulator.AdvanceTo(0.5)
+    # Drake stretches a step by up to one per cent to end it on an event.
+    assert np.diff([time for time, _ in rows]).max() < 1.011 * 0.013
+
+
+def test_only_the_kinds_of_delay_that_need_it_limit_the_step():
+    for channel, longest in (
+        ({"kind": "transport", "delay": 0.0}, 0.1),
+        ({"kind": "sampled", "delay": 0.02, "sample_period": 0.001}, 0.1),
+        ({"kind": "variable", "sinusoid": {"amplitude": 0.095}}, 0.005),
+    ):
+        scenario = LoadScenario(
+            "one_dof", {f"forward_channel.{key}": x for key, x in channel.items()}
+        )
+        assert LongestStep(MakeDiagram(scenario)) == pytest.approx(longest)
+
+
+def test_a_monitor_of_the_users_own_ends_the_run():
+    diagram = MakeDiagram(LoadScenario("one_dof"))
+    simulator = MakeSimulator(diagram, SimulatorConfig(max_step_size=0.01))
+    seen = []
+
+    def monitor(root_context):
+        seen.append(root_context.get_time())
+        if seen[-1] >= 0.25:
+            return EventStatus.ReachedTermination(diagram, "enough")
+        return None
+
+    simulator.set_monitor(monitor)
+    assert simulator.get_monitor() is monitor
+    status = simulator.AdvanceTo(1.0)
+    assert status.reason() == SimulatorStatus.ReturnReason.kReachedTerminationCondition
+    assert status.message() == "enough"
+    assert seen[-1] == simulator.get_context().get_time() < 0.27
+    simulator.clear_monitor()
+    assert simulator.AdvanceTo(0.4).reason() == REACHED
+    assert simulator.get_context().get_time() == 0.4
+
+
+def test_a_run_can_begin_again():
+    diagram = MakeDiagram(LoadScenario("one_dof", {"surgeon.stop_time": 0.1}))
+    simulator = MakeSimulator(diagram, SimulatorConfig(max_step_size=0.05))
+    start = simulator.get_context().Clone()
+    ends = []
+    for _ in range(2):
+        simulator.get_mutable_context().SetTimeStateAndParametersFrom(start)
+        simulator.Initialize()
+        simulator.AdvanceTo(0.5)
+        state = simulator.get_context().get_continuous_state_vector()
+        ends.append(state.CopyToVector())
+    # Drake goes on with the length of the last step.
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-8)
+
+
+def test_a_step_that_is_set_later_counts():
+    simulator = MakeSimulator(MakeDiagram(LoadScenario("one_dof")), SimulatorConfig())
+    integrator = simulator.get_mutable_integrator()
+    longest = []
+    for step in (None, None, 0.03, None, 0.5):
+        if step is not None:
+            integrator.set_maximum_step_size(step)
+        simulator.get_mutable_context().SetTime(0.0)
+        simulator.Initialize()
+        longest.append(simulator._stepping.longest_step)
+        simulator.AdvanceTo(0.01)
+    assert longest == [0.1, 0.1, 0.03, 0.03, 0.1]
+
+
+@pytest.mark.skipif(
+    DRAKE < (1, 56), reason="this Drake keeps every Diagram with a block in Python"
+)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("one_dof", "direct_force"),
+        ("two_dof_combined", "adaptive_backstepping"),
+        ("two_dof_combined", "wave_variables"),
+        ("two_dof_combined", "time_domain_passivity"),
+        ("two_dof_combined", "four_channel"),
+        ("two_dof_combined", "smith_predictor"),
+        ("network_tracking_linear", None),
+    ],
+)
+def test_nothing_stays_of_a_run(name, kind):
+    overrides = {"duration": 0.01} | ({"controller.kind": kind} if kind else {})
+    scenario = LoadScenario(name, overrides)
+    diagram = MakeDiagram(scenario)
+    reference = weakref.ref(diagram)
+    simulate(scenario, teleoperator=diagram)
+    del diagram
+    gc.collect()
+    assert reference() is None
