@@ -43,6 +43,9 @@ def joint_torques(F_c: Array, F_e: Array, kinematics: Array) -> Array:
         F_e: Force of the robot ON the environment in N (n).
         kinematics: As from tool_kinematics().
     """
-    n = F_c.size
-    J = kinematics[2 * n :].reshape(n, -1)
-    return np.concatenate((F_c @ J, -F_e @ J))
+    J = kinematics[2 * F_c.size :].reshape(F_c.size, -1)
+    # Not F @ J: BLAS adds in another order than machine code, and error control turns
+    # a difference in the last digit into other steps.
+    tau = (F_c[:, np.newaxis] * J).sum(axis=0)
+    tau_e = -(F_e[:, np.newaxis] * J).sum(axis=0)
+    return np.concatenate((tau, tau_e))

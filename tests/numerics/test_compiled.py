@@ -1,6 +1,6 @@
 """Compiled laws give the numbers of the laws."""
 
-import os
+import json
 import subprocess
 import sys
 
@@ -29,6 +29,7 @@ from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.numerics.compiled import compiled
 from teleop_drake.numerics.interpolation import (
     evaluate_newton,
+    limited_polynomial,
     newton_polynomial,
     newton_polynomials,
 )
@@ -115,6 +116,7 @@ def test_interpolation(num_samples):
     values = rng.normal(size=(num_samples, 3))
     for i in range(num_samples - 1):
         assert_same(newton_polynomial, times, values, i)
+        assert_same(limited_polynomial, times, values, i)
         polynomials = newton_polynomial(times, values, i)
         time = (times[i] + times[i + 1]) / 2
         assert_same(evaluate_newton, polynomials, time)
@@ -123,30 +125,72 @@ def test_interpolation(num_samples):
 
 
 RUN = """
+import json, sys
+if sys.argv[1] == "without":
+    sys.modules["numba"] = None  # As if it were not installed.
+import numpy as np
+from teleop_drake.numerics.compiled import compiled
+from teleop_drake.numerics.interpolation import limited_polynomial
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-# Error control would choose other steps at a difference in the last digit.
-fixed = {"duration": 1.0, "simulator.use_error_control": False}
-recording = simulate(LoadScenario("two_dof_combined", fixed))
-print(*recording["tool_velocity"].ravel(), *recording["control_force"].ravel())
+from teleop_drake.tasks.metrics import RunMetrics
+assert (compiled(limited_polynomial) is limited_polynomial) == ("without" in sys.argv)
+for name, overrides in json.loads(sys.argv[2]):
+    recording = simulate(LoadScenario(name, overrides))
+    metrics = RunMetrics(recording)
+    # Error control may end a step of the same kind 1e-11 s later.
+    times = np.linspace(0, recording.time[-1], 500)
+    print(
+        len(recording.time),
+        *recording.Interpolate("tool_velocity", times).ravel(),
+        *recording.Interpolate("control_force", times).ravel(),
+        *metrics["control_force_peak"],
+        *metrics["control_force_variation"],
+    )
 """
 
+# Sampled channels make passivity control brake and let go in quick succession.
+SAMPLED = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
+RUNS = {
+    "passivity over sampled channels": (
+        "two_dof_combined",
+        {
+            "controller.kind": "time_domain_passivity",
+            "duration": 2.5,
+            "forward_channel": SAMPLED,
+            "return_channel": SAMPLED,
+        },
+    ),
+    "backstepping, arm": ("two_dof_combined", {"duration": 1.0}),
+    "backstepping, slider": ("one_dof", {"duration": 2.0}),
+    "waves": (
+        "two_dof_collision",
+        {"controller.kind": "wave_variables", "duration": 1.5},
+    ),
+}
 
-def test_a_run_without_numba_is_the_same():
-    signals = [
-        np.array(
-            subprocess.run(
-                [sys.executable, "-c", RUN],
-                env=os.environ | {"NUMBA_DISABLE_JIT": disable},
-                stdout=subprocess.PIPE,
-                check=True,
-                text=True,
-            ).stdout.split(),
-            dtype=float,
-        )
-        for disable in "01"
+
+@pytest.fixture(scope="module")
+def whole_runs():
+    """Every run with numba and without it."""
+    return [
+        subprocess.run(
+            [sys.executable, "-c", RUN, which, json.dumps(list(RUNS.values()))],
+            stdout=subprocess.PIPE,
+            check=True,
+            text=True,
+        ).stdout.splitlines()
+        for which in ("with", "without")
     ]
-    np.testing.assert_allclose(*signals, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("number, name", list(enumerate(RUNS)))
+def test_a_run_without_numba_is_the_same(whole_runs, number, name):
+    """And so are as many steps, which error control chooses."""
+    with_numba, without = (
+        np.array(lines[number].split(), dtype=float) for lines in whole_runs
+    )
+    np.testing.assert_allclose(with_numba, without, rtol=0, atol=1e-12)
 
 
 def test_it_is_optional(monkeypatch):
