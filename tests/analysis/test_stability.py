@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import OperatingPointAt
 from teleop_drake.analysis.stability import (
     POSITION,
     AnalyzeStability,
     ChartStability,
-    CutLoop,
 )
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
