@@ -495,6 +495,7 @@ def _Sweep(args: argparse.Namespace) -> int:
                 out=args.out,
                 resume=args.resume,
                 progress=Report,
+                notice=lambda text: print(f"teleop-drake: {text}", file=sys.stderr),
             )
     except (ScenarioError, SweepError) as e:
         raise _BadInput(e) from None

@@ -3,8 +3,8 @@
 A folder with a sweep has
 
 * `sweep.json`: what is swept, so that --resume can tell whether it is the same sweep;
-* `runs.jsonl`: one record per line, added as each run ends, and put into the order of
-  the grid when all have;
+* `runs.jsonl`: one record per line with a checksum, added as each run ends, and put
+  into the order of the grid when all have;
 * `runs.csv`: the scalar metrics, one row per run, written when all have ended.
 
 Nothing in them depends on the time or the order in which runs were done: a sweep
@@ -15,14 +15,24 @@ records lack the wall times that RunSummary has.
 import contextlib
 import csv
 import fcntl
+import hashlib
 import importlib.metadata
 import io
 import itertools
 import json
 import math
 import os
+import re
+import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Container,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,19 +41,21 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import (
     AnyScenario,
+    CheckSteps,
     LoadScenario,
+    OverriddenPaths,
     Scenario,
     ScenarioError,
     ScenarioNames,
     ScenarioToYaml,
     TrackingScenario,
 )
+from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
@@ -208,6 +220,7 @@ def Sweep(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
     """Simulates a scenario for each combination of values.
 
@@ -234,6 +247,8 @@ def Sweep(
             run done again, delete its line in runs.jsonl.
         progress: Called with the number of runs that are finished and the number of
             all, at the start and after each.
+        notice: Called with a line of text if runs in `out` have to be done again,
+            because their lines were changed; None: warnings.warn.
 
     Returns:
         The records of all runs.
@@ -246,7 +261,13 @@ def Sweep(
     """
     plan = PlanSweep(scenario, grid, overrides=overrides)
     return RunSweep(
-        plan, executor=executor, jobs=jobs, out=out, resume=resume, progress=progress
+        plan,
+        executor=executor,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+        progress=progress,
+        notice=notice,
     )
 
 
@@ -260,6 +281,7 @@ class SweepPlan:
         axes: Keys of the grid and their values.
         points: Key to value for each run; the last key varies fastest.
         scenario: The first point that is valid.
+        traces: The files of measured delays that runs read, and a hash of each.
     """
 
     source: "_Source"
@@ -267,6 +289,7 @@ class SweepPlan:
     axes: dict[str, list[Any]]
     points: list[dict[str, Any]]
     scenario: AnyScenario
+    traces: dict[str, str]
 
 
 def PlanSweep(
@@ -297,9 +320,15 @@ def PlanSweep(
     if num_runs > MAX_RUNS:
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
-    def Load(overrides: list[str]) -> AnyScenario:
+    traces: dict[str, str] = {}
+
+    def Load(point: list[str]) -> AnyScenario:
         # By the name that the user gave, which the messages have.
-        return LoadScenario(scenario, overrides)
+        loaded = LoadScenario(scenario, point)
+        CheckSteps(loaded)
+        _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
+        traces.update(_HashTraces(loaded, traces))
+        return loaded
 
     first = _CheckValues(Load, overrides, axes)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
@@ -315,6 +344,7 @@ def PlanSweep(
             for values in itertools.product(*axes.values())
         ],
         scenario=first,
+        traces=traces,
     )
 
 
@@ -326,6 +356,7 @@ def RunSweep(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
     """Does what a plan says; the arguments are those of Sweep.
 
@@ -336,6 +367,7 @@ def RunSweep(
         out: Folder to write to.
         resume: Whether to go on with the sweep in `out`.
         progress: Called with the numbers of finished runs and of all.
+        notice: Called with what the user should know of the folder.
 
     Raises:
         SweepError: If jobs or the folder cannot be used.
@@ -349,7 +381,9 @@ def RunSweep(
     with contextlib.ExitStack() as stack:
         folder = None
         if out is not None:
-            folder = stack.enter_context(_Folder(Path(out), plan, resume))
+            folder = stack.enter_context(
+                _Folder(Path(out), plan, resume, notice or warnings.warn)
+            )
             records |= folder.records
         if progress is not None:
             progress(len(records), len(plan.points))
@@ -398,8 +432,8 @@ def ParseValues(text: str) -> list[Any]:
             raise SweepError(f"{text!r}: COUNT must be 1 to {MAX_RUNS}")
         return [float(f"{x:.12g}") for x in np.linspace(*ends, num_values)]
     try:
-        values = yaml.safe_load(f"[{text}]")
-    except Exception:  # PyYAML's constructors let more escape than YAMLError.
+        values = ParseYaml(f"[{text}]", "values")
+    except ScenarioError:
         values = None
     if not isinstance(values, list) or not values:
         raise SweepError(f"{text!r}: {allowed}")
@@ -510,13 +544,26 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> _Source:
     path = Path(scenario)
     if os.fspath(scenario) in ScenarioNames():
         return _Source(name=path.name, text=None)
-    tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    tree = ParseFile(path, ReadText(path))
     for key in ("forward_channel", "return_channel"):
         channel = tree.get(key) or {}
         if channel.get("trace") is not None:
             # Relative to a file that will be elsewhere.
             channel["trace"] = str(path.parent.resolve() / channel["trace"])
-    return _Source(name=path.name, text=yaml.safe_dump(tree, sort_keys=False))
+    return _Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
+
+
+def _HashTraces(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
+    """Returns the traces of a valid scenario that are not known yet, with a hash."""
+    if isinstance(scenario, TrackingScenario):
+        return {}
+    channels = (scenario.forward_channel, scenario.return_channel)
+    files = {getattr(channel, "trace", None) for channel in channels}
+    return {
+        file: hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        for file in sorted(filter(None, files))
+        if file not in known
+    }
 
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
@@ -551,6 +598,8 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
         "first_scenario": ScenarioToYaml(plan.scenario),
         "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
     }
+    if plan.traces:
+        parameters["traces"] = plan.traces
     return dict(json.loads(json.dumps(parameters)))
 
 
@@ -561,29 +610,47 @@ def _CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
     if not plain:
         raise SweepError(f"grid.{key} = []: must have at least one value")
     try:
-        texts = [json.dumps(value, allow_nan=False) for value in plain]
+        json.dumps(plain, allow_nan=False)
     except (TypeError, ValueError):
         raise SweepError(
             f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
             "dicts only"
         ) from None
+    # 1 and 1.0 are one value, 1 and true are two.
+    texts = [json.dumps(_WithFloats(value)) for value in plain]
     text, count = Counter(texts).most_common(1)[0]
     if count > 1:
+        text = json.dumps(plain[texts.index(text)])
         raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
     return plain
 
 
-def _CheckPaths(overrides: Iterable[str], axes: Mapping[str, Any]) -> None:
-    """Refuses what would have no effect because a later value replaces it."""
-    earlier = {text.partition("=")[0].strip(): "overrides" for text in overrides}
+def _CheckPaths(
+    overrides: Sequence[str],
+    axes: Mapping[str, Any],
+    replaced: Sequence[str] | None = None,
+) -> None:
+    """Refuses what would have no effect because a later value replaces it.
+
+    Args:
+        overrides: For all runs.
+        axes: Keys of the grid.
+        replaced: What the paths of the overrides and those of the keys are other names
+            of; None: of themselves.
+    """
+    paths = [text.partition("=")[0].strip() for text in overrides]
+    setters = ["overrides"] * len(paths)
     for key in axes:
         for path in ALIASES.get(key, (key,)):
-            for other, name in earlier.items():
-                if other == path or other.startswith(f"{path}."):
-                    raise SweepError(
-                        f"grid.{key}: must leave {other} alone, {name} sets it"
-                    )
-            earlier[path] = f"grid.{key}"
+            paths.append(path)
+            setters.append(f"grid.{key}")
+    names = list(replaced or paths)
+    for i, later in enumerate(setters):
+        for j, earlier in enumerate(setters[:i]):
+            if later != "overrides" and f"{names[j]}.".startswith(f"{names[i]}."):
+                raise SweepError(
+                    f"{later}: must leave {paths[j]} alone, {earlier} sets it"
+                )
 
 
 def _CheckValues(
@@ -632,9 +699,21 @@ def _ToPlain(value: Any) -> Any:
     return value
 
 
+def _WithFloats(value: Any) -> Any:
+    """Returns a plain value whose numbers are floats, as far as they can be."""
+    if isinstance(value, list):
+        return [_WithFloats(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _WithFloats(item) for key, item in value.items()}
+    if isinstance(value, int) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            return float(value)
+    return value
+
+
 def _Override(path: str, value: Any) -> str:
     # In brackets, a number needs no end of document, and none is broken into lines.
-    text = yaml.safe_dump([value], default_flow_style=True, width=math.inf)
+    text = DumpYaml([value], default_flow_style=True, width=math.inf)
     return f"{path}={text.strip()[1:-1]}"
 
 
@@ -734,8 +813,15 @@ def _OneLine(error: BaseException | str) -> str:
 class _Folder:
     """A folder with a sweep, of which one process at a time may take care."""
 
-    def __init__(self, path: Path, plan: SweepPlan, resume: bool):
+    def __init__(
+        self,
+        path: Path,
+        plan: SweepPlan,
+        resume: bool,
+        notice: Callable[[str], None],
+    ):
         self._path = path
+        self._notice = notice
         self._plan = plan
         self._resume = resume
         self.records: dict[int, dict[str, Any]] = {}
@@ -811,7 +897,7 @@ class _Folder:
             theirs = dict(json.loads(file.read_bytes()))
         except (ValueError, TypeError):
             theirs = {}
-        different = [key for key in mine if theirs.get(key) != mine[key]]
+        different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
             raise SweepError(
                 f"{self._Title()}: holds a sweep with other parameters "
@@ -819,24 +905,24 @@ class _Folder:
             )
 
     def _ReadRecords(self) -> None:
-        """Reads the records that are complete, and drops what a kill has torn."""
+        """Reads the records that are as they were written, and drops the others."""
         file = self._path / "runs.jsonl"
         text = file.read_bytes() if file.exists() else b""
         lines = []
-        for line in text.splitlines(keepends=True):
-            try:
-                record = json.loads(line)
-                run, varied = record["run"], record["varied"]
-                is_good = (
-                    line.endswith(b"\n")
-                    and run >= 0
-                    and varied == self._plan.points[run]
-                )
-            except (ValueError, LookupError, TypeError):
-                continue
-            if is_good and run not in self.records:
-                self.records[run] = record
+        num_changed = 0
+        # The last one may lack its end, because a kill has torn it.
+        for line in re.findall(rb".*\n", text):
+            record = _ReadLine(line, self._plan.points)
+            if record is None:
+                num_changed += 1
+            elif record["run"] not in self.records:
+                self.records[record["run"]] = record
                 lines.append(line)
+        if num_changed:
+            self._notice(
+                f"{self._Title()}: {num_changed} lines of runs.jsonl are not as they "
+                "were written; their runs are done again"
+            )
         if b"".join(lines) != text:
             self._Write("runs.jsonl", b"".join(lines).decode())
 
@@ -846,7 +932,33 @@ class _Folder:
 
 
 def _JsonLine(record: dict[str, Any]) -> str:
-    return json.dumps(record, allow_nan=False) + "\n"
+    """Returns a line of runs.jsonl: the record and a checksum of it."""
+    text = json.dumps(record, allow_nan=False)
+    checksum = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return json.dumps(record | {"checksum": checksum}) + "\n"
+
+
+def _ReadLine(
+    line: bytes, points: Sequence[Mapping[str, Any]]
+) -> dict[str, Any] | None:
+    """Returns the record of a line, or None if it is not as it was written.
+
+    Args:
+        line: Of runs.jsonl, with its end.
+        points: Key to value for each run.
+    """
+    try:
+        record = dict(json.loads(line))
+        del record["checksum"]
+        if (
+            _JsonLine(record).encode() == line
+            and 0 <= record["run"] < len(points)
+            and record["varied"] == points[record["run"]]
+        ):
+            return record
+    except (ValueError, LookupError, TypeError, RecursionError):
+        pass
+    return None
 
 
 def _Cell(value: Any) -> Any:

@@ -4,6 +4,7 @@ import csv
 import fcntl
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -31,6 +32,7 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioToYaml,
 )
+from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import (
     FlattenMetrics,
@@ -82,6 +84,8 @@ def Files(folder):
         ("2:5:1", [2.0]),
         ("0.1", [0.1]),
         ("1,2.5", [1, 2.5]),
+        ("1e-2,+1e3,-.5,1.5e3,1_000", [0.01, 1000.0, -0.5, 1500.0, 1000]),
+        ("1e-2x,'1e-2'", ["1e-2x", "1e-2"]),
         ("auto,4.3,null", ["auto", 4.3, None]),
         ("[0.1, 0],[0.2, 0]", [[0.1, 0], [0.2, 0]]),
         ("{kind: sampled, delay: 0.1}", [{"kind": "sampled", "delay": 0.1}]),
@@ -217,6 +221,10 @@ def test_select_metrics():
         ({"delay": [0.1, -0.1]}, r"forward_channel.delay = -0.1: must be"),
         ({"delay": [0.1], "controller": ["direct", *CONTROLLERS]}, "controller.kind"),
         ({"delay": [0.1, 0.1]}, "grid.delay: must have different values, and 0.1 is"),
+        ({"delay": [1, 0.5, 1.0]}, "grid.delay: must have different values, and 1 is"),
+        ({"surgeon.velocity": [[1], [1.0]]}, r"different values, and \[1\] is twice"),
+        ({"delay": [1e-6, 0.1], "duration": [25]}, "grid.duration: must leave"),
+        ({"robot.mass": [1, 16**5000]}, "grid.robot.mass: must have finite"),
         ({"delay": []}, "grid.delay = .*at least one"),
         ({"delay": "0:1:3"}, "grid.delay = '0:1:3': must be a list"),
         ({"delay": [float("nan")]}, "grid.delay: must have finite"),
@@ -233,6 +241,52 @@ def test_bad_grids(grid, message):
     assert "\n" not in str(info.value)
 
 
+@pytest.mark.parametrize(
+    ("grid", "later", "earlier"),
+    [
+        (["layers.bone.stiffness", "layers.2.stiffness"], 1, 0),
+        (["layers.2.stiffness", "layers.bone.stiffness"], 1, 0),
+        (["layers.02.stiffness", "layers.2.stiffness"], 1, 0),
+        (["layers.2.stiffness", "layers.bone"], 1, 0),
+        (["layers.bone.stiffness", "layers"], 1, 0),
+    ],
+)
+def test_two_names_of_a_field_are_refused(grid, later, earlier):
+    """The earlier one would have no effect, but be an axis of the figures."""
+    paths = [f"environment.{path}" for path in grid]
+    scenario = LoadScenario("one_dof")
+    bone = ToTree(scenario.environment.layers[2])
+    layers = ToTree(scenario.environment.layers)
+    layers[0]["start"] = -1.0
+    values = {paths[0]: [100.0, 200.0], paths[1]: [300.0, 400.0]}
+    if paths[1].endswith("bone"):
+        values[paths[1]] = [bone | {"stiffness": k} for k in (300.0, 400.0)]
+    if paths[1].endswith("layers"):
+        values[paths[1]] = [[*layers[:2], bone | {"stiffness": k}] for k in (3.0, 4.0)]
+    message = f"grid.{paths[later]}: must leave {paths[earlier]} alone, grid.{paths[0]}"
+    with pytest.raises(SweepError, match=re.escape(message)):
+        PlanSweep("one_dof", values)
+
+
+def test_two_names_of_a_field_that_is_set_are_refused():
+    message = "must leave environment.layers.bone.stiffness alone, overrides sets it"
+    with pytest.raises(SweepError, match=message):
+        PlanSweep(
+            "one_dof",
+            {"environment.layers.2.stiffness": [100.0, 200.0]},
+            overrides={"environment.layers.bone.stiffness": 300.0},
+        )
+
+
+def test_a_whole_and_then_a_part_can_be_varied():
+    layers = ToTree(LoadScenario("one_dof").environment.layers)
+    layers[0]["start"] = -1.0
+    others = [*layers[:2], layers[2] | {"damping": 7.0}]
+    grid = {"environment.layers": [layers, others]}
+    grid["environment.layers.bone.stiffness"] = [100.0, 200.0]
+    assert len(PlanSweep("one_dof", grid).points) == 4
+
+
 def test_large_grids_are_checked_quickly(monkeypatch):
     """Nobody waits for a typing error: not every combination is tried."""
     calls = []
@@ -241,7 +295,7 @@ def test_large_grids_are_checked_quickly(monkeypatch):
         calls.append(args)
         return LoadScenario(*args)
 
-    monkeypatch.setattr("teleop_drake.sweep.LoadScenario", Load)
+    monkeypatch.setattr("teleop_drake.sweep.sweep.LoadScenario", Load)
     grid = {"robot.mass": range(1, 31), "robot.damping": range(30), "delay": [0.1, -1]}
     with pytest.raises(ScenarioError, match="-1"):
         PlanSweep("one_dof", grid)
@@ -272,7 +326,7 @@ def test_any_exception_is_a_row(threads, monkeypatch):
             raise ZeroDivisionError("division by zero")
         return simulate(scenario)
 
-    monkeypatch.setattr("teleop_drake.sweep.simulate", Simulate)
+    monkeypatch.setattr("teleop_drake.sweep.sweep.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
     result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
     assert [record["reason"] for record in result.records] == [
@@ -290,7 +344,7 @@ class Deadly(Executor):
         self.num_deaths = num_deaths
 
     def submit(self, fn, /, *args, **kwargs):
-        if self.num_deaths > 0 and "robot.mass=2.0" in args[1][0]:
+        if self.num_deaths > 0 and "robot.mass=2.0" in args[1]:
             self.num_deaths -= 1
             return self.executor.submit(os._exit, 9)
         return self.executor.submit(fn, *args, **kwargs)
@@ -358,7 +412,9 @@ def test_files(processes):
     assert seen == [(k, 4, k) for k in range(5)]
     assert set(os.listdir("a/b")) == {"sweep.json", "runs.jsonl", "runs.csv"}
     lines = Path("a/b/runs.jsonl").read_text().splitlines()
-    assert [json.loads(line) for line in lines] == result.records
+    records = [json.loads(line) for line in lines]
+    assert all(len(record.pop("checksum")) == 16 for record in records)
+    assert records == result.records
     with open("a/b/runs.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["status"] for row in rows] == ["failed", *["completed"] * 3]
@@ -381,26 +437,55 @@ def test_resume_does_only_the_rest(processes):
     lines = expected["runs.jsonl"].splitlines(keepends=True)
     other = json.dumps({"run": 3, "varied": {"robot.mass": 5.0}}).encode() + b"\n"
     wrong = json.dumps({"run": -1, "varied": {"robot.mass": 4.0}}).encode() + b"\n"
-    for remains, num_left in [
-        (lines[3] + lines[0] + lines[1][:-20], 2),  # Torn.
-        (lines[2] + lines[1][:-1], 1),  # The end of the line is missing.
-        (lines[0] + lines[0] + b"\0\xff\n" + other + wrong + b"[]\n17", 1),
-        (b"".join(lines), 4),
-        (b"", 0),
+    status = lines[0].replace(b'"status": "completed", ', b"")
+    metrics = re.sub(rb'"metrics": {.*?}, ', b"", lines[1])
+    nan = re.sub(rb'(?<="velocity_rms_error": \[)[^]]*', b"NaN", lines[2])
+    digit = lines[3].replace(b"0.", b"1.", 1)
+    assert lines[:4] != [status, metrics, nan, digit]
+    for remains, num_left, num_changed in [
+        (lines[3] + lines[0] + lines[1][:-20], 2, 0),  # Torn.
+        (lines[2] + lines[1][:-1], 1, 0),  # The end of the line is missing.
+        (lines[0] + lines[0] + b"\0\xff\n" + other + wrong + b"[]\n17", 1, 4),
+        (status + metrics + nan + digit, 0, 4),  # Edited by hand.
+        (b"[" * 100_000 + b"\n" + lines[1], 1, 1),
+        (b"".join(lines), 4, 0),
+        (b"", 0, 0),
     ]:
         Path("torn/runs.jsonl").write_bytes(remains)
         Path("torn/runs.csv").unlink()
-        counts = []
+        counts, notices = [], []
         Sweep(
             "one_dof",
             grid,
             out="torn",
             resume=True,
             progress=lambda finished, runs, counts=counts: counts.append(finished),
+            notice=notices.append,
             **kwargs,
         )
         assert counts == list(range(num_left, 5))
+        assert notices == [
+            f"out = 'torn': {num_changed} lines of runs.jsonl are not as they were "
+            "written; their runs are done again"
+        ] * bool(num_changed)
         assert Files("torn") == expected
+
+
+def test_another_trace_is_another_sweep(threads):
+    """What a run reads is a part of what it is, also if it has the same name."""
+    trace = Path("trace.csv")
+    trace.write_text("0,0.1\n1,0.1\n")
+    channel = {"kind": "variable", "delay": 0.0, "trace": "trace.csv"}
+    grid = {"forward_channel": [{"kind": "transport"}, channel]}
+    kwargs = {"overrides": SHORT, "executor": threads, "out": "out", "resume": True}
+    Sweep("one_dof", grid, **kwargs)
+    before = Files("out")
+    trace.write_text("0,0.1\n1,0.2\n")
+    with pytest.raises(SweepError, match=r"with other parameters \(traces\), which"):
+        Sweep("one_dof", grid, **kwargs)
+    trace.write_text("0,0.1\n1,0.1\n")
+    Sweep("one_dof", grid, **kwargs)
+    assert Files("out") == before
 
 
 def test_folders_that_are_refused(threads):
@@ -511,7 +596,7 @@ def test_kill_and_resume():
 
 
 def test_ctrl_c_keeps_what_is_finished():
-    process = Start("--delay", "0.01:0.2:20", "--jobs", "2")
+    process = Start("--delay", "0.01:0.2:20", "--jobs", "2", "--quiet")
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -547,7 +632,7 @@ def test_command(capsys, monkeypatch):
         "stability.png",
     }
     # Drawn again, with other metrics, without a run.
-    monkeypatch.setattr("teleop_drake.sweep.WorkerProcesses", None)
+    monkeypatch.setattr("teleop_drake.sweep.sweep.WorkerProcesses", None)
     options[2:] = ["--metrics", "collision.time, force_rms_error", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
@@ -559,7 +644,7 @@ def test_the_controllers_are_a_choice():
     """The thesis's two, unless options say what the controller is."""
 
     def Axes(*options, scenario="one_dof"):
-        from teleop_drake.cli import _Grid, _MakeParser
+        from teleop_drake.cli.main import _Grid, _MakeParser
 
         args = _MakeParser().parse_args(["sweep", scenario, *options])
         return _Grid(args)[0]
@@ -598,7 +683,7 @@ def test_seeds(processes):
 
 
 def test_progress(monkeypatch, capsys):
-    from teleop_drake.cli import _SweepProgress
+    from teleop_drake.cli.main import _SweepProgress
 
     clock = iter([100.0, 100.0, 105.0, 112.0, 113.0, 124.0])
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
@@ -630,6 +715,8 @@ def test_progress(monkeypatch, capsys):
             ["--delay", "1e-2", "--vary", "forward_channel.delay=0.2"],
             "grid.delay: must",
         ),
+        (["--delay", "1e-2,1e-1,0.1"], "grid.delay: must have different values, and 0"),
+        (["--delay", "1e-6", "--set", "duration=25"], "duration = 25: must be at most"),
         (["--controllers", "direct"], "controller.kind = 'direct': must be one of"),
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
         (["--seeds", "0"], "--seeds = 0: must be 1 to"),
