@@ -170,6 +170,15 @@ def test_completed_square():
     assert (bound[mu > delta / lam] < 0).all()
 
 
+def test_bound_as_printed_leaves_no_residual_set():
+    lam, delta, mu = 2.0, 0.7, np.linspace(1e-3, 3.0, 301)
+    right = -lam * (mu**2 - mu * delta / lam)
+    printed = -lam * mu**2 - mu * delta / lam
+    assert right == pytest.approx(-lam * mu**2 + mu * delta)
+    assert ((right < 0) == (mu > delta / lam)).all()
+    assert (printed < 0).all()
+
+
 def test_network_1_target_needs_lambda():
     """ds/dt of (4.5) against (4.7), with and without Lambda in the first terms."""
     Lambda, m, c, k, d = 3.0, 0.5, 0.1, 7.0, 0.5

@@ -13,9 +13,8 @@ from typing import Any, ParamSpec, TypeVar
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-# A process starts in about a second. A simulation leaks up to two megabytes, because a
-# LeafSystem written in Python that has output callbacks (in Drake before 1.56) or
-# witness functions is never freed.
+# A process starts in about a second. In Drake before 1.56 a simulation leaks up to two
+# megabytes, because a Diagram with a LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
 
 

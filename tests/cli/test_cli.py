@@ -474,3 +474,13 @@ def test_failed_write_leaves_nothing(monkeypatch, capsys):
     assert "No space left on device" in capsys.readouterr().err
     assert os.listdir() == ["a.json"]
     assert Path("a.json").read_text() == "old"
+
+
+def test_what_show_prints_can_be_compared_at_a_short_delay(tmp_path, capsys):
+    assert main(["show", "one_dof"]) == 0
+    shown = capsys.readouterr().out
+    (tmp_path / "mine.yaml").write_text(shown)
+    short = ["--delay", "0.02", "--duration", "0.1"]
+    assert main(["show", "one_dof", *short]) == 0
+    assert "max_step_size: 0.05" in capsys.readouterr().out
+    assert main(["compare", str(tmp_path / "mine.yaml"), *short, "--quiet"]) == 0

@@ -1,0 +1,141 @@
+"""Runs that must be the same, or related, because their physics is."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.scenario import LayerConfig, LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
+
+DIRECT = "controller.kind=direct_force"
+TIMES = np.linspace(0.0, 2.0, 401)
+
+
+def load(name, *overrides):
+    return LoadScenario(name, [DIRECT, "duration=2.0", *overrides])
+
+
+def signals(scenario, *names, times=TIMES):
+    recording = simulate(scenario)
+    return [recording.Interpolate(name, times) for name in names]
+
+
+def assert_equal(ours, theirs, tolerance=1e-6):
+    """Compares signals to a share of their ranges."""
+    for a, b in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * np.abs(b).max())
+
+
+MOTION = ("tool_position", "tool_velocity", "control_force")
+
+
+def test_a_transport_delay_is_a_variable_one_that_is_constant():
+    channels = [
+        f"{way}_channel={{kind: variable, delay: 0.1}}" for way in ("forward", "return")
+    ]
+    assert_equal(
+        signals(load("two_dof_collision", *channels), *MOTION),
+        signals(load("two_dof_collision"), *MOTION),
+    )
+
+
+def test_delay_moved_from_one_way_to_the_other_shifts_the_run():
+    early = load("one_dof", "forward_channel.delay=0.04", "return_channel.delay=0.16")
+    late = load("one_dof", "forward_channel.delay=0.13", "return_channel.delay=0.07")
+    assert_equal(
+        signals(early, *MOTION, times=TIMES[:380]),
+        signals(late, *MOTION, times=TIMES[:380] + 0.09),
+        1e-5,
+    )
+
+
+def test_a_layer_cut_in_two_is_the_layer():
+    whole = load("one_dof", "robot.start=[0.006]")
+    cut = load("one_dof", "robot.start=[0.006]")
+    tissue, *others = cut.environment.layers
+    second = LayerConfig(
+        name="second",
+        start=0.0065,
+        stiffness=tissue.stiffness,
+        damping=tissue.damping,
+        reference=tissue.reference,
+    )
+    cut.environment.layers = [tissue, second, *others]
+    assert_equal(signals(cut, *MOTION), signals(whole, *MOTION))
+
+
+def test_a_task_that_is_moved_goes_the_same_way():
+    here = load("one_dof", "robot.start=[0.006]")
+    there = load("one_dof", "robot.start=[0.006]")
+    shift = 0.25
+    there.robot.start = here.robot.start + shift
+    for layer in there.environment.layers:
+        layer.start += shift
+        layer.reference += shift
+    position, *ours = signals(there, *MOTION)
+    expected, *theirs = signals(here, *MOTION)
+    assert_equal([position - shift, *ours], [expected, *theirs])
+
+
+def test_the_other_elbow_is_the_mirrored_arm():
+    scenario = load("two_dof_combined")
+    mirrored = load("two_dof_combined")
+    mirrored.robot.elbow = {"up": "down", "down": "up"}[scenario.robot.elbow]
+    ours = signals(mirrored, *MOTION)
+    assert np.abs(ours[1][:, 1]).max() > 1e-3
+    assert_equal([x * [1, -1] for x in ours], signals(scenario, *MOTION), 1e-5)
+
+
+def test_forces_scale_with_mass_stiffness_and_device():
+    scenario = load("one_dof", "robot.start=[0.006]")
+    scaled = load("one_dof", "robot.start=[0.006]")
+    factor = 3.0
+    scaled.robot.mass *= factor
+    scaled.robot.damping *= factor
+    for layer in scaled.environment.layers:
+        layer.stiffness *= factor
+        layer.damping *= factor
+    device = scaled.haptic_device
+    device.numerator = factor * np.asarray(device.numerator)
+    scaled.surgeon.contact_force = factor * np.asarray(scaled.surgeon.contact_force)
+    *motion, force = signals(scaled, *MOTION)
+    assert_equal([*motion, force / factor], signals(scenario, *MOTION))
+
+
+def leaves(metrics):
+    """Yields the numbers of metrics with their names."""
+    for name, value in metrics.items():
+        if isinstance(value, dict):
+            for inner, number in leaves(value):
+                yield f"{name}.{inner}", number
+        else:
+            yield name, value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_random_scenarios_against_tight_settings(seed):
+    rng = np.random.default_rng(seed)
+    overrides = {
+        "controller.kind": ("direct_force", "adaptive_backstepping")[seed % 2],
+        "forward_channel.delay": float(rng.uniform(0.01, 0.12)),
+        "return_channel.delay": float(rng.uniform(0.01, 0.12)),
+        "robot.mass": float(rng.uniform(0.4, 1.0)),
+        "robot.damping": float(rng.uniform(0.05, 0.5)),
+        "environment.layers.tissue.stiffness": float(rng.uniform(0.0, 0.05)),
+        "environment.layers.tissue.damping": float(rng.uniform(0.1, 1.0)),
+        "environment.layers.bone.damping": float(rng.uniform(0.5, 5.0)),
+        "duration": 9.0,
+    }
+    plain = RunMetrics(simulate(LoadScenario("one_dof", overrides)))
+    tight = {"simulator.accuracy": 1e-12, "simulator.max_step_size": 0.005}
+    exact = RunMetrics(simulate(LoadScenario("one_dof", overrides | tight)))
+    expected = dict(leaves(exact))
+    assert dict(leaves(plain)).keys() == expected.keys()
+    for name, value in leaves(plain):
+        if value is None or isinstance(value, bool):
+            assert value == expected[name], name
+        else:
+            np.testing.assert_allclose(
+                value, expected[name], rtol=1e-3, atol=1e-9, err_msg=name
+            )
