@@ -9,7 +9,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.proportional_master import check_gain
+from teleop_drake.architectures.checks import check_four_channel, check_gain
+from teleop_drake.laws.four_channel import master_packet, master_rate
 
 
 class FourChannelMaster(LeafSystem):
@@ -89,9 +90,9 @@ class FourChannelMaster(LeafSystem):
         self._B = check_gain("damping", damping, n) + check_gain(
             "local_damping", local_damping, n
         )
-        self._C2, self._C4, self._C6 = C2, C4, C6
+        self._factors = np.array([C2, C4, C6], dtype=float)
         check_four_channel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
-        self._bandwidth = acceleration_bandwidth
+        self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self._F_h = self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)
@@ -118,52 +119,37 @@ class FourChannelMaster(LeafSystem):
             prerequisites_of_calc={self.xc_ticket(), self._F_h.ticket()},
         )
 
-    def _State(self, context: Context) -> list[np.ndarray]:
-        """Returns [x_m, v_m] or [x_m, v_m, a_m]."""
-        x = context.get_continuous_state_vector().CopyToVector()
-        parts = list(x.reshape(-1, self._n))
-        if self._bandwidth:
-            parts[2] = self._bandwidth * (parts[1] - parts[2])
-        return parts
+    def _GetState(self, context: Context) -> np.ndarray:
+        """Returns [x_m; v_m] or [x_m; v_m; v_f]."""
+        return context.get_continuous_state_vector().CopyToVector()
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
-        """Calculates d/dt [x_m, v_m, v_f]."""
-        x, v, *a = self._State(context)
-        x_s, v_s, F_e, *a_s = self._packet.Eval(context).reshape(-1, self._n)
-        F = (1 + self._C6) * self._F_h.Eval(context) - self._C2 * F_e
-        F += self._K @ (self._C4 * (x_s - self._start) - (x - self._start))
-        F += self._B @ (self._C4 * v_s - v)
-        if self._bandwidth:
-            F += self._C4 * self._M @ a_s[0]
+        """Calculates d/dt [x_m; v_m] or d/dt [x_m; v_m; v_f]."""
         derivatives.get_mutable_vector().SetFromVector(
-            np.concatenate([v, np.linalg.solve(self._M, F), *a])
+            master_rate(
+                self._GetState(context),
+                self._F_h.Eval(context),
+                self._packet.Eval(context),
+                self._start,
+                self._M,
+                self._B,
+                self._K,
+                self._factors,
+                self._bandwidth,
+            )
         )
 
     def _CopyPosition(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._packet.Eval(context)[: self._n])
 
     def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._State(context)[1])
+        output.SetFromVector(self._GetState(context)[self._n : 2 * self._n])
 
     def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
-        x, v, *a = self._State(context)
-        output.SetFromVector(np.concatenate([x, v, self._F_h.Eval(context), *a]))
-
-
-def check_four_channel(acceleration_bandwidth: float | None, **factors: float) -> None:
-    """Raises ValueError on parameters that neither end can have.
-
-    Args:
-        acceleration_bandwidth: None, or rad/s, > 0.
-        **factors: Finite numbers.
-    """
-    for name, value in factors.items():
-        if not np.isfinite(value):
-            raise ValueError(f"{name}: {value}; allowed: a finite number")
-    if acceleration_bandwidth is not None and not 0 < acceleration_bandwidth < np.inf:
-        raise ValueError(
-            f"acceleration_bandwidth: {acceleration_bandwidth}; allowed: None or a "
-            "finite number > 0 (rad/s)"
+        output.SetFromVector(
+            master_packet(
+                self._GetState(context), self._F_h.Eval(context), self._bandwidth
+            )
         )

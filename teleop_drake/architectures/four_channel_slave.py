@@ -9,8 +9,12 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.four_channel_master import check_four_channel
-from teleop_drake.architectures.proportional_master import check_gain
+from teleop_drake.architectures.checks import check_four_channel, check_gain
+from teleop_drake.laws.four_channel import (
+    filtered_acceleration,
+    slave_force,
+    slave_packet,
+)
 
 
 class FourChannelSlave(LeafSystem):
@@ -83,9 +87,9 @@ class FourChannelSlave(LeafSystem):
         self._B = check_gain("damping", damping, n)
         self._B_c = check_gain("local_damping", local_damping, n)
         self._K_c = check_gain("local_stiffness", local_stiffness, n)
-        self._C1, self._C3, self._C5 = C1, C3, C5
+        self._factors = np.array([C1, C3, C5], dtype=float)
         check_four_channel(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
-        self._bandwidth = acceleration_bandwidth
+        self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self._packet = self.DeclareVectorInputPort("forward_packet", width)
         self._p = self.DeclareVectorInputPort("tool_position", n)
@@ -106,30 +110,44 @@ class FourChannelSlave(LeafSystem):
             "return_packet", width, self._CalcReturnPacket, prerequisites_of_calc=sent
         )
 
-    def _Acceleration(self, context: Context) -> np.ndarray:
-        v_f = context.get_continuous_state_vector().CopyToVector()
-        return np.asarray(self._bandwidth * (self._v.Eval(context) - v_f))
+    def _GetState(self, context: Context) -> np.ndarray:
+        """Returns v_f, which is empty without accelerations."""
+        return context.get_continuous_state_vector().CopyToVector()
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Calculates dv_f/dt."""
-        if self._bandwidth:
-            derivatives.get_mutable_vector().SetFromVector(self._Acceleration(context))
+        v_f = self._GetState(context)
+        if v_f.size > 0:
+            v = self._v.Eval(context)
+            derivatives.get_mutable_vector().SetFromVector(
+                filtered_acceleration(v, v_f, self._bandwidth)
+            )
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        x_m, v_m, F_h, *a_m = self._packet.Eval(context).reshape(-1, self._n)
-        x = self._p.Eval(context) - self._start
-        v = self._v.Eval(context)
-        F = self._C3 * F_h - self._C5 * self._F_e.Eval(context)
-        F += self._K_c @ (self._C1 * (x_m - self._start) - x)
-        F += self._B_c @ (self._C1 * v_m - v) + self._C1 * self._B @ v_m
-        if self._bandwidth:
-            F += self._C1 * self._M @ a_m[0]
-        output.SetFromVector(F)
+        output.SetFromVector(
+            slave_force(
+                self._packet.Eval(context),
+                self._p.Eval(context),
+                self._v.Eval(context),
+                self._F_e.Eval(context),
+                self._start,
+                self._M,
+                self._B,
+                self._B_c,
+                self._K_c,
+                self._factors,
+            )
+        )
 
     def _CalcReturnPacket(self, context: Context, output: BasicVector) -> None:
-        parts = [port.Eval(context) for port in (self._p, self._v, self._F_e)]
-        if self._bandwidth:
-            parts.append(self._Acceleration(context))
-        output.SetFromVector(np.concatenate(parts))
+        output.SetFromVector(
+            slave_packet(
+                self._GetState(context),
+                self._p.Eval(context),
+                self._v.Eval(context),
+                self._F_e.Eval(context),
+                self._bandwidth,
+            )
+        )

@@ -8,7 +8,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.laws.passivity import injected_resistance
+from teleop_drake.architectures.checks import check_passivity
+from teleop_drake.laws.passivity import energy_rates, master_mobility
 
 
 class PassivityMaster(LeafSystem):
@@ -107,8 +108,8 @@ class PassivityMaster(LeafSystem):
     def _Mobility(self, context: Context) -> np.ndarray:
         F_h = self._F_h.Eval(context)
         v = self._packet.Eval(context)[self._n : 2 * self._n]
-        return injected_resistance(
-            -F_h * v, F_h, self._Budget(context), self._horizon, self._maximum
+        return master_mobility(
+            F_h, v, self._Budget(context), self._horizon, self._maximum
         )
 
     def _Velocity(self, context: Context) -> np.ndarray:
@@ -119,9 +120,9 @@ class PassivityMaster(LeafSystem):
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Calculates d/dt [E_in, E_out]."""
-        power = self._F_h.Eval(context) * self._Velocity(context) / self._scale
+        power = self._F_h.Eval(context) * self._Velocity(context)
         derivatives.get_mutable_vector().SetFromVector(
-            np.maximum(np.concatenate([power, -power]), 0.0)
+            energy_rates(power / self._scale)
         )
 
     def _CalcFeltPosition(self, context: Context, output: BasicVector) -> None:
@@ -142,17 +143,3 @@ class PassivityMaster(LeafSystem):
 
     def _CalcMobility(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._Mobility(context))
-
-
-def check_passivity(num_axes: int, **values: float) -> None:
-    """Raises ValueError on parameters that neither end can have.
-
-    Args:
-        num_axes: >= 1.
-        **values: Finite numbers > 0.
-    """
-    if num_axes < 1:
-        raise ValueError(f"num_axes must be >= 1, got {num_axes}")
-    for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name}: {value}; allowed: a finite number > 0")

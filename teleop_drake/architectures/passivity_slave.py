@@ -8,8 +8,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.passivity_master import check_passivity
-from teleop_drake.laws.passivity import injected_resistance
+from teleop_drake.architectures.checks import check_passivity
+from teleop_drake.laws.passivity import energy_rates, slave_damping
 
 
 class PassivitySlave(LeafSystem):
@@ -110,9 +110,7 @@ class PassivitySlave(LeafSystem):
     def _Damping(self, context: Context) -> np.ndarray:
         F = self._packet.Eval(context)[: self._n]
         v = self._v.Eval(context)
-        return injected_resistance(
-            F * v, v, self._Budget(context), self._horizon, self._maximum
-        )
+        return slave_damping(F, v, self._Budget(context), self._horizon, self._maximum)
 
     def _Force(self, context: Context) -> np.ndarray:
         F = self._packet.Eval(context)[: self._n]
@@ -122,10 +120,8 @@ class PassivitySlave(LeafSystem):
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Calculates d/dt [E_in, E_out]."""
-        power = self._Force(context) * self._v.Eval(context) / self._E_0
-        derivatives.get_mutable_vector().SetFromVector(
-            np.maximum(np.concatenate([-power, power]), 0.0)
-        )
+        power = -self._Force(context) * self._v.Eval(context)
+        derivatives.get_mutable_vector().SetFromVector(energy_rates(power / self._E_0))
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._Force(context))

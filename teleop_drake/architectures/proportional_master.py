@@ -9,6 +9,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from teleop_drake.architectures.checks import check_gain
+from teleop_drake.laws.proportional import coupling_force, master_rate
+
 
 class ProportionalMaster(LeafSystem):
     """A handle with mass, tied to where the tool was by a spring and braked.
@@ -85,56 +88,34 @@ class ProportionalMaster(LeafSystem):
                 name, n, calc, prerequisites_of_calc=prerequisites
             )
 
-    def _State(self, context: Context) -> np.ndarray:
+    def _GetState(self, context: Context) -> np.ndarray:
+        """Returns [x_m; v_m]."""
         return context.get_continuous_state_vector().CopyToVector()
-
-    def _CouplingForce(self, context: Context) -> np.ndarray:
-        return self._K @ (self._State(context)[: self._n] - self._x_s.Eval(context))
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
-        """Calculates d/dt [x_m, v_m]."""
-        v = self._State(context)[self._n :]
-        F = self._F_h.Eval(context) - self._CouplingForce(context) - self._B @ v
+        """Calculates d/dt [x_m; v_m]."""
         derivatives.get_mutable_vector().SetFromVector(
-            np.concatenate([v, np.linalg.solve(self._M, F)])
+            master_rate(
+                self._GetState(context),
+                self._F_h.Eval(context),
+                self._x_s.Eval(context),
+                self._M,
+                self._K,
+                self._B,
+            )
         )
 
     def _CopyPacket(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._x_s.Eval(context))
 
     def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._State(context)[self._n :])
+        output.SetFromVector(self._GetState(context)[self._n :])
 
     def _CopyPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._State(context)[: self._n])
+        output.SetFromVector(self._GetState(context)[: self._n])
 
     def _CalcCouplingForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._CouplingForce(context))
-
-
-def check_gain(
-    name: str, gain: ArrayLike, size: int, *, is_definite: bool = False
-) -> np.ndarray:
-    """Returns a gain as an array; raises ValueError on one that is not allowed.
-
-    Args:
-        name: What to call it.
-        gain: (n, n), symmetric and not negative.
-        size: n.
-        is_definite: Whether it must be positive definite.
-    """
-    matrix = np.array(gain, dtype=float)
-    kind = "definite" if is_definite else "semidefinite"
-    is_allowed = matrix.shape == (size, size) and bool(np.all(np.isfinite(matrix)))
-    if is_allowed:
-        smallest = np.linalg.eigvalsh(matrix)[0]
-        is_allowed = bool(smallest > 0 if is_definite else smallest >= 0)
-        is_allowed &= bool(np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12))
-    if not is_allowed:
-        raise ValueError(
-            f"{name}: {matrix.tolist()}; allowed: a symmetric positive {kind} "
-            f"{size} x {size} matrix"
-        )
-    return matrix
+        x_m = self._GetState(context)[: self._n]
+        output.SetFromVector(coupling_force(x_m, self._x_s.Eval(context), self._K))

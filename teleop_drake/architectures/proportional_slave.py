@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from teleop_drake.architectures.proportional_master import check_gain
+from teleop_drake.architectures.checks import check_gain
+from teleop_drake.laws.proportional import slave_force
 
 
 class ProportionalSlave(LeafSystem):
@@ -67,8 +68,15 @@ class ProportionalSlave(LeafSystem):
         )
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        error = self._x_m.Eval(context) - self._p.Eval(context)
-        output.SetFromVector(self._K @ error - self._B @ self._v.Eval(context))
+        output.SetFromVector(
+            slave_force(
+                self._x_m.Eval(context),
+                self._p.Eval(context),
+                self._v.Eval(context),
+                self._K,
+                self._B,
+            )
+        )
 
     def _CopyPosition(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._p.Eval(context))

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import (
     Multiplexer,
 )
 
-from teleop_drake.architectures.proportional_master import check_gain
+from teleop_drake.architectures.checks import check_gain
 from teleop_drake.channels.transport_delay import TransportDelay
 
 

@@ -9,8 +9,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.proportional_master import check_gain
+from teleop_drake.architectures.checks import check_gain, check_wave_path
 from teleop_drake.laws.wave_variables import (
+    filtered_wave_rate,
+    line_power,
     master_velocity,
     reflected_wave,
     wave_root,
@@ -134,7 +136,7 @@ class WaveMaster(LeafSystem):
         rate = self._Velocity(context)
         if self._bandwidth:
             received = self._f * self._packet.Eval(context)[: self._n]
-            change = self._bandwidth * (received - self._Wave(context))
+            change = filtered_wave_rate(self._Wave(context), received, self._bandwidth)
             rate = np.concatenate([rate, change])
         derivatives.get_mutable_vector().SetFromVector(rate)
 
@@ -158,21 +160,5 @@ class WaveMaster(LeafSystem):
         output.SetFromVector(x[: self._n])
 
     def _CalcMasterPower(self, context: Context, output: BasicVector) -> None:
-        v = self._Velocity(context)
-        output.SetFromVector((self._F_h.Eval(context) - self._D @ v) * v)
-
-
-def check_wave_path(
-    scaling: float, bandwidth: float | None
-) -> tuple[float, float | None]:
-    """Raises ValueError on what no arriving wave can go through; returns both.
-
-    Args:
-        scaling: Factor, 0 < f <= 1.
-        bandwidth: Corner of the low-pass in rad/s, > 0, or None.
-    """
-    if not 0 < scaling <= 1:
-        raise ValueError(f"scaling: {scaling}; allowed: > 0 and <= 1")
-    if bandwidth is not None and not 0 < bandwidth < np.inf:
-        raise ValueError(f"bandwidth: {bandwidth}; allowed: None or > 0 (rad/s)")
-    return scaling, bandwidth
+        F_h, v = self._F_h.Eval(context), self._Velocity(context)
+        output.SetFromVector(line_power(F_h, v, self._D))

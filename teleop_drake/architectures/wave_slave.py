@@ -9,9 +9,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.wave_master import check_wave_path
+from teleop_drake.architectures.checks import check_wave_path
 from teleop_drake.laws.wave_variables import (
-    corrected_wave,
+    drift_correcting_wave,
+    filtered_wave_rate,
     reflected_wave,
     slave_force,
     wave_root,
@@ -116,8 +117,8 @@ class WaveSlave(LeafSystem):
             u = self._f * self._packet.Eval(context)[: self._n]
         if self._rate == 0:
             return u
-        error = self._packet.Eval(context)[self._n :] - self._p.Eval(context)
-        return corrected_wave(u, self._S / 2 @ error * self._rate)
+        x_m, p = self._packet.Eval(context)[self._n :], self._p.Eval(context)
+        return drift_correcting_wave(u, x_m, p, self._S, self._rate)
 
     def _Force(self, context: Context) -> np.ndarray:
         return slave_force(self._v.Eval(context), self._Wave(context), root=self._S)
@@ -130,7 +131,7 @@ class WaveSlave(LeafSystem):
             received = self._f * self._packet.Eval(context)[: self._n]
             u = context.get_continuous_state_vector().CopyToVector()
             derivatives.get_mutable_vector().SetFromVector(
-                self._bandwidth * (received - u)
+                filtered_wave_rate(u, received, self._bandwidth)
             )
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:

@@ -50,5 +50,44 @@ def injected_resistance(
     # Where there is an excess there is a flow, unless its square underflows.
     square = flow * flow
     is_active = (excess > 0) & (square > 0)
-    r = np.divide(excess, square, out=np.zeros_like(square), where=is_active)
+    r = np.where(is_active, excess / np.where(is_active, square, 1.0), 0.0)
     return np.minimum(r, maximum)
+
+
+def energy_rates(power: Array) -> Array:
+    """Returns [dE_in/dt; dE_out/dt] in W (2n).
+
+    Args:
+        power: What flows into the channel at this port, W (n).
+    """
+    return np.maximum(np.concatenate((power, -power)), 0.0)
+
+
+def master_mobility(
+    F_h: Array, v: Array, budget: Array, horizon: float, maximum: float
+) -> Array:
+    """Returns beta of the master in m/(N s) (n).
+
+    Args:
+        F_h: Force that the operator applies, N (n).
+        v: Velocity of the tool as it arrives, m/s (n).
+        budget: Energy that may still leave at the master, J (n).
+        horizon: In s, > 0.
+        maximum: Largest beta in m/(N s).
+    """
+    return injected_resistance(-F_h * v, F_h, budget, horizon, maximum)
+
+
+def slave_damping(
+    F_hd: Array, v: Array, budget: Array, horizon: float, maximum: float
+) -> Array:
+    """Returns alpha of the slave in N s/m (n).
+
+    Args:
+        F_hd: Haptic force as it arrives, N (n).
+        v: Velocity of the tool in m/s (n).
+        budget: Energy that may still leave at the slave, J (n).
+        horizon: In s, > 0.
+        maximum: Largest alpha in N s/m.
+    """
+    return injected_resistance(F_hd * v, v, budget, horizon, maximum)

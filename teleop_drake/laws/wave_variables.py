@@ -44,7 +44,7 @@ def wave_root(impedance: ArrayLike) -> Array:
     return np.asarray(vectors @ np.diag(np.sqrt(2 * values)) @ vectors.T)
 
 
-def master_velocity(force: Array, wave: Array, *, root: Array, damping: Array) -> Array:
+def master_velocity(force: Array, wave: Array, root: Array, damping: Array) -> Array:
     """Returns the velocity at the master's end, where the operator sets the force.
 
         v = (b + D)^-1 (F + S w)
@@ -60,7 +60,7 @@ def master_velocity(force: Array, wave: Array, *, root: Array, damping: Array) -
     return np.asarray(np.linalg.solve(root @ root / 2 + damping, force + root @ wave))
 
 
-def slave_force(velocity: Array, wave: Array, *, root: Array) -> Array:
+def slave_force(velocity: Array, wave: Array, root: Array) -> Array:
     """Returns F = S u - b v at the slave's end, where the robot sets the velocity.
 
     Args:
@@ -71,7 +71,7 @@ def slave_force(velocity: Array, wave: Array, *, root: Array) -> Array:
     return np.asarray(root @ (wave - root @ velocity / 2))
 
 
-def reflected_wave(velocity: Array, wave: Array, *, root: Array) -> Array:
+def reflected_wave(velocity: Array, wave: Array, root: Array) -> Array:
     """Returns the wave that leaves an end: u = S v - w, or w = S v - u.
 
     Args:
@@ -93,6 +93,43 @@ def corrected_wave(wave: Array, correction: Array) -> Array:
     """
     limit = np.abs(wave)
     return np.asarray(np.clip(wave + correction, -limit, limit))
+
+
+def drift_correcting_wave(
+    wave: Array, x_m: Array, p: Array, root: Array, rate: float
+) -> Array:
+    """Returns the wave that pulls the tool to the master's position, adding no energy.
+
+    Args:
+        wave: u that arrives at the slave, W^(1/2) (n).
+        x_m: Position of the master as it arrives, m (n).
+        p: Position of the tool in m (n).
+        root: S, from wave_root() (n, n).
+        rate: Of the correction, 1/s.
+    """
+    return corrected_wave(wave, root / 2 @ (x_m - p) * rate)
+
+
+def filtered_wave_rate(wave: Array, received: Array, bandwidth: float) -> Array:
+    """Returns the time rate of a wave behind a low-pass, W^(1/2)/s (n).
+
+    Args:
+        wave: Behind the low-pass, W^(1/2) (n).
+        received: Before it, W^(1/2) (n).
+        bandwidth: Corner of the low-pass in rad/s.
+    """
+    return bandwidth * (received - wave)
+
+
+def line_power(force: Array, velocity: Array, damping: Array) -> Array:
+    """Returns the power that goes into the line at the master's end, W (n).
+
+    Args:
+        force: F that the operator applies, N (n).
+        velocity: v at that end, m/s (n).
+        damping: D of the damper beside the line, N s/m (n, n).
+    """
+    return (force - damping @ velocity) * velocity
 
 
 def passive_scaling(max_slope: float) -> float:

@@ -1,16 +1,14 @@
 """Energy that goes into the channels and does not come out."""
 
-from collections.abc import Callable
-
 import numpy as np
 from pydrake.systems.framework import (
+    BasicVector,
     Context,
     ContinuousState,
-    DependencyTicket,
     LeafSystem,
 )
 
-_DIFFERENCE = np.array([1.0, -1.0])
+from teleop_drake.laws.channel_energy import energy_rates, port_power
 
 
 class ChannelEnergy(LeafSystem):
@@ -75,48 +73,48 @@ class ChannelEnergy(LeafSystem):
         at_master = {self._master_force.ticket(), self._master_velocity.ticket()}
         at_slave = {self._slave_force.ticket(), self._slave_velocity.ticket()}
         for name, calc, prerequisites in (
-            ("energy", lambda context: self._Energies(context) @ _DIFFERENCE, state),
-            (
-                "power",
-                lambda context: self._Powers(context) @ _DIFFERENCE,
-                at_master | at_slave,
-            ),
-            ("power_in", self._PowerIn, at_master),
-            ("power_out", self._PowerOut, at_slave),
-            ("energy_in", lambda context: self._Energies(context)[0], state),
-            ("energy_out", lambda context: self._Energies(context)[1], state),
+            ("energy", self._CalcEnergy, state),
+            ("power", self._CalcPower, at_master | at_slave),
+            ("power_in", self._CalcPowerIn, at_master),
+            ("power_out", self._CalcPowerOut, at_slave),
+            ("energy_in", self._CalcEnergyIn, state),
+            ("energy_out", self._CalcEnergyOut, state),
         ):
-            self._DeclareScalarOutputPort(name, calc, prerequisites)
-
-    def _DeclareScalarOutputPort(
-        self,
-        name: str,
-        calc: Callable[[Context], float],
-        prerequisites: set[DependencyTicket],
-    ) -> None:
-        self.DeclareVectorOutputPort(
-            name,
-            1,
-            lambda context, output: output.SetAtIndex(0, float(calc(context))),
-            prerequisites_of_calc=prerequisites,
-        )
-
-    def _PowerIn(self, context: Context) -> float:
-        F, v = self._master_force.Eval(context), self._master_velocity.Eval(context)
-        return float(F @ v)
-
-    def _PowerOut(self, context: Context) -> float:
-        F, v = self._slave_force.Eval(context), self._slave_velocity.Eval(context)
-        return float(F @ v)
-
-    def _Powers(self, context: Context) -> np.ndarray:
-        return np.array([self._PowerIn(context), self._PowerOut(context)])
-
-    def _Energies(self, context: Context) -> np.ndarray:
-        return context.get_continuous_state_vector().CopyToVector()
+            self.DeclareVectorOutputPort(name, 1, calc, prerequisites)
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Evaluates the powers; called by Drake several times in every step."""
         derivatives.SetFromVector(self._Powers(context))
+
+    def _Powers(self, context: Context) -> np.ndarray:
+        """Returns [power_in, power_out] in W."""
+        return energy_rates(
+            self._master_force.Eval(context),
+            self._master_velocity.Eval(context),
+            self._slave_force.Eval(context),
+            self._slave_velocity.Eval(context),
+        )
+
+    def _CalcPower(self, context: Context, output: BasicVector) -> None:
+        power_in, power_out = self._Powers(context)
+        output.SetAtIndex(0, power_in - power_out)
+
+    def _CalcPowerIn(self, context: Context, output: BasicVector) -> None:
+        F, v = self._master_force.Eval(context), self._master_velocity.Eval(context)
+        output.SetAtIndex(0, port_power(F, v))
+
+    def _CalcPowerOut(self, context: Context, output: BasicVector) -> None:
+        F, v = self._slave_force.Eval(context), self._slave_velocity.Eval(context)
+        output.SetAtIndex(0, port_power(F, v))
+
+    def _CalcEnergy(self, context: Context, output: BasicVector) -> None:
+        energies = context.get_continuous_state_vector()
+        output.SetAtIndex(0, energies.GetAtIndex(0) - energies.GetAtIndex(1))
+
+    def _CalcEnergyIn(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, context.get_continuous_state_vector().GetAtIndex(0))
+
+    def _CalcEnergyOut(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, context.get_continuous_state_vector().GetAtIndex(1))

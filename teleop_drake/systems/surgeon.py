@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
+from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12
@@ -142,32 +143,32 @@ class Surgeon(LeafSystem):
         """When the outputs jump in any case, s."""
         return self._jump_times
 
-    def _IsPerceived(self, context: Context) -> bool:
-        return bool(context.get_discrete_state_vector().GetAtIndex(0))
+    def _GetState(self, context: Context) -> np.ndarray:
+        """Returns [contact perceived, stopped]."""
+        return context.get_discrete_state_vector().CopyToVector()
 
-    def _IsStopped(self, context: Context) -> bool:
-        return bool(context.get_discrete_state_vector().GetAtIndex(1))
+    def _AwaitsContact(self, context: Context) -> bool:
+        return operator_mode(self._GetState(context)) == 0
 
     def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
-        active = not (self._IsPerceived(context) or self._IsStopped(context))
-        output.SetFromVector(self._velocity if active else 0.0 * self._velocity)
+        output.SetFromVector(velocity_command(self._GetState(context), self._velocity))
 
     def _CalcForceCommand(self, context: Context, output: BasicVector) -> None:
-        if not self._IsPerceived(context):
-            output.SetFromVector(self._haptic_force.Eval(context))
-        elif self._IsStopped(context):
-            output.SetFromVector(np.zeros(len(self._velocity)))
-        else:
-            output.SetFromVector(self._contact_force)
+        output.SetFromVector(
+            force_command(
+                self._GetState(context),
+                self._haptic_force.Eval(context),
+                self._contact_force,
+            )
+        )
 
     def _CalcMode(self, context: Context, output: BasicVector) -> None:
-        mode = 2 if self._IsStopped(context) else int(self._IsPerceived(context))
-        output.SetAtIndex(0, mode)
+        output.SetAtIndex(0, operator_mode(self._GetState(context)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the contact witness while contact is awaited and can be located."""
-        awaited = not (self._IsPerceived(context) or self._IsStopped(context))
-        return self._witnesses if awaited and context.get_accuracy() else []
+        is_located = context.get_accuracy() and self._AwaitsContact(context)
+        return self._witnesses if is_located else []
 
     def _CalcPastSurface(self, context: Context) -> float:
         return self._p.Eval(context).item(0) - self._surface
@@ -176,11 +177,7 @@ class Surgeon(LeafSystem):
         state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
 
     def _CheckContact(self, context: Context, values: DiscreteValues) -> EventStatus:
-        if (
-            self._IsPerceived(context)
-            or self._IsStopped(context)
-            or self._CalcPastSurface(context) < 0
-        ):
+        if not self._AwaitsContact(context) or self._CalcPastSurface(context) < 0:
             return EventStatus.DidNothing()
         values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
         return EventStatus.Succeeded()

@@ -1,0 +1,35 @@
+"""Power at the two ends of the communication.
+
+    power_in = F_m . v_m          power_out = F_s . v_s
+
+At the master a force F_m is sent while a velocity v_m is felt: F_m . v_m goes into the
+channels. At the slave a force F_s arrives while the tool moves with v_s: F_s . v_s
+comes out of them.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def port_power(force: Array, velocity: Array) -> float:
+    """Returns F . v at one end, W.
+
+    Args:
+        force: F in N (n).
+        velocity: v in m/s (n).
+    """
+    return float(np.dot(force, velocity))
+
+
+def energy_rates(F_m: Array, v_m: Array, F_s: Array, v_s: Array) -> Array:
+    """Returns [d(energy_in)/dt; d(energy_out)/dt] in W (2).
+
+    Args:
+        F_m: Force sent at the master, N (n).
+        v_m: Velocity felt at the master, m/s (n).
+        F_s: Force received at the slave, N (n).
+        v_s: Velocity of the tool, m/s (n).
+    """
+    return np.array([port_power(F_m, v_m), port_power(F_s, v_s)])
