@@ -65,10 +65,10 @@ def test_examples_run(code):
 
 def test_command_lines_are_understood(tmp_path, monkeypatch):
     """Each line parses; what it would simulate is not simulated here."""
-    from teleop_drake.cli.main import _MakeParser
+    from teleop_drake.cli.main import MakeParser
 
     monkeypatch.chdir(tmp_path)
-    parser = _MakeParser()
+    parser = MakeParser()
     (block,) = [b for b in Blocks("") if b.startswith("teleop-drake list")]
     lines = [re.split(r"\s{3,}", line)[0] for line in block.splitlines()]
     assert len(lines) >= 5

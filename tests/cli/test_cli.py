@@ -360,7 +360,7 @@ def test_progress(monkeypatch, capsys):
         return simulate(scenario)
 
     clock = SimpleNamespace(monotonic=lambda: now)
-    monkeypatch.setattr("teleop_drake.cli.main.time", clock)
+    monkeypatch.setattr("teleop_drake.cli.progress.time", clock)
     monkeypatch.setattr(teleop_drake.simulation, "simulate", slow_simulate)
     options = ["--duration", "0.3", "--set", "simulator.accuracy=1e-5"]
     assert main(["run", "one_dof", *options]) == 0
@@ -469,7 +469,7 @@ def test_failed_write_leaves_nothing(monkeypatch, capsys):
     def full(path, *args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("teleop_drake.cli.main.os.replace", full)
+    monkeypatch.setattr("teleop_drake.files.os.replace", full)
     assert main(["run", "one_dof", *SHORT, "--json", "a.json"]) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert os.listdir() == ["a.json"]

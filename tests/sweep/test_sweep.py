@@ -644,10 +644,11 @@ def test_the_controllers_are_a_choice():
     """The thesis's two, unless options say what the controller is."""
 
     def Axes(*options, scenario="one_dof"):
-        from teleop_drake.cli.main import _Grid, _MakeParser
+        from teleop_drake.cli.commands.sweep import Grid
+        from teleop_drake.cli.main import MakeParser
 
-        args = _MakeParser().parse_args(["sweep", scenario, *options])
-        return _Grid(args)[0]
+        args = MakeParser().parse_args(["sweep", scenario, *options])
+        return Grid(args)[0]
 
     assert Axes("--delay", "0.1") == {"controller": list(CONTROLLERS), "delay": [0.1]}
     assert Axes("--controllers", "all") == {"controller": list(ARCHITECTURES)}
@@ -683,11 +684,11 @@ def test_seeds(processes):
 
 
 def test_progress(monkeypatch, capsys):
-    from teleop_drake.cli.main import _SweepProgress
+    from teleop_drake.cli.progress import SweepProgress
 
     clock = iter([100.0, 100.0, 105.0, 112.0, 113.0, 124.0])
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
-    with _SweepProgress(False) as show:
+    with SweepProgress(False) as show:
         for finished in (4, 5, 6, 7, 8):
             show(finished, 10)
     assert capsys.readouterr().err == (

@@ -1,0 +1,315 @@
+"""The command `teleop-drake analyze`."""
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.options import (
+    AddRunOptions,
+    AddScenarioOptions,
+    Load,
+    OverridesOf,
+)
+from teleop_drake.cli.output import (
+    CheckJson,
+    PrepareFolder,
+    ToJson,
+    WriteJson,
+    WriteText,
+)
+from teleop_drake.cli.progress import SweepProgress
+from teleop_drake.cli.tables import Align, Cell
+
+# Below this, in rad/s, nobody asks whether a mode is neutral.
+_LEAST_UNRESOLVED = 1e-3
+
+# More stable intervals than this do not fit a table; JSON has all.
+_MAX_INTERVALS = 3
+
+# What stands in the place of a delay margin.
+_MARGIN_WORDS = {
+    "stable": "at every delay",
+    "unstable": "at every delay that was looked at",
+    "windows": "unstable without delay, and stable at some larger ones",
+    "absent": "the tool does not come to this layer",
+}
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    parser.epilog = (
+        "All delays found are round trips: forward and return delay together, of which "
+        "only the sum matters."
+    )
+    AddScenarioOptions(parser)
+    parser.add_argument(
+        "--max-delay",
+        metavar="S",
+        help="longest round-trip delay to report on, s (default: 2)",
+    )
+    parser.add_argument(
+        "--vary",
+        metavar="PATH=START:STOP:COUNT",
+        help="chart the stable delays over a number of the scenario, for example "
+        "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
+        "along x, position=0.86:1.2:35",
+    )
+    AddRunOptions(
+        parser,
+        json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
+        out_help="write Bode, Nyquist, stability and transparency plots (.png) and "
+        "margins (.json) there",
+        out_default=None,
+    )
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Prints delay margins, stability and transparency, and draws them."""
+    from teleop_drake.analysis.stability import (
+        MAX_DELAY,
+        AnalyzeStability,
+        ChartStability,
+    )
+    from teleop_drake.analysis.transparency import AnalyzeTransparency
+
+    scenario = Load(args)
+    max_delay = MAX_DELAY
+    if args.max_delay is not None:
+        try:
+            max_delay = float(args.max_delay)
+        except ValueError:
+            max_delay = math.nan
+        if not 0 < max_delay < math.inf:
+            raise BadInput(
+                f"--max-delay = {args.max_delay!r}: must be a finite number > 0 (s)"
+            )
+    key, values = _VariedNumber(args.vary)
+    CheckJson(args.json)
+    stem = f"{scenario.name}_{scenario.controller.kind}"
+    figures = ["bode", "nyquist", "stable_delays", "transparency"]
+    figures += ["chart"] * bool(key)
+    *figure_paths, summary_path = PrepareFolder(
+        args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
+    )
+    chart = None
+    try:
+        analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        transparency = [
+            AnalyzeTransparency(
+                analysis.scenario,
+                point.model.point,
+                forward_delay=analysis.forward_delay,
+                return_delay=analysis.return_delay,
+            )
+            for point in analysis.points
+        ]
+        if key:
+            with SweepProgress(args.quiet, "values") as show:
+                chart = ChartStability(
+                    args.scenario,
+                    key,
+                    values,
+                    overrides=OverridesOf(args),
+                    max_delay=max_delay,
+                    progress=show,
+                )
+    except ValueError as e:
+        raise BadInput(e) from None
+    record = analysis.ToRecord()
+    record["transparency"] = [point.ToRecord() for point in transparency]
+    if chart is not None:
+        record["chart"] = chart.ToRecord()
+    if args.out is not None:
+        from teleop_drake.figures.analysis import (
+            PlotBode,
+            PlotNyquist,
+            PlotStabilityChart,
+            PlotStableDelays,
+            PlotTransparency,
+        )
+        from teleop_drake.figures.runs import SaveFigure
+
+        made = [
+            PlotBode(analysis),
+            PlotNyquist(analysis),
+            PlotStableDelays(analysis),
+            PlotTransparency(transparency),
+        ]
+        if chart is not None:
+            made.append(PlotStabilityChart(chart))
+        for figure, path in zip(made, figure_paths, strict=True):
+            SaveFigure(figure, path)
+        WriteText(summary_path, ToJson(record))
+    if args.json is not None:
+        WriteJson(args.json, record)
+    if args.json != "-":
+        print(_AnalysisTable(record))
+        if chart is not None:
+            print()
+            print(_ChartTable(record["chart"]))
+        if args.out is not None:
+            written = [*figure_paths, summary_path]
+            print("Written:", ", ".join(map(str, written)))
+    return 0
+
+
+def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
+    """Returns the key and the values of `analyze --vary`; without it, no key."""
+    from teleop_drake.sweep import ParseValues, SweepError
+
+    if item is None:
+        return "", []
+    path, equals, text = item.partition("=")
+    if not equals or not path.strip():
+        raise BadInput(f"--vary = {item!r}: must be PATH=START:STOP:COUNT")
+    try:
+        values = ParseValues(text)
+    except SweepError as e:
+        raise BadInput(f"--vary {path.strip()} = {e}") from None
+    if not all(isinstance(x, int | float) and math.isfinite(x) for x in values):
+        raise BadInput(f"--vary {path.strip()} = {text!r}: must be finite numbers")
+    if len(set(values)) < 2:
+        raise BadInput(f"--vary {path.strip()} = {text!r}: must be two values or more")
+    return path.strip(), [float(x) for x in values]
+
+
+def _AnalysisTable(record: Mapping[str, Any]) -> str:
+    """Returns the margins of `analyze`: a row for each operating point."""
+    points = record["operating_points"]
+    delay = record["forward_delay"] + record["return_delay"]
+    lines = [
+        [
+            "",
+            "x [m]",
+            "crossovers [rad/s]",
+            "phase margin [deg]",
+            "delay margin [s]",
+            "stable delays [s]",
+            f"root at {delay:g} s [1/s]",
+            "",
+        ]
+    ]
+    for point in points:
+        intervals = [
+            f"{begin:.4g}-{end:.4g}" + ("+" if end == record["max_delay"] else "")
+            for begin, end in point["stable_delays"]
+        ]
+        if len(intervals) > _MAX_INTERVALS:
+            intervals = [*intervals[:_MAX_INTERVALS], "..."]
+        phase, root = point["phase_margin"], point["rightmost_root"]
+        lines.append(
+            [
+                point["name"],
+                f"{point['position'][0]:.5g}",
+                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"] if w) or "-",
+                "-" if phase is None else f"{math.degrees(phase):.1f}",
+                Cell(point["delay_margin"]),
+                ", ".join(intervals) or "none",
+                "-" if root is None else _Root(*root),
+                ("stable" if point["stable"] else "UNSTABLE")
+                + ("" if point["certain"] else ", uncertain"),
+            ]
+        )
+    text = [
+        f"{record['scenario']}, {record['controller']}: delay "
+        f"{record['forward_delay']:.6g} s forward, {record['return_delay']:.6g} s "
+        f"back; round-trip delays up to {record['max_delay']:g} s",
+        Align(lines),
+    ]
+    text += _Verdict(points, delay)
+    text += _Certainty(points)
+    if all(point["absolutely_stable"] is not None for point in record["transparency"]):
+        text.append(_AbsoluteStability(record["transparency"]))
+    return "\n".join(text + record["notes"])
+
+
+def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
+    """Returns a sentence: whether surgeon and environment could be any passive ones."""
+    failing = [point["name"] for point in points if not point["absolutely_stable"]]
+    if not failing:
+        return (
+            "Stable with every passive surgeon and environment: Llewellyn's parameter "
+            "is 1 or more everywhere."
+        )
+    return (
+        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        f"falls below 1 ({', '.join(failing)})."
+    )
+
+
+def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
+    """Returns sentences: where the loop fails first and why, and what it does now."""
+    text = []
+    limits = [point for point in points if point["delay_margin"] is not None]
+    if limits:
+        least = min(limits, key=lambda point: point["delay_margin"])
+        margin = least["delay_margin"]
+        frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
+        text.append(
+            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns "
+            f"the phase at {frequency:.4g} rad/s by all of its margin, "
+            f"{math.degrees(least['phase_margin']):.1f} deg."
+        )
+    for point in points:
+        root = point["rightmost_root"]
+        if not point["stable"] and root is not None and root[0] > 0:
+            motion = f"a motion of {root[1]:.4g} rad/s" if root[1] else "a drift"
+            text.append(
+                f"At {delay:g} s, in {point['name']}, {motion} doubles every "
+                f"{math.log(2) / root[0]:.3g} s."
+            )
+    return text
+
+
+def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns sentences: what the linear model is not accurate enough to tell."""
+    text = []
+    slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
+    if slow:
+        sizes = ", ".join(f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow)
+        text.append(
+            f"Neutral, within the accuracy of the model there: what is slower than "
+            f"{sizes} rad/s."
+        )
+    for point in points:
+        root, error = point["rightmost_root"], point["root_error"]
+        if root is not None and not point["certain"]:
+            doubt = "not known" if error is None else f"known to ± {error:.2g}"
+            text.append(
+                f"Uncertain in {point['name']}: the root's real part is {doubt} 1/s."
+            )
+    return text
+
+
+def _Root(real: float, imaginary: float) -> str:
+    """Returns a characteristic root, or both of a pair."""
+    return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
+
+
+def _ChartTable(chart: Mapping[str, Any]) -> str:
+    """Returns the delay margins of `analyze --vary`: a row for each value."""
+    names: dict[str, None] = {}
+    for analysis in chart["analyses"]:
+        names |= dict.fromkeys(p["name"] for p in analysis["operating_points"])
+    lines = [[chart["key"], *(f"{name} [s]" for name in names), ""]]
+    for value, analysis in zip(chart["values"], chart["analyses"], strict=True):
+        points = {p["name"]: p for p in analysis["operating_points"]}
+        cells = [_Margin(points.get(name)) for name in names]
+        lines.append([f"{value:g}", *cells, ""])
+    shown = {cell for line in lines[1:] for cell in line[1:]}
+    words = [f"{word}: {text}" for word, text in _MARGIN_WORDS.items() if word in shown]
+    return "\n".join(["Delay margins", Align(lines), *words])
+
+
+def _Margin(point: Mapping[str, Any] | None) -> str:
+    """Returns the delay margin at an operating point, or why it has none."""
+    if point is None:
+        return "absent"
+    if point["delay_margin"] is not None:
+        return Cell(point["delay_margin"])
+    intervals = point["stable_delays"]
+    if not intervals:
+        return "unstable"
+    return "stable" if intervals[0][0] == 0 else "windows"

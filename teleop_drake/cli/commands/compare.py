@@ -1,0 +1,81 @@
+"""The command `teleop-drake compare`."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
+from teleop_drake.cli.options import AddRunOptions, AddScenarioOptions, Load, LoadToRun
+from teleop_drake.cli.output import CheckJson, PrepareFolder, WriteJson
+from teleop_drake.cli.progress import Simulate
+from teleop_drake.cli.tables import Headline, Table
+
+if TYPE_CHECKING:
+    from teleop_drake.recording import Recording
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    AddScenarioOptions(parser, has_controller=False)
+    parser.add_argument(
+        "--controllers",
+        metavar="A,B,...",
+        help="the controllers, the baseline first; `all`: every architecture "
+        "(default: the thesis's two)",
+    )
+    AddRunOptions(
+        parser,
+        json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
+        "and nothing else there",
+        out_help="write figure (.png) and recordings (.npz) there (default: out)",
+        out_default="out",
+    )
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Simulates the scenario with each controller and puts them side by side."""
+    from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, Scenario
+
+    if not isinstance(Load(args), Scenario):
+        raise BadInput(
+            f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
+            "controllers; tracking has one only"
+        )
+    controllers = list(CONTROLLERS)
+    if args.controllers == "all":
+        controllers = list(ARCHITECTURES)
+    elif args.controllers is not None:
+        controllers = [name.strip() for name in args.controllers.split(",")]
+        if len(set(controllers)) < len(controllers):
+            raise BadInput(
+                f"--controllers = {args.controllers!r}: must be different controllers"
+            )
+    scenarios = {
+        kind: LoadToRun(args, f"controller.kind={kind}") for kind in controllers
+    }
+    name = scenarios[controllers[0]].name
+    CheckJson(args.json)
+    figure_path, *recording_paths = PrepareFolder(
+        args.out, f"{name}_comparison.png", *(f"{name}_{k}.npz" for k in controllers)
+    )
+
+    from teleop_drake.figures.runs import PlotComparison, SaveFigure
+    from teleop_drake.tasks.metrics import RunSummary
+
+    recordings: dict[str, Recording] = {}
+    for (kind, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
+        recordings[kind] = Simulate(scenario, args.quiet)
+        recordings[kind].Save(path)
+        if recordings[kind].termination == "interrupted":
+            break
+    records = {kind: RunSummary(recording) for kind, recording in recordings.items()}
+    SaveFigure(PlotComparison(recordings), figure_path)
+    if args.json is not None:
+        WriteJson(args.json, list(records.values()))
+    if args.json != "-":
+        for recording in recordings.values():
+            print(Headline(recording))
+        print(Table(records))
+        written = [figure_path, *recording_paths[: len(recordings)]]
+        print("Written:", ", ".join(map(str, written)))
+    is_interrupted = recordings[kind].termination == "interrupted"
+    return INTERRUPTED if is_interrupted else 0

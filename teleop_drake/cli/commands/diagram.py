@@ -1,0 +1,47 @@
+"""The command `teleop-drake diagram`."""
+
+import argparse
+
+from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
+from teleop_drake.cli.options import AddScenarioOptions, Load
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    AddScenarioOptions(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="FILE.svg, .png, .pdf or .dot (default: DOT text to stdout)",
+    )
+    parser.add_argument(
+        "--depth",
+        type=int,
+        default=1,
+        metavar="N",
+        help="levels of nested diagrams to open (default: 1, the loop)",
+    )
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Draws the block diagram of the scenario."""
+    if args.depth < 0:
+        raise BadInput(f"--depth = {args.depth}: must be 0 or positive")
+    scenario = Load(args)
+
+    from teleop_drake.figures.block_diagram import DiagramDot, WriteDiagram
+    from teleop_drake.simulation import MakeDiagram
+
+    diagram = MakeDiagram(scenario)
+    if args.output is None:
+        print(DiagramDot(diagram, max_depth=args.depth), end="")
+        return 0
+    try:
+        WriteDiagram(diagram, args.output, max_depth=args.depth)
+    except (ValueError, OSError) as e:
+        raise BadInput(f"--output: {e}") from None
+    except RuntimeError as e:
+        # Nothing here can lay out a diagram; the message says what to install.
+        return Fail(FAILED, e)
+    return 0

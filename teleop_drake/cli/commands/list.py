@@ -1,0 +1,29 @@
+"""The command `teleop-drake list`."""
+
+import argparse
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """The command has no options."""
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Prints the scenarios, the controllers and the robots."""
+    from teleop_drake.robots import RobotModels
+    from teleop_drake.scenario import (
+        ARCHITECTURES,
+        CONTROLLERS,
+        TRACKING_CONTROLLERS,
+        LoadScenario,
+        ScenarioNames,
+    )
+
+    print("Scenarios")
+    width = max(map(len, ScenarioNames()))
+    for name in ScenarioNames():
+        print(f"  {name:<{width}} {' '.join(LoadScenario(name).description.split())}")
+    print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
+    others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
+    print("Other architectures\n  " + ", ".join(others))
+    print("Robots\n  " + ", ".join(RobotModels()))
+    return 0

@@ -1,0 +1,31 @@
+"""How the command ends."""
+
+import sys
+
+DONE = 0
+"""What was asked for is done."""
+
+FAILED = 1
+"""It could not be drawn or written."""
+
+BAD_INPUT = 2
+"""One line on stderr names the field, the value and what is allowed."""
+
+INTERRUPTED = 130
+"""Ctrl-C; what there was by then is written."""
+
+
+class BadInput(Exception):
+    """Its text is the one line that the user gets to see."""
+
+
+def Fail(exit_code: int, message: object) -> int:
+    """Prints an error as one line on stderr and returns the exit code.
+
+    Args:
+        exit_code: One of the above.
+        message: What is wrong.
+    """
+    line = " ".join(str(message).split())
+    print(f"teleop-drake: error: {line}", file=sys.stderr)
+    return exit_code

@@ -1,0 +1,126 @@
+"""Options that several commands share, and the scenario that they describe."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli.exit_codes import BadInput
+
+if TYPE_CHECKING:
+    from teleop_drake.scenario import AnyScenario
+
+
+# Options that stand for fields of the scenario. `--set` comes after them.
+OVERRIDES = {
+    "controller": ["controller.kind"],
+    "delay": ["forward_channel.delay", "return_channel.delay"],
+    "forward_delay": ["forward_channel.delay"],
+    "return_delay": ["return_channel.delay"],
+    "duration": ["duration"],
+    "accuracy": ["simulator.accuracy"],
+}
+
+
+def AddScenarioOptions(
+    parser: argparse.ArgumentParser,
+    *,
+    has_controller: bool = True,
+    is_sweep: bool = False,
+) -> None:
+    """Adds the scenario and the options that stand for its fields.
+
+    Args:
+        parser: The parser of the command.
+        has_controller: Whether one controller is to be chosen.
+        is_sweep: Whether delays are many values.
+    """
+    parser.add_argument(
+        "scenario", metavar="SCENARIO", help="a built-in name or a YAML file"
+    )
+    delay = "VALUES" if is_sweep else "S"
+    if has_controller:
+        parser.add_argument("--controller", metavar="KIND", help="controller.kind")
+    parser.add_argument("--delay", metavar=delay, help="delay each way, s")
+    parser.add_argument("--forward-delay", metavar=delay, help="forward delay, s")
+    parser.add_argument("--return-delay", metavar=delay, help="return delay, s")
+    parser.add_argument("--duration", metavar="S", help="simulated time, s")
+    parser.add_argument("--accuracy", metavar="X", help="simulator.accuracy")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        help="any other field, for example environment.layers.bone.stiffness=300; "
+        "repeatable; later ones win",
+    )
+
+
+def AddRunOptions(
+    parser: argparse.ArgumentParser,
+    *,
+    json_help: str,
+    out_help: str,
+    out_default: str | None,
+) -> None:
+    """Adds --json, --out and --quiet.
+
+    Args:
+        parser: The parser of the command.
+        json_help: What --json writes.
+        out_help: What is written into the folder of --out.
+        out_default: That folder, if --out is not given; None: nothing is written.
+    """
+    parser.add_argument("--json", metavar="FILE", help=json_help)
+    parser.add_argument("--out", metavar="DIR", default=out_default, help=out_help)
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
+
+
+def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
+    """Returns the scenario with all overrides of the command line.
+
+    Args:
+        args: The options.
+        *more: Overrides that come after them, each PATH=VALUE.
+
+    Raises:
+        BadInput: If the scenario is not valid.
+    """
+    from teleop_drake.architectures import CheckArchitecture
+    from teleop_drake.scenario import LoadScenario, Scenario
+
+    try:
+        scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
+        if isinstance(scenario, Scenario):
+            CheckArchitecture(scenario)
+    except ValueError as e:  # ScenarioError is one.
+        raise BadInput(e) from None
+    return scenario
+
+
+def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
+    """Returns the scenario as Load does, if it can be simulated in acceptable time.
+
+    Args:
+        args: The options.
+        *more: Overrides that come after them, each PATH=VALUE.
+
+    Raises:
+        BadInput: If the scenario is not valid, or would take too long.
+    """
+    from teleop_drake.scenario import CheckSteps
+
+    scenario = Load(args, *more)
+    try:
+        CheckSteps(scenario)
+    except ValueError as e:
+        raise BadInput(e) from None
+    return scenario
+
+
+def OverridesOf(args: argparse.Namespace) -> list[str]:
+    """Returns the overrides of the command line as PATH=VALUE."""
+    overrides = []
+    for option, paths in OVERRIDES.items():
+        value = getattr(args, option, None)
+        if value is not None:
+            overrides += [f"{path}={value}" for path in paths]
+    return [*overrides, *args.set]

@@ -1,0 +1,80 @@
+"""Writing files. Every file appears complete or not at all."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.files import IsDevice, Replacing, TemporaryPath
+
+
+def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
+    """Returns paths in a folder, after making it and checking that they can be written.
+
+    Without a folder nothing is going to be written.
+
+    Args:
+        folder: The folder, or None.
+        *names: Names of the files.
+
+    Raises:
+        BadInput: If one of them cannot be written.
+    """
+    paths = [Path(folder or "") / name for name in names]
+    if folder is None:
+        return paths
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or e
+        raise BadInput(
+            f"--out = {folder!r}: must be a folder that can be written ({reason})"
+        ) from None
+    for path in paths:
+        _CheckWritable(path, f"--out = {folder!r}")
+    return paths
+
+
+def CheckJson(file: str | None) -> None:
+    """Refuses a file of --json that cannot be written; "-" and None are good."""
+    if file is not None and file != "-":
+        _CheckWritable(Path(file), f"--json = {file!r}")
+
+
+def _CheckWritable(path: Path, option: str) -> None:
+    """Refuses a path at which no file can be written, by trying."""
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "Is a directory")
+        if IsDevice(path):
+            with open(path, "a"):
+                return
+        temporary = TemporaryPath(path)
+        temporary.touch()
+        temporary.unlink()
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or e
+        raise BadInput(
+            f"{option}: must be where {path.name!r} can be written ({reason})"
+        ) from None
+
+
+def WriteText(path: Path, text: str) -> None:
+    """Writes a text file, complete or not at all."""
+    with Replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def ToJson(value: Any) -> str:
+    """Returns a value as JSON text that ends with a line break."""
+    # NaN is not JSON; RunSummary has none.
+    return json.dumps(value, indent=2, allow_nan=False) + "\n"
+
+
+def WriteJson(file: str, value: Any) -> None:
+    """Writes a value as JSON to a file, or to stdout if the file is "-"."""
+    if file == "-":
+        print(ToJson(value), end="")
+    else:
+        WriteText(Path(file), ToJson(value))
