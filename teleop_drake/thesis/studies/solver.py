@@ -3,7 +3,7 @@
 import importlib.util
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -40,6 +40,9 @@ REQUESTS = [
     for tolerance in _TOLERANCES
 ]
 
+_Numbers = tuple[float, float, float]
+"""First impact, largest force and rebound, in SI units."""
+
 # What section 4.2 prints for direct force: name, value, scale and unit.
 _PRINTED = (
     ("first impact", 7.78e-3, 1e3, "mN"),
@@ -52,7 +55,7 @@ _NEAR = 0.05  # "about the printed value"
 
 def CollisionNumbers(
     scenario: Scenario, x: Sequence[float], v: Sequence[float]
-) -> tuple[float, float, float]:
+) -> _Numbers:
     """Returns first impact, largest force and rebound as read off at the steps."""
     bone = scenario.environment.layers[-1]
     F = [bone.stiffness * max(position - bone.reference, 0.0) for position in x]
@@ -68,6 +71,35 @@ def _Place(value: float, sample: Sequence[float]) -> str:
         return "within the scatter"
     edge = low if value < low else high
     return f"{abs(value / edge - 1):.1%} beyond its edge"
+
+
+def _SolvePlainly(scenario: Scenario) -> dict[float, list[_Numbers]]:
+    """Returns the numbers of the plain runs by their tolerance."""
+    plain: dict[float, list[_Numbers]] = {}
+    for tolerances, max_steps in (
+        (_LOOSE_TOLERANCES, _MAX_STEPS),
+        (_TIGHT_TOLERANCES, _FEW_MAX_STEPS),
+    ):
+        for tolerance, max_step in itertools.product(tolerances, max_steps):
+            _, x, v = SolvePlainly(
+                scenario, tolerance=tolerance, max_step=max_step, end=_END
+            )
+            numbers = CollisionNumbers(scenario, x, v)
+            plain.setdefault(tolerance, []).append(numbers)
+    return plain
+
+
+def _SolveWithBordersLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
+    """Returns the numbers of the package's own runs by their accuracy."""
+    located: dict[float, _Numbers] = {}
+    for tolerance, (name, overrides) in zip(_TOLERANCES, REQUESTS, strict=True):
+        collision = RunMetrics(runs(name, **overrides))["collision"]
+        located[tolerance] = (
+            collision["initial_impact_force"],
+            collision["peak_force"],
+            collision["rebound_velocity"],
+        )
+    return located
 
 
 def SolverStudy(runs: ThesisRuns) -> Study:
@@ -88,26 +120,21 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         )
     runs.Prefetch(REQUESTS)
     scenario = LoadScenario("one_dof", DIRECT)
-    plain: dict[float, list[tuple[float, float, float]]] = {}
-    for tolerances, max_steps in (
-        (_LOOSE_TOLERANCES, _MAX_STEPS),
-        (_TIGHT_TOLERANCES, _FEW_MAX_STEPS),
-    ):
-        for tolerance, max_step in itertools.product(tolerances, max_steps):
-            _, x, v = SolvePlainly(
-                scenario, tolerance=tolerance, max_step=max_step, end=_END
-            )
-            numbers = CollisionNumbers(scenario, x, v)
-            plain.setdefault(tolerance, []).append(numbers)
-    located: dict[float, tuple[float, float, float]] = {}
-    for tolerance, (name, overrides) in zip(_TOLERANCES, REQUESTS, strict=True):
-        collision = RunMetrics(runs(name, **overrides))["collision"]
-        located[tolerance] = (
-            collision["initial_impact_force"],
-            collision["peak_force"],
-            collision["rebound_velocity"],
-        )
+    plain = _SolvePlainly(scenario)
+    located = _SolveWithBordersLocated(runs)
+    return Study(
+        title=_TITLE,
+        text=_Text(scenario, plain, located),
+        figures={"solver": _Plot(plain, located)},
+        table=_Table(plain, located),
+    )
 
+
+def _Text(
+    scenario: Scenario,
+    plain: Mapping[float, Sequence[_Numbers]],
+    located: Mapping[float, _Numbers],
+) -> str:
     loose = [row for tolerance in _LOOSE_TOLERANCES for row in plain[tolerance]]
     near = [
         [abs(row[i] / printed - 1) < _NEAR for row in loose]
@@ -140,7 +167,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         if num_all
         else "In none of them do all three come out together"
     )
-    text = (
+    return (
         "The question: section 4.2 prints, for direct force with one axis, a first "
         "impact of 7.78 mN, a largest force of 11.3 mN and a rebound of -0.72 mm/s. "
         "The equations give, solved accurately, "
@@ -183,6 +210,11 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         "the converged numbers."
     )
 
+
+def _Plot(
+    plain: Mapping[float, Sequence[_Numbers]], located: Mapping[float, _Numbers]
+) -> Figure:
+    """Plots each number against the tolerance, beside the printed one."""
     figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     for i, (ax, (name, printed, scale, unit)) in enumerate(
         zip(figure.subplots(1, 3), _PRINTED, strict=True)
@@ -222,6 +254,13 @@ def SolverStudy(runs: ThesisRuns) -> Study:
         fontsize=FONT_SIZE,
         frameon=False,
     )
+    return figure
+
+
+def _Table(
+    plain: Mapping[float, Sequence[_Numbers]], located: Mapping[float, _Numbers]
+) -> tuple[list[str], list[list[str]]]:
+    """Returns headers and rows: the numbers by the tolerance."""
     headers = ["tolerance", "plain runs"]
     for name, _, _, unit in _PRINTED:
         headers += [f"{name}, plain, {unit}", f"{name}, located, {unit}"]
@@ -235,9 +274,4 @@ def SolverStudy(runs: ThesisRuns) -> Study:
                 f"{scale * located[tolerance][i]:.3f}" if tolerance in located else ""
             )
         rows.append(row)
-    return Study(
-        title=_TITLE,
-        text=text,
-        figures={"solver": figure},
-        table=(headers, rows),
-    )
+    return headers, rows
