@@ -22,11 +22,49 @@ or `state`, `mode` or `time`: the continuous state, all discrete states one afte
 another, and the time in s.
 """
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 Term = tuple[Callable[..., Any] | str | int, ...] | list[str] | str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition:
+    """A change of a block's mode, and with it of its equations.
+
+    It happens as soon as the guard is positive, at an instant that is located. In the
+    new mode the guard must not be positive. Without a guard it happens periodically.
+
+    Attributes:
+        mode: The new mode, a term.
+        guard: One number, continuous between jumps, a term; None: periodic.
+        period: In s, > 0; infinity: once.
+        offset: When a periodic transition happens first, s.
+    """
+
+    mode: Term
+    guard: Term | None = None
+    period: float = math.inf
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay:
+    """A signal that comes out of a block after a constant time.
+
+    Attributes:
+        signal: Name of the input port.
+        output: Name of the output port.
+        time: The delay in s, > 0.
+        initial_value: What comes out at first.
+    """
+
+    signal: str
+    output: str
+    time: float
+    initial_value: Sequence[float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,14 +82,18 @@ class Kernel:
         parameters: Numbers, arrays, and named tuples of them, by name. Another value
             of the same kind compiles nothing anew.
         sizes: Width of the outputs that are not vectors in Drake.
-        watched: Input ports that the block only watches, as a log does.
+        unused: Input ports that nothing of this depends on, such as a log's.
+        transitions: Changes of the mode, by names of one's own.
+        delays: What it delays.
     """
 
     outputs: Mapping[str, Term] = field(default_factory=dict)
     rate: Term | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
-    watched: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
+    transitions: Mapping[str, Transition] = field(default_factory=dict)
+    delays: Sequence[Delay] = ()
 
 
 def names_in(term: Term | None) -> list[str]:

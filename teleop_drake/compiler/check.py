@@ -75,6 +75,8 @@ def Compare(evaluator: Evaluator, system: System, context: Context) -> None:
     program = evaluator.program
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
+        if not block.system.HasOutputPort(output.port):
+            continue  # What belongs to a transition.
         port = block.system.GetOutputPort(output.port)
         if port.get_data_type() == PortDataType.kVectorValued:
             expected = port.Eval(block.system.GetMyContextFromRoot(context))

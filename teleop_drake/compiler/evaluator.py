@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.flatten import Flatten
-from teleop_drake.compiler.machine_code import Compile
+from teleop_drake.compiler.machine_code import CompileEvaluate
 from teleop_drake.compiler.plant_kernel import PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
@@ -66,8 +66,8 @@ class Evaluator:
             for block in self.blocks
         ]
         self.program = Program(self.blocks, kernels)
-        compiler = Compile if as_machine_code else _InPython
-        self.function = compiler("evaluate", self.program.text, self.program.names)
+        compiler = CompileEvaluate if as_machine_code else _InPython
+        self.function = compiler(self.program.text, self.program.names)
 
     def Evaluate(self, context: Context) -> tuple[Array, Array]:
         """Returns the outputs and the time derivatives in a context.
@@ -78,11 +78,24 @@ class Evaluator:
         Returns:
             y and dx; see `source`.
         """
+        x, m, y = self.ReadContext(context)
+        dx = np.zeros(len(x))
+        self.function(context.get_time(), x, m, *self.program.parameters, y, dx, True)
+        return y, dx
+
+    def ReadContext(self, context: Context) -> tuple[Array, Array, Array]:
+        """Returns what `evaluate` takes from a context.
+
+        Args:
+            context: Of the diagram.
+
+        Returns:
+            x, m, and y with what no kernel delivers.
+        """
         program = self.program
-        num_y, num_x, num_m = program.sizes
-        y, dx = np.zeros(num_y), np.zeros(num_x)
+        num_y, _, num_m = program.sizes
+        y, m = np.zeros(num_y), np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()
-        m = np.zeros(num_m)
         for block, part in zip(self.blocks, program.modes, strict=True):
             state = block.system.GetMyContextFromRoot(context).get_discrete_state()
             groups = [state.value(i) for i in range(state.num_groups())]
@@ -90,9 +103,9 @@ class Evaluator:
                 m[part] = np.concatenate(groups)
         for (i, name), part in program.fed.items():
             y[part] = _FedValue(self.blocks[i].system, name, context)
-        p = tuple(program.parameters)
-        self.function(context.get_time(), x, m, p, y, dx, True)
-        return y, dx
+        for delay, _, part in program.delays:
+            y[part] = delay.initial_value
+        return x, m, y
 
 
 def _FedValue(system: System, name: str, root_context: Context) -> Array:
@@ -106,8 +119,8 @@ def _FedValue(system: System, name: str, root_context: Context) -> Array:
 
 
 def _InPython(
-    name: str, text: str, functions: dict[str, Callable[..., Any]]
+    text: str, functions: dict[str, Callable[..., Any]]
 ) -> Callable[..., Any]:
     names: dict[str, Any] = dict(functions)
     exec(text, names)
-    return names[name]
+    return names["evaluate"]

@@ -14,35 +14,66 @@ from types import FunctionType
 from typing import Any
 
 from teleop_drake.compiler.jit import helpers, jit
+from teleop_drake.numerics.compiled import with_compiled_helpers
+from teleop_drake.numerics.delay_integrator import advance
 
 # Whatever changes them may change the code.
 _VERSIONS_OF = ("numba", "numpy", "scipy", "drake", "llvmlite")
 
 
-def Compile(
-    name: str, text: str, functions: dict[str, Callable[..., Any]]
-) -> Callable[..., Any]:
-    """Returns a generated function as machine code.
+def _EvaluateSignature() -> Any:
+    """Returns the types of the generated function `evaluate`, those of any diagram."""
+    from numba import types
 
-    The code is compiled at the first call with arguments of new types and kept in the
-    user's cache, under a hash of the source, of the functions that it calls, and of
-    versions. Several processes may do so at once. Where nothing can be kept it is
-    compiled each time.
+    numbers, integers = types.float64[::1], types.int64[::1]
+    t, x, m, y, dx = types.float64, numbers, numbers, numbers, numbers
+    return types.void(t, x, m, numbers, integers, y, dx, types.boolean)
+
+
+def CompileIntegrator(*arguments: Any) -> Callable[..., Any]:
+    """Returns delay_integrator.advance() as machine code.
+
+    It is compiled once for all diagrams, and kept on disk beside its source or in the
+    user's cache.
 
     Args:
-        name: Of the generated function.
-        text: Its source, in the part of Python that numba knows.
-        functions: What it calls, by the names in the source.
+        arguments: As advance() takes them after the function that it integrates.
+    """
+    import numba
+    from numba import types
+
+    signature = types.int64(
+        types.FunctionType(_EvaluateSignature()), *map(numba.typeof, arguments)
+    )
+    return numba.njit(signature, cache=True)(with_compiled_helpers(advance))
+
+
+def CompileEvaluate(
+    text: str, functions: dict[str, Callable[..., Any]]
+) -> Callable[..., Any]:
+    """Returns a generated function `evaluate` as machine code.
+
+    The code is kept in the user's cache, under a hash of the source, of the functions
+    that it calls, and of versions. Several processes may do so at once. Where nothing
+    can be kept it is compiled each time.
+
+    Args:
+        text: The source, in the part of Python that numba knows.
+        functions: What it calls, functions and named tuples, by the names in the
+            source.
     """
     import numba
 
     key = _Key(text, functions.values())
-    file = _CacheFolder() / key[:2] / f"{name}_{key}.py"
+    file = _CacheFolder() / key[:2] / f"evaluate_{key}.py"
     is_kept = _Keep(file, text)
-    names: dict[str, Any] = {f: jit(function) for f, function in functions.items()}
+    names: dict[str, Any] = {
+        f: jit(function) if isinstance(function, FunctionType) else function
+        for f, function in functions.items()
+    }
     names["__name__"] = __name__  # Without a module numba cannot keep it.
-    exec(compile(text, str(file) if is_kept else f"<{name}>", "exec"), names)
-    return numba.njit(cache=is_kept)(names[name])
+    exec(compile(text, str(file) if is_kept else "<evaluate>", "exec"), names)
+    return numba.njit(_EvaluateSignature(), cache=is_kept)(names["evaluate"])
 
 
 def _CacheFolder() -> Path:
@@ -86,8 +117,10 @@ def _Key(text: str, functions: Iterable[Callable[..., Any]]) -> str:
     seen: set[Callable[..., Any]] = set()
 
     def Add(function: Callable[..., Any]) -> None:
-        assert isinstance(function, FunctionType)
         if function in seen:
+            return
+        if not isinstance(function, FunctionType):  # A named tuple.
+            content.update(repr((function, getattr(function, "_fields", ()))).encode())
             return
         seen.add(function)
         content.update(_Content(function))

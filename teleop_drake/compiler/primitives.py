@@ -170,7 +170,7 @@ def _PassThrough(system: PassThrough, context: Context) -> Kernel:
 
 
 def _VectorLogSink(system: VectorLogSink, context: Context) -> Kernel:
-    return Kernel(watched=tuple(_Inputs(system)))
+    return Kernel(unused=tuple(_Inputs(system)))
 
 
 # A class before those it derives from.

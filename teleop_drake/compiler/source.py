@@ -1,11 +1,12 @@
 """The source of one function that computes what all blocks of a diagram do.
 
-    def evaluate(t, x, m, p, y, dx, everything): ...
+    def evaluate(t, x, m, p, q, y, dx, everything): ...
 
 fills in the rate dx of the continuous state and the outputs y of the blocks, all of
-them or only those that the rate depends on. It takes the time t, the continuous and
-the discrete state x and m, and the parameters p. What no kernel delivers, such as what
-a diagram is fed with from outside, is in y beforehand.
+them or only those that the rate and the delays depend on. It takes the time t, the
+continuous and the discrete state x and m, and the parameters p and q. What no kernel
+delivers, such as what comes out of a delay or what a diagram is fed with from outside,
+is in y beforehand.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.compiler.flatten import Block, Source
+from teleop_drake.compiler.parameters import Parameters
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.kernel import Kernel, Term, names_in
+from teleop_drake.kernel import Delay, Kernel, Term, Transition, names_in
 
 # The rate of a block's state is found among its outputs under this name.
 _RATE = "rate"
@@ -45,10 +47,13 @@ class Program:
 
     Attributes:
         text: The source. It depends on the structure of the diagram alone.
-        functions: What the source calls f0, f1, ... after `put`.
-        parameters: p.
+        names: What the source calls, by its names.
+        parameters: p and q.
         signals: Where in y an output is.
         fed: Where in y an input is that is not connected: (block, port).
+        delays: Where in y a delay has its signal and its output.
+        transitions: Where in y a transition has its guard (None: periodic) and the new
+            mode, and where in m the mode is.
         states: Where in x the state of a block is, by the block.
         modes: Where in m that of its discrete states is.
         sizes: Of y, x and m.
@@ -59,50 +64,92 @@ class Program:
 
     def __init__(self, blocks: Sequence[Block], kernels: Sequence[Kernel]):
         self._blocks, self._kernels = blocks, kernels
-        self.functions: list[Callable[..., Any]] = []
-        self.parameters: list[Any] = []
+        self._parameters = Parameters()
+        self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
+        self._functions: list[Callable[..., Any]] = []
+        # What fills in a part of y or dx.
+        self._terms: dict[Source, tuple[str, slice, Term]] = {}
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
-        self._parameter_places: dict[tuple[int, str], int] = {}
-        self.states, x = _slices([_NumStates(block) for block in blocks])
-        self.modes, m = _slices([_NumModes(block) for block in blocks])
-        self._y = 0
-        for i, block in enumerate(blocks):
-            self._CheckInputs(i, block)
-            for name in kernels[i].outputs:
-                size = kernels[i].sizes.get(name)
-                if size is None:
-                    size = block.system.GetOutputPort(name).size()
-                self.signals[Source(i, name)] = self._NewSignal(size)
+        self.states, num_x = _Slices([_NumStates(block) for block in blocks])
+        self.modes, num_m = _Slices([_NumModes(block) for block in blocks])
+        self._num_y = 0
+        for i, kernel in enumerate(kernels):
+            self._CheckInputs(i)
+            self._Declare(i, kernel)
         self._lines: list[str] = []
         self._under_way: list[Source] = []
         self._done: set[Source] = set()
         for i, kernel in enumerate(kernels):
             if kernel.rate is not None:
                 self._Write(Source(i, _RATE))
-            elif blocks[i].system.num_continuous_states() > 0:
-                raise UnsupportedSystem(blocks[i].system, "its kernel has no rate")
-        rates, self._lines = self._lines, ["    if not everything:", "        return"]
-        for output in self.signals:
+        self.delays: list[tuple[Delay, slice, slice]] = [
+            (delay, self._Slot(i, delay.signal), self.signals[Source(i, delay.output)])
+            for i, kernel in enumerate(kernels)
+            for delay in kernel.delays
+        ]
+        self._lines += ["    if not everything:", "        return"]
+        for output in self._terms:
             self._Write(output)
-        self.text = "\n".join([_HEAD, *rates, *self._lines, ""])
-        self.sizes = self._y, x, m
+        self.transitions: list[tuple[Transition, slice | None, slice, slice]] = [
+            (
+                transition,
+                None
+                if transition.guard is None
+                else self.signals[Source(i, _Guard(name))],
+                self.signals[Source(i, _Mode(name))],
+                self.modes[i],
+            )
+            for i, kernel in enumerate(kernels)
+            for name, transition in kernel.transitions.items()
+        ]
+        self.text = "\n".join([_HEAD, *self._lines, ""])
+        self.names: dict[str, Callable[..., Any]] = {
+            "put": put,
+            **self._parameters.types,
+            **{f"f{i}": function for i, function in enumerate(self._functions)},
+        }
+        self.parameters = self._parameters.AsArrays()
+        self.sizes = self._num_y, num_x, num_m
 
-    @property
-    def names(self) -> dict[str, Callable[..., Any]]:
-        """The functions by the names that the source has for them."""
-        return {"put": put} | {f"f{i}": f for i, f in enumerate(self.functions)}
+    def _Declare(self, i: int, kernel: Kernel) -> None:
+        """Makes room for all that a block computes."""
+        system = self._blocks[i].system
+        if kernel.rate is not None:
+            self._terms[Source(i, _RATE)] = "dx", self.states[i], kernel.rate
+        elif system.num_continuous_states() > 0:
+            raise UnsupportedSystem(system, "its kernel has no rate")
+        for name, term in kernel.outputs.items():
+            size = kernel.sizes.get(name)
+            if size is None:
+                size = system.GetOutputPort(name).size()
+            self._DeclareSignal(Source(i, name), size, term)
+        for delay in kernel.delays:
+            size = system.GetOutputPort(delay.output).size()
+            self._DeclareSignal(Source(i, delay.output), size, None)
+        num_modes = self.modes[i].stop - self.modes[i].start
+        for name, transition in kernel.transitions.items():
+            if transition.guard is not None:
+                self._DeclareSignal(Source(i, _Guard(name)), 1, transition.guard)
+            self._DeclareSignal(Source(i, _Mode(name)), num_modes, transition.mode)
+
+    def _DeclareSignal(self, source: Source, size: int, term: Term | None) -> None:
+        self.signals[source] = self._NewSignal(size)
+        if term is not None:
+            self._terms[source] = "y", self.signals[source], term
 
     def _NewSignal(self, size: int) -> slice:
-        self._y += size
-        return slice(self._y - size, self._y)
+        self._num_y += size
+        return slice(self._num_y - size, self._num_y)
 
-    def _CheckInputs(self, i: int, block: Block) -> None:
+    def _CheckInputs(self, i: int) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
-        kernel = self._kernels[i]
-        taken = {name for term in _Terms(kernel) for name in names_in(term)} | set(
-            kernel.watched
-        )
+        block, kernel = self._blocks[i], self._kernels[i]
+        terms = [kernel.rate, *kernel.outputs.values()]
+        for transition in kernel.transitions.values():
+            terms += [transition.guard, transition.mode]
+        taken = {name for term in terms for name in names_in(term)}
+        taken |= {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:
             if name not in taken:
                 raise UnsupportedSystem(
@@ -111,22 +158,17 @@ class Program:
 
     def _Write(self, output: Source) -> None:
         """Adds the lines that fill in an output, after those that it depends on."""
-        if output in self._done:
+        if output in self._done or output not in self._terms:
             return
-        kernel, system = self._kernels[output.block], self._blocks[output.block].system
+        block = self._blocks[output.block]
         if output in self._under_way:
-            raise UnsupportedSystem(system, f"{output.port} depends on itself")
-        if output.port == _RATE:
-            array, part, term = "dx", self.states[output.block], kernel.rate
-        else:
-            array, part = "y", self.signals[output]
-            term = kernel.outputs[output.port]
-        assert term is not None
+            raise UnsupportedSystem(block.system, f"{output.port} depends on itself")
+        array, part, term = self._terms[output]
         self._under_way.append(output)
         expressions = self._Expressions(output.block, term)
         self._under_way.pop()
         self._done.add(output)
-        self._lines.append(f"    # {self._blocks[output.block].path}: {output.port}")
+        self._lines.append(f"    # {block.path}: {output.port}")
         first = part.start
         for expression, size in expressions:
             if size is None:
@@ -135,7 +177,7 @@ class Program:
             first += size
         if first != part.stop:
             raise UnsupportedSystem(
-                system,
+                block.system,
                 f"its kernel's {output.port} has {first - part.start} elements "
                 f"instead of {part.stop - part.start}",
             )
@@ -148,18 +190,18 @@ class Program:
             return [self._Named(i, name) for name in term]
         function, *names = term
         assert callable(function), function
-        if function not in self.functions:
-            self.functions.append(function)
+        if function not in self._functions:
+            self._functions.append(function)
         arguments = (
             self._Named(i, name)[0] if isinstance(name, str) else repr(name)
             for name in names
         )
-        place = self.functions.index(function)
+        place = self._functions.index(function)
         return [(f"f{place}({', '.join(arguments)})", None)]
 
     def _Named(self, i: int, name: str) -> tuple[str, int | None]:
         """Returns what a name of a block's kernel is in the source, and its size."""
-        block, kernel = self._blocks[i], self._kernels[i]
+        kernel = self._kernels[i]
         if name == "time":
             return "t", None
         if name == "state":
@@ -167,49 +209,49 @@ class Program:
         if name == "mode":
             return _Part("m", self.modes[i])
         if name in kernel.parameters:
-            return self._Parameter(i, name)
+            if (i, name) not in self._parameter_texts:
+                value = kernel.parameters[name]
+                size = None if isinstance(value, tuple) else np.size(value)
+                self._parameter_texts[i, name] = self._parameters.Add(value), size
+            return self._parameter_texts[i, name]
         if name == _RATE and kernel.rate is not None:
             self._Write(Source(i, _RATE))
             return _Part("dx", self.states[i])
-        if name in kernel.outputs:
-            self._Write(Source(i, name))
-            return _Part("y", self.signals[Source(i, name)])
-        if name in block.inputs:
-            source = block.inputs[name]
-            if source not in self.signals:
-                raise UnsupportedSystem(
-                    self._blocks[source.block].system,
-                    f"its kernel has no output {source.port}",
-                )
+        return _Part("y", self._Slot(i, name))
+
+    def _Slot(self, i: int, name: str) -> slice:
+        """Returns where in y a port of a block is, after what fills it in."""
+        block, kernel = self._blocks[i], self._kernels[i]
+        source = block.inputs.get(name, Source(i, name))
+        if source in self.signals:
             self._Write(source)
-            return _Part("y", self.signals[source])
+            return self.signals[source]
+        if name in block.inputs:
+            raise UnsupportedSystem(
+                self._blocks[source.block].system,
+                f"its kernel has no output {source.port}",
+            )
         if not block.system.HasInputPort(name):
             raise UnsupportedSystem(block.system, f"its kernel takes {name!r}")
-        fed = Source(i, name)
-        if fed not in self.fed:
+        if source not in self.fed:
             size = kernel.sizes.get(name) or block.system.GetInputPort(name).size()
-            self.fed[fed] = self._NewSignal(size)
-        return _Part("y", self.fed[fed])
-
-    def _Parameter(self, i: int, name: str) -> tuple[str, int | None]:
-        value = _AsArrays(self._kernels[i].parameters[name])
-        if (i, name) not in self._parameter_places:
-            self._parameter_places[i, name] = len(self.parameters)
-            self.parameters.append(value)
-        size = value.size if isinstance(value, np.ndarray) else None
-        return f"p[{self._parameter_places[i, name]}]", size
+            self.fed[source] = self._NewSignal(size)
+        return self.fed[source]
 
 
-_HEAD = "def evaluate(t, x, m, p, y, dx, everything):"
+_HEAD = "def evaluate(t, x, m, p, q, y, dx, everything):"
+
+
+def _Guard(transition: str) -> str:
+    return f"guard of {transition}"
+
+
+def _Mode(transition: str) -> str:
+    return f"mode after {transition}"
 
 
 def _Part(array: str, part: slice) -> tuple[str, int]:
     return f"{array}[{part.start}:{part.stop}]", part.stop - part.start
-
-
-def _Terms(kernel: Kernel) -> list[Term]:
-    rates = [] if kernel.rate is None else [kernel.rate]
-    return [*kernel.outputs.values(), *rates]
 
 
 def _NumStates(block: Block) -> int:
@@ -224,23 +266,8 @@ def _NumModes(block: Block) -> int:
     )
 
 
-def _slices(sizes: Sequence[int]) -> tuple[list[slice], int]:
+def _Slices(sizes: Sequence[int]) -> tuple[list[slice], int]:
     """Returns the parts of a vector, one after another, and its size."""
-    ends = [int(end) for end in np.cumsum(sizes)]
-    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)], sum(
-        sizes
-    )
-
-
-def _AsArrays(value: Any) -> Any:
-    """Returns a parameter as compiled code takes it."""
-    if isinstance(value, tuple):
-        return (
-            type(value)(*map(_AsArrays, value))
-            if hasattr(value, "_fields")
-            else (tuple(map(_AsArrays, value)))
-        )
-    if np.ndim(value) == 0:
-        return float(value)
-    kind = np.int64 if np.asarray(value).dtype.kind in "iub" else np.float64
-    return np.array(value, kind)
+    ends = np.cumsum(sizes, dtype=int).tolist()
+    parts = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    return parts, sum(sizes)

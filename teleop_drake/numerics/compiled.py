@@ -28,11 +28,15 @@ def compiled(law: Law) -> Law:
 
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined, unused-ignore]
         return law
-    return cast(Law, numba.njit(cache=True)(_with_compiled_helpers(law)))
+    return cast(Law, numba.njit(cache=True)(with_compiled_helpers(law)))
 
 
-def _with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a copy of a function that calls compiled functions."""
+def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a copy of a function that calls compiled functions.
+
+    Args:
+        law: As for compiled().
+    """
     assert isinstance(law, FunctionType)
     names = dict(law.__globals__)
     for name in law.__code__.co_names:

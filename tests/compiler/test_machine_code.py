@@ -11,7 +11,7 @@ from pydrake.systems.primitives import Gain, Integrator
 
 from teleop_drake.compiler.check import Compare
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.machine_code import Compile
+from teleop_drake.compiler.machine_code import CompileEvaluate
 from teleop_drake.compiler.source import put
 
 pytest.importorskip("numba")
@@ -67,6 +67,11 @@ def test_several_processes_may_compile_at_once(cache):
 
 
 def test_a_vector_of_another_size_is_an_error_of_the_code():
-    compiled = Compile("f", "def f(y, x):\n    put(y, 0, 2, x)\n", {"put": put})
+    text = """
+def evaluate(t, x, m, p, q, y, dx, everything):
+    put(y, 0, 2, x)
+"""
+    compiled = CompileEvaluate(text, {"put": put})
+    x, q = np.zeros(3), np.zeros(0, int)
     with pytest.raises(ValueError, match="another size"):
-        compiled(np.zeros(4), np.zeros(3))
+        compiled(0.0, x, x, x, q, x, x, True)

@@ -1,0 +1,178 @@
+"""Runs a compiled diagram."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.machine_code import CompileIntegrator
+from teleop_drake.compiler.source import Program
+from teleop_drake.numerics import delay_integrator
+from teleop_drake.numerics.delay_integrator import (
+    Delays,
+    Memory,
+    Problem,
+    Transitions,
+)
+
+Array = NDArray[np.float64]
+
+# How many rows are integrated at a time. In between Python notices Ctrl-C.
+_CHUNK = 512
+
+
+class CompiledRun:
+    """A run of a diagram in machine code.
+
+    Args:
+        system: The diagram.
+        context: Where it starts.
+        accuracy: What a step may be wrong by in the largest of all states, as Drake's
+            integrators have it.
+        max_step: Longest step in s.
+
+    Attributes:
+        evaluator: Of the diagram.
+        failure: Why it cannot go on; empty if it can.
+
+    Raises:
+        UnsupportedSystem: If a block of the diagram cannot be compiled.
+    """
+
+    def __init__(
+        self, system: System, context: Context, *, accuracy: float, max_step: float
+    ):
+        self.evaluator = Evaluator(system, context, as_machine_code=True)
+        self.failure = ""
+        self._accuracy, self._max_step = accuracy, max_step
+        program = self.evaluator.program
+        self._problem = Problem(
+            *program.parameters, _Delays(program), _Transitions(program)
+        )
+        x, m, y = self.evaluator.ReadContext(context)
+        n = len(x)
+        next_times = np.array(
+            [
+                x.offset if x.guard is None else np.inf
+                for x, _, _, _ in program.transitions
+            ],
+            float,
+        )
+        width = len(self._problem.delays.initial_values)
+        self._memory = Memory(
+            clock=np.array([context.get_time(), 0.1 * max_step]),
+            counts=np.zeros(6, np.int64),
+            x=x,
+            m=m,
+            y=y,
+            stages=np.zeros((7, n)),
+            x_stage=np.zeros(n),
+            x_next=np.zeros(n),
+            dx=np.zeros(n),
+            next_times=next_times,
+            breaks=np.zeros((1024, 2)),
+            steps=np.zeros((_CHUNK, 2)),
+            values=np.zeros((_CHUNK, 5, width)),
+            row_times=np.zeros(_CHUNK),
+            rows=np.zeros((_CHUNK, len(y))),
+        )
+        self._advance: Callable[..., Any] | None = None
+
+    @property
+    def time(self) -> float:
+        """How far the run is, in s."""
+        return float(self._memory.clock[0])
+
+    @property
+    def num_steps(self) -> int:
+        """How many steps it has taken."""
+        return int(self._memory.counts[delay_integrator.STEPS])
+
+    @property
+    def num_evaluations(self) -> int:
+        """How many evaluations of the time derivatives it has taken."""
+        return int(self._memory.counts[delay_integrator.EVALUATIONS])
+
+    def Advance(self, end: float) -> tuple[Array, Array]:
+        """Integrates for a while.
+
+        Args:
+            end: Where to stop at the latest, s.
+
+        Returns:
+            The times (k) and the signals y (k, num_y) at the ends of the steps. A time
+            that stands twice marks a jump. The run has ended if its time is `end` or
+            there is a failure.
+        """
+        arguments = (
+            self._problem,
+            self._memory,
+            float(end),
+            self._accuracy,
+            self._max_step,
+        )
+        if self._advance is None:
+            self._advance = CompileIntegrator(*arguments)
+        status = self._advance(self.evaluator.function, *arguments)
+        counts = self._memory.counts
+        num = counts[delay_integrator.ROWS]
+        times = self._memory.row_times[:num].copy()
+        rows = self._memory.rows[:num].copy()
+        counts[delay_integrator.ROWS] = 0
+        if status == delay_integrator.STUCK:
+            self.failure = "the smallest step is still too inaccurate"
+        elif status == delay_integrator.FULL:
+            self._MakeRoom()
+        return times, rows
+
+    def _MakeRoom(self) -> None:
+        """Forgets the polynomials that no delay reaches, and grows what is full."""
+        memory, counts = self._memory, self._memory.counts
+        num = counts[delay_integrator.POLYNOMIALS]
+        longest = self._problem.delays.times.max(initial=0.0)
+        oldest = int(np.searchsorted(memory.steps[:num, 1], self.time - longest - 1e-9))
+        steps, values = memory.steps, memory.values
+        if num - oldest > len(steps) // 2:
+            steps, values = (
+                np.concatenate([array, np.zeros_like(array)])
+                for array in (steps, values)
+            )
+        # The polynomial under way is behind the others.
+        steps[: num + 1 - oldest] = steps[oldest : num + 1].copy()
+        values[: num + 1 - oldest] = values[oldest : num + 1].copy()
+        counts[delay_integrator.POLYNOMIALS] = num - oldest
+        breaks = memory.breaks
+        if counts[delay_integrator.BREAKS] > len(breaks) // 2:
+            breaks = np.concatenate([breaks, np.zeros_like(breaks)])
+        self._memory = memory._replace(steps=steps, values=values, breaks=breaks)
+
+
+def _Delays(program: Program) -> Delays:
+    delays = [delay for delay, _, _ in program.delays]
+    signals = [part for _, part, _ in program.delays]
+    outputs = [part for _, _, part in program.delays]
+    return Delays(
+        times=np.array([delay.time for delay in delays], float),
+        signals=np.array([part.start for part in signals], np.int64),
+        outputs=np.array([part.start for part in outputs], np.int64),
+        sizes=np.array([part.stop - part.start for part in outputs], np.int64),
+        initial_values=np.array([x for d in delays for x in d.initial_value], float),
+    )
+
+
+def _Transitions(program: Program) -> Transitions:
+    guards = [
+        -1 if guard is None else guard.start for _, guard, _, _ in program.transitions
+    ]
+    sources = [source.start for _, _, source, _ in program.transitions]
+    targets = [target for _, _, _, target in program.transitions]
+    return Transitions(
+        guards=np.array(guards, np.int64),
+        sources=np.array(sources, np.int64),
+        targets=np.array([target.start for target in targets], np.int64),
+        sizes=np.array([target.stop - target.start for target in targets], np.int64),
+        periods=np.array([x.period for x, _, _, _ in program.transitions], float),
+    )

@@ -1,0 +1,560 @@
+"""Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
+
+The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills in the
+rate dx of the state x and the signals y, as teleop_drake.compiler.source describes it.
+What comes out of a delay is put into y before each evaluation.
+
+* A delayed signal is kept as a polynomial of each step, through its values at five
+  points of the step, so that nothing reaches across a jump. Its error is of the order
+  of the dense output's, O(step^5).
+* No step crosses a break: the instant of a transition, and its echoes through the
+  delays. The step before a break sees what is before it, the step after it what is
+  after it.
+* A transition happens when its guard becomes positive, at an instant that is located
+  on the dense output.
+
+All functions here are in the part of Python that numba knows.
+
+Source: J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae", J.
+Comput. Appl. Math. 6 (1980); dense output by L. F. Shampine, "Some practical
+Runge-Kutta formulas", Math. Comput. 46 (1986).
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Evaluate = Callable[..., None]
+
+_A = np.array(
+    [
+        [0, 0, 0, 0, 0, 0],
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
+# The difference of the two solutions.
+_E = np.array(
+    [-71 / 57600, 0, 71 / 16695, -71 / 1920, 17253 / 339200, -22 / 525, 1 / 40]
+)
+# Coefficients of theta, theta^2, ... of each stage in the dense output.
+_P = np.array(
+    [
+        [
+            1,
+            -8048581381 / 2820520608,
+            8663915743 / 2820520608,
+            -12715105075 / 11282082432,
+        ],
+        [0, 0, 0, 0],
+        [
+            0,
+            131558114200 / 32700410799,
+            -68118460800 / 10900136933,
+            87487479700 / 32700410799,
+        ],
+        [
+            0,
+            -1754552775 / 470086768,
+            14199869525 / 1410260304,
+            -10690763975 / 1880347072,
+        ],
+        [
+            0,
+            127303824393 / 49829197408,
+            -318862633887 / 49829197408,
+            701980252875 / 199316789632,
+        ],
+        [
+            0,
+            -282668133 / 205662961,
+            2019193451 / 616988883,
+            -1453857185 / 822651844,
+        ],
+        [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+    ]
+)
+_NUM_STAGES = 7
+
+# Points of a step at which a delayed signal is kept, as shares of the step.
+_NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
+
+# Each passage through an integrator makes a jump smoother by one derivative: echoes of
+# echoes beyond this are as smooth as the method needs.
+_MAX_ECHO = 4
+
+# Instants closer together than this, in s, are one.
+_SAME = 1e-12
+
+# How advance() ended.
+DONE, FULL, STUCK = 0, 1, 2
+
+
+class Delays(NamedTuple):
+    """What is delayed; d delays of w numbers in all.
+
+    Attributes:
+        times: The delays in s (d), > 0.
+        signals: Where in y a delay's signal begins (d).
+        outputs: Where in y its output begins (d).
+        sizes: Width of the signal (d).
+        initial_values: What comes out at first, one after another (w).
+    """
+
+    times: Array
+    signals: Indices
+    outputs: Indices
+    sizes: Indices
+    initial_values: Array
+
+
+class Transitions(NamedTuple):
+    """Changes of the mode, k in all.
+
+    Attributes:
+        guards: Where in y the guard is (k), -1 if it is periodic.
+        sources: Where in y the new mode begins (k).
+        targets: Where in m it belongs (k).
+        sizes: How many numbers it has (k).
+        periods: Of the periodic ones in s (k).
+    """
+
+    guards: Indices
+    sources: Indices
+    targets: Indices
+    sizes: Indices
+    periods: Array
+
+
+class Problem(NamedTuple):
+    """What belongs to a system.
+
+    Attributes:
+        p: Its parameters.
+        q: Its parameters that are integers.
+        delays: What is delayed.
+        transitions: How the mode changes.
+    """
+
+    p: Array
+    q: Indices
+    delays: Delays
+    transitions: Transitions
+
+
+class Memory(NamedTuple):
+    """What advance() works with and leaves behind.
+
+    Attributes:
+        clock: Time, next step's length, and where it started, in s (3).
+        counts: Steps taken, evaluations, polynomials, breaks, rows, and whether the
+            first stage is known (6).
+        x: Continuous state.
+        m: Discrete state.
+        y: Signals; what is fed from outside is there beforehand.
+        stages: Rates at the stages of a step (7, n).
+        x_stage: State at a stage (n).
+        x_next: State at the end of the step (n).
+        dx: A rate that is not a stage's (n).
+        next_times: When each periodic transition happens next, s (k).
+        breaks: Time and order of the breaks ahead (b, 2).
+        steps: Begin and end of each polynomial in s (c, 2).
+        values: Delayed signals at the nodes (c, 5, w).
+        row_times: Times of the recorded rows (r).
+        rows: Signals of the recorded rows (r, y).
+    """
+
+    clock: Array
+    counts: Indices
+    x: Array
+    m: Array
+    y: Array
+    stages: Array
+    x_stage: Array
+    x_next: Array
+    dx: Array
+    next_times: Array
+    breaks: Array
+    steps: Array
+    values: Array
+    row_times: Array
+    rows: Array
+
+
+# The places in `counts`.
+STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED = 0, 1, 2, 3, 4, 5
+
+
+def _fetch(t: float, delays: Delays, memory: Memory) -> None:
+    """Puts into y what comes out of the delays.
+
+    A jump at the beginning of the step has happened, a later one has not.
+    """
+    is_after = t <= memory.clock[0]
+    num = memory.counts[POLYNOMIALS]
+    column = 0
+    for d in range(len(delays.times)):
+        s = t - delays.times[d]
+        first, size = delays.outputs[d], delays.sizes[d]
+        # The last polynomial that begins before s, or at s.
+        low, high = -1, num - 1
+        while low < high:
+            middle = (low + high + 1) // 2
+            begin = memory.steps[middle, 0]
+            if begin < s - _SAME or (is_after and begin <= s + _SAME):
+                low = middle
+            else:
+                high = middle - 1
+        if low < 0:
+            for i in range(size):
+                memory.y[first + i] = delays.initial_values[column + i]
+        else:
+            begin, end = memory.steps[low, 0], memory.steps[low, 1]
+            theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
+            for i in range(size):
+                memory.y[first + i] = 0.0
+            for a in range(5):
+                weight = 1.0
+                for b in range(5):
+                    if a != b:
+                        weight *= (theta - _NODES[b]) / (_NODES[a] - _NODES[b])
+                for i in range(size):
+                    memory.y[first + i] += weight * memory.values[low, a, column + i]
+        column += size
+
+
+def _evaluate(
+    evaluate: Evaluate,
+    t: float,
+    x: Array,
+    problem: Problem,
+    memory: Memory,
+    dx: Array,
+) -> None:
+    """Evaluates the rate, and the signals that it and the delays depend on."""
+    _fetch(t, problem.delays, memory)
+    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, False)
+    memory.counts[EVALUATIONS] += 1
+
+
+def _evaluate_all(
+    evaluate: Evaluate,
+    t: float,
+    x: Array,
+    problem: Problem,
+    memory: Memory,
+    dx: Array,
+) -> None:
+    """Evaluates the rate and all signals."""
+    _fetch(t, problem.delays, memory)
+    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, True)
+    memory.counts[EVALUATIONS] += 1
+
+
+def _interpolate(theta: float, h: float, memory: Memory) -> None:
+    """Puts the dense output of the step into x_stage."""
+    x, stages, result = memory.x, memory.stages, memory.x_stage
+    for i in range(len(x)):
+        result[i] = x[i]
+    for s in range(_NUM_STAGES):
+        power, weight = theta, 0.0
+        for k in range(4):
+            weight += _P[s, k] * power
+            power *= theta
+        if weight != 0.0:
+            for i in range(len(x)):
+                result[i] += h * weight * stages[s, i]
+
+
+def _keep_node(node: int, delays: Delays, memory: Memory) -> None:
+    """Keeps the delayed signals at a node of the polynomial under way."""
+    values = memory.values[memory.counts[POLYNOMIALS], node]
+    column = 0
+    for d in range(len(delays.times)):
+        for i in range(delays.sizes[d]):
+            values[column + i] = memory.y[delays.signals[d] + i]
+        column += delays.sizes[d]
+
+
+def _keep_step(
+    evaluate: Evaluate,
+    length: float,
+    h: float,
+    problem: Problem,
+    memory: Memory,
+) -> None:
+    """Completes the polynomial of the first part of the step, whose ends are kept."""
+    t, num = memory.clock[0], memory.counts[POLYNOMIALS]
+    for node in range(1, 4):
+        s = _NODES[node] * length
+        _interpolate(s / h, h, memory)
+        _evaluate(evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
+        _keep_node(node, problem.delays, memory)
+    memory.steps[num, 0], memory.steps[num, 1] = t, t + length
+    memory.counts[POLYNOMIALS] = num + 1
+
+
+def _copy(source: Array, target: Array) -> None:
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+def _record(t: float, memory: Memory) -> None:
+    row = memory.counts[ROWS]
+    memory.row_times[row] = t
+    for i in range(len(memory.y)):
+        memory.rows[row, i] = memory.y[i]
+    memory.counts[ROWS] = row + 1
+
+
+def _add_break(t: float, order: int, memory: Memory) -> None:
+    """Notes that no step must cross a time."""
+    num = memory.counts[BREAKS]
+    for i in range(num):
+        if abs(memory.breaks[i, 0] - t) <= _SAME:
+            memory.breaks[i, 1] = min(memory.breaks[i, 1], float(order))
+            return
+    if num < len(memory.breaks):
+        memory.breaks[num, 0], memory.breaks[num, 1] = t, order
+        memory.counts[BREAKS] = num + 1
+
+
+def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
+    if order < _MAX_ECHO:
+        for d in range(len(delays.times)):
+            _add_break(t + delays.times[d], order + 1, memory)
+
+
+def _take_break(t: float, memory: Memory) -> int:
+    """Forgets a break at a time and returns its order, or -1."""
+    for i in range(memory.counts[BREAKS]):
+        if abs(memory.breaks[i, 0] - t) <= _SAME:
+            order = int(memory.breaks[i, 1])
+            last = memory.counts[BREAKS] - 1
+            memory.breaks[i, 0] = memory.breaks[last, 0]
+            memory.breaks[i, 1] = memory.breaks[last, 1]
+            memory.counts[BREAKS] = last
+            return order
+    return -1
+
+
+def _is_due(transitions: Transitions, memory: Memory) -> bool:
+    """Returns whether a guard is positive, by the signals in y."""
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0 and memory.y[place] > 0:
+            return True
+    return False
+
+
+def _change_modes(transitions: Transitions, memory: Memory) -> bool:
+    """Makes the transitions that are due; returns whether there were any."""
+    t = memory.clock[0]
+    has_changed = False
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0:
+            is_due = memory.y[place] > 0
+        else:
+            is_due = abs(memory.next_times[k] - t) <= _SAME
+            if is_due:
+                memory.next_times[k] += transitions.periods[k]
+        if is_due:
+            has_changed = True
+            for i in range(transitions.sizes[k]):
+                memory.m[transitions.targets[k] + i] = memory.y[
+                    transitions.sources[k] + i
+                ]
+    return has_changed
+
+
+def _settle(
+    evaluate: Evaluate,
+    order: int,
+    problem: Problem,
+    memory: Memory,
+) -> None:
+    """Makes what happens now happen: a break of an order (-1: none), transitions."""
+    t = memory.clock[0]
+    has_jumped = order >= 0
+    for _ in range(10):  # One transition may bring about another one.
+        has_changed = _change_modes(problem.transitions, memory)
+        if not (has_changed or has_jumped):
+            break
+        if has_changed:
+            order = 0
+        _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
+        has_jumped = False
+        if not _is_due(problem.transitions, memory):
+            break
+    if order >= 0:
+        _record(t, memory)
+        _add_echoes(t, order, problem.delays, memory)
+
+
+def _next_stop(t_end: float, memory: Memory) -> float:
+    """Returns where the step has to end at the latest."""
+    stop = t_end
+    for i in range(memory.counts[BREAKS]):
+        stop = min(stop, memory.breaks[i, 0])
+    for k in range(len(memory.next_times)):
+        stop = min(stop, memory.next_times[k])
+    return stop
+
+
+def _step(
+    evaluate: Evaluate,
+    h: float,
+    problem: Problem,
+    memory: Memory,
+) -> float:
+    """Tries a step; returns its error, the largest of all states."""
+    t, x, stages = memory.clock[0], memory.x, memory.stages
+    n = len(x)
+    for s in range(1, _NUM_STAGES):
+        target = memory.x_next if s == _NUM_STAGES - 1 else memory.x_stage
+        for i in range(n):
+            total = 0.0
+            for r in range(s):
+                total += _A[s, r] * stages[r, i]
+            target[i] = x[i] + h * total
+        if s < _NUM_STAGES - 1:
+            _evaluate(evaluate, t + _C[s] * h, target, problem, memory, stages[s])
+        else:
+            _evaluate_all(evaluate, t + h, target, problem, memory, stages[s])
+    error = 0.0
+    for i in range(n):
+        total = 0.0
+        for s in range(_NUM_STAGES):
+            total += _E[s] * stages[s, i]
+        # Not a number is larger than any.
+        if not abs(h * total) <= error:
+            error = abs(h * total)
+    return error
+
+
+def _locate(
+    evaluate: Evaluate,
+    h: float,
+    problem: Problem,
+    memory: Memory,
+) -> float:
+    """Returns the share of the step after which a guard is positive."""
+    t = memory.clock[0]
+    low, high = 0.0, 1.0
+    while (high - low) * h > _SAME:
+        middle = (low + high) / 2
+        if not low < middle < high:
+            break
+        _interpolate(middle, h, memory)
+        _evaluate_all(
+            evaluate, t + middle * h, memory.x_stage, problem, memory, memory.dx
+        )
+        if _is_due(problem.transitions, memory):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def advance(
+    evaluate: Evaluate,
+    problem: Problem,
+    memory: Memory,
+    t_end: float,
+    accuracy: float,
+    max_step: float,
+) -> int:
+    """Integrates until a time, or until there is no room for another row.
+
+    Args:
+        evaluate: The system.
+        problem: What belongs to it.
+        memory: The state, and room for what is recorded: a row at the end of each step,
+            and another one at the same time after a break.
+        t_end: In s.
+        accuracy: What a step may be wrong by, in the largest of all states.
+        max_step: In s.
+
+    Returns:
+        DONE, FULL, or STUCK if the smallest step is too inaccurate.
+    """
+    clock, counts, delays = memory.clock, memory.counts, problem.delays
+    longest = max_step
+    for delay in delays.times:
+        longest = min(longest, delay)
+    if not counts[IS_STARTED]:
+        counts[IS_STARTED] = 1
+        _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
+        _record(clock[0], memory)
+        _settle(evaluate, 0, problem, memory)
+        _keep_node(0, delays, memory)
+    while clock[0] < t_end - _SAME:
+        if (
+            counts[ROWS] + 2 > len(memory.row_times)
+            or counts[POLYNOMIALS] + 2 > len(memory.steps)
+            or counts[BREAKS] + len(delays.times) > len(memory.breaks)
+        ):
+            return FULL
+        t = clock[0]
+        stop = _next_stop(t_end, memory)
+        h = min(clock[1], longest)
+        # Steps end on a break, and the last two before it are alike.
+        if t + 1.01 * h >= stop:
+            h = stop - t
+        elif t + 2 * h > stop:
+            h = (stop - t) / 2
+        error = _step(evaluate, h, problem, memory)
+        factor = 0.1
+        if error == 0.0:
+            factor = 5.0
+        elif error < math.inf:
+            factor = min(5.0, max(0.1, 0.9 * (accuracy / error) ** (1 / 5)))
+        if not error <= accuracy:
+            clock[1] = h * min(factor, 0.9)
+            if clock[1] < 1e-14 * max(1.0, abs(t)):
+                return STUCK
+            continue
+        counts[STEPS] += 1
+        is_at_stop, length = h == stop - t, h
+        is_due = _is_due(problem.transitions, memory)
+        if is_due:
+            length = h * _locate(evaluate, h, problem, memory)
+            is_at_stop = is_at_stop and length == h
+            if length < h:
+                _interpolate(length / h, h, memory)
+                _copy(memory.x_stage, memory.x_next)
+            _evaluate_all(
+                evaluate, t + length, memory.x_next, problem, memory, memory.dx
+            )
+        end = stop if is_at_stop else t + length
+        _record(end, memory)
+        if len(delays.times) > 0:
+            _keep_node(4, delays, memory)
+            _keep_step(evaluate, length, h, problem, memory)
+        _copy(memory.x_next, memory.x)
+        if not is_at_stop or h * factor > clock[1]:
+            clock[1] = h * factor
+        order = _take_break(end, memory)
+        if is_due or is_at_stop:
+            _evaluate_all(evaluate, end, memory.x, problem, memory, memory.stages[0])
+            clock[0] = end
+            _settle(evaluate, order, problem, memory)
+            _keep_node(0, delays, memory)
+        else:
+            clock[0] = end
+            _copy(memory.stages[_NUM_STAGES - 1], memory.stages[0])
+            if len(delays.times) > 0:
+                values, num = memory.values, counts[POLYNOMIALS]
+                _copy(values[num - 1, 4], values[num, 0])
+    return DONE

@@ -1,0 +1,147 @@
+"""Compiled runs against closed forms and against Drake's Simulator."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Gain, Integrator, LinearSystem
+
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.kernel import Delay, Kernel, Transition
+
+pytest.importorskip("numba")
+
+
+def nothing(context, output):
+    """What Drake would call."""
+
+
+class Line(LeafSystem):
+    """A delay that only a compiled run can have."""
+
+    def __init__(self, time, initial_value):
+        LeafSystem.__init__(self)
+        self._delay = Delay(
+            signal="u", output="y", time=time, initial_value=[initial_value]
+        )
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareVectorOutputPort("y", 1, nothing, {self.time_ticket()})
+
+    def Kernel(self):
+        return Kernel(delays=[self._delay])
+
+
+def delayed_decay(delay):
+    """dx/dt = -x(t - delay), x = 1 up to t = 0."""
+    builder = DiagramBuilder()
+    x = builder.AddNamedSystem("x", Integrator([1.0]))
+    line = builder.AddNamedSystem("line", Line(delay, 1.0))
+    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
+    builder.Connect(x.get_output_port(), line.get_input_port())
+    builder.Connect(line.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), x.get_input_port())
+    return builder.Build()
+
+
+def run(diagram, end, *, accuracy=1e-9, max_step=0.1):
+    engine = CompiledRun(
+        diagram, diagram.CreateDefaultContext(), accuracy=accuracy, max_step=max_step
+    )
+    pieces = []
+    while engine.time < end and not engine.failure:
+        pieces.append(engine.Advance(end))
+    assert not engine.failure
+    times, rows = map(np.concatenate, zip(*pieces, strict=True))
+    return engine, times, rows
+
+
+@pytest.mark.parametrize("delay", [1.0, 0.3, 0.11])
+def test_the_method_of_steps(delay):
+    engine, times, rows = run(delayed_decay(delay), 4.0)
+    signal = engine.evaluator.program.signals
+    x = rows[:, signal[next(s for s in signal if s.block == 0)].start]
+    k = np.arange(math.floor(4.0 / delay) + 2)
+    for t, value in zip(times[::7], x[::7], strict=True):
+        # The sum of the method of steps, exact.
+        terms = np.where(t > (k - 1) * delay, t - (k - 1) * delay, 0.0) ** k
+        factorials = np.array([math.gamma(i + 1) for i in k])
+        exact = np.sum((-1.0) ** k * terms / factorials)
+        assert value == pytest.approx(exact, abs=1e-7)
+
+
+class Switch(LeafSystem):
+    """A thermostat: heats below 1, until x exceeds 2."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("x", 1)
+        self.DeclareDiscreteState([1.0])
+        self.DeclareVectorOutputPort("y", 1, nothing, {self.time_ticket()})
+
+    def Kernel(self):
+        return Kernel(
+            outputs={"y": (heat, "mode")},
+            transitions={
+                "off": Transition(guard=(above, "mode", "x"), mode=(other, "mode")),
+                "on": Transition(guard=(below, "mode", "x"), mode=(other, "mode")),
+            },
+        )
+
+
+def heat(mode):
+    return 6.0 * mode
+
+
+def above(mode, x):
+    return x - 2.0 if mode[0] == 1 else x * 0 - 1.0
+
+
+def below(mode, x):
+    return 1.0 - x if mode[0] == 0 else x * 0 - 1.0
+
+
+def other(mode):
+    return 1 - mode
+
+
+def test_transitions_are_located():
+    builder = DiagramBuilder()
+    x = builder.AddNamedSystem("x", LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))
+    switch = builder.AddNamedSystem("switch", Switch())
+    builder.Connect(x.get_output_port(), switch.get_input_port())
+    builder.Connect(switch.get_output_port(), x.get_input_port())
+    _, times, _ = run(builder.Build(), 2.0)
+    jumps = times[:-1][np.diff(times) == 0]
+    # From 0 to 2 towards 6, from 2 to 1 towards 0, from 1 to 2 towards 6, ...
+    rise, fall, again = math.log(6 / 4), math.log(2), math.log(5 / 4)
+    expected = np.cumsum([rise, fall, again, fall, again])
+    np.testing.assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
+
+
+class Hold(LeafSystem):
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("x", 1)
+        self.DeclareDiscreteState([0.0])
+        self.DeclareVectorOutputPort("y", 1, nothing, {self.time_ticket()})
+
+    def Kernel(self):
+        return Kernel(
+            outputs={"y": "mode"},
+            transitions={"sample": Transition(mode="x", period=0.1)},
+        )
+
+
+def test_a_sampled_loop_is_its_difference_equation():
+    """dx/dt = -2 x_k, sampled every 0.1 s: x_{k+1} = 0.8 x_k."""
+    builder = DiagramBuilder()
+    x = builder.AddNamedSystem("x", Integrator([1.0]))
+    hold = builder.AddNamedSystem("hold", Hold())
+    gain = builder.AddNamedSystem("gain", Gain(-2.0, 1))
+    builder.Connect(x.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), x.get_input_port())
+    _, times, rows = run(builder.Build(), 1.05, max_step=1.0)
+    k = int(np.flatnonzero(np.isclose(times, 1.0))[0])
+    assert rows[k, 0] == pytest.approx(0.8**10, abs=1e-12)
