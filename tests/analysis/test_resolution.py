@@ -108,7 +108,7 @@ def Rate(recording, begin):
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 16))]
+    "seed", [1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 16))]
 )
 def test_roots_against_growth(seed):
     """Random sliders on random springs with random delays: the run grows or decays at
@@ -123,7 +123,8 @@ def test_roots_against_growth(seed):
             "robot.damping": rng.uniform(0.0, 0.5),
             "forward_channel.delay": share * delay,
             "return_channel.delay": (1 - share) * delay,
-            "simulator.accuracy": 1e-10,
+            # The solver's error is absolute, and these signals are small.
+            "simulator.max_step_size": 0.005,
         },
     )
     scenario = LoadScenario("one_dof", overrides)
@@ -134,9 +135,9 @@ def test_roots_against_growth(seed):
     # Long enough for the others to have gone, and not for all to have.
     duration = float(np.clip(10 / abs(root.real), 2.0, 10.0))
     apart = next(s.real for s in roots if abs(s.imag) != abs(root.imag))
-    if (root.real - apart) * duration < 10 or root.imag == 0:
+    if (root.real - apart) * duration < 20 or root.imag == 0:
         pytest.skip("no single mode in sight")
     recording = simulate(LoadScenario("one_dof", overrides | {"duration": duration}))
     rate = Rate(recording, 0.5 * duration)
-    assert rate == pytest.approx(root.real, rel=0.02, abs=0.01)
+    assert rate == pytest.approx(root.real, rel=5e-3, abs=1e-3)
     assert (root.real < 0) == bone.is_stable
