@@ -67,7 +67,7 @@ def test_files_do_not_import_in_circles():
 
 
 def test_circles_are_found():
-    with pytest.raises(pytest.fail.Exception, match="a imports b imports a|b imports"):
+    with pytest.raises(pytest.fail.Exception, match=r"a imports b imports a|b imports"):
         AssertNoCircle({"a": {"b"}, "b": {"a"}})
 
 

@@ -1,22 +1,17 @@
 """Many runs: a grid of values times controllers."""
 
-from teleop_drake.sweep.sweep import (
-    ALIASES,
+from teleop_drake.sweep.plan import ALIASES, MAX_RUNS, ParseValues, PlanSweep, SweepPlan
+from teleop_drake.sweep.result import (
     CHANNEL_METRICS,
-    MAX_RUNS,
     TELEOPERATION_METRICS,
     TRACKING_METRICS,
     FlattenMetrics,
     MetricUnits,
-    ParseValues,
-    PlanSweep,
-    RunSweep,
     SelectMetrics,
-    Sweep,
     SweepError,
-    SweepPlan,
     SweepResult,
 )
+from teleop_drake.sweep.run import RunSweep, Sweep
 
 __all__ = [
     "ALIASES",

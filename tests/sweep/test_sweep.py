@@ -295,7 +295,7 @@ def test_large_grids_are_checked_quickly(monkeypatch):
         calls.append(args)
         return LoadScenario(*args)
 
-    monkeypatch.setattr("teleop_drake.sweep.sweep.LoadScenario", Load)
+    monkeypatch.setattr("teleop_drake.sweep.plan.LoadScenario", Load)
     grid = {"robot.mass": range(1, 31), "robot.damping": range(30), "delay": [0.1, -1]}
     with pytest.raises(ScenarioError, match="-1"):
         PlanSweep("one_dof", grid)
@@ -326,7 +326,7 @@ def test_any_exception_is_a_row(threads, monkeypatch):
             raise ZeroDivisionError("division by zero")
         return simulate(scenario)
 
-    monkeypatch.setattr("teleop_drake.sweep.sweep.simulate", Simulate)
+    monkeypatch.setattr("teleop_drake.sweep.run.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
     result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
     assert [record["reason"] for record in result.records] == [
@@ -632,7 +632,7 @@ def test_command(capsys, monkeypatch):
         "stability.png",
     }
     # Drawn again, with other metrics, without a run.
-    monkeypatch.setattr("teleop_drake.sweep.sweep.WorkerProcesses", None)
+    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
     options[2:] = ["--metrics", "collision.time, force_rms_error", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()

@@ -1,0 +1,221 @@
+"""The folder of a sweep, from which it can be resumed.
+
+It has
+
+* `sweep.json`: what is swept, so that --resume can tell whether it is the same sweep;
+* `runs.jsonl`: one record per line with a checksum, added as each run ends, and put
+  into the order of the grid when all have;
+* `runs.csv`: the scalar metrics, one row per run, written when all have ended.
+
+Nothing in them depends on the time or the order in which runs were done: a sweep
+that was killed and resumed leaves the same bytes as one that was not. Therefore the
+records lack the wall times that RunSummary has.
+"""
+
+import contextlib
+import csv
+import fcntl
+import hashlib
+import importlib.metadata
+import io
+import json
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from teleop_drake.files import Replacing
+from teleop_drake.scenario import ScenarioToYaml
+from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.result import SweepError, SweepResult
+
+
+class SweepFolder:
+    """A folder with a sweep, of which one process at a time may take care.
+
+    Attributes:
+        records: Number of the run to record, of those that were there.
+
+    Args:
+        path: The folder, which is made if need be.
+        plan: The sweep.
+        resume: Whether it may hold this very sweep already.
+        notice: Called with a line of text if records were changed and are dropped.
+
+    Raises:
+        SweepError: On entering it, if it cannot be used.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        plan: SweepPlan,
+        resume: bool,
+        notice: Callable[[str], None],
+    ):
+        self._path = path
+        self._notice = notice
+        self._plan = plan
+        self._resume = resume
+        self.records: dict[int, dict[str, Any]] = {}
+
+    def __enter__(self) -> "SweepFolder":
+        self._stack = contextlib.ExitStack()
+        try:
+            self._path.mkdir(parents=True, exist_ok=True)
+            self._Lock()
+            self._CheckParameters()
+        except OSError as error:
+            self._stack.close()
+            raise SweepError(
+                f"{self._Title()}: must be a folder that can be written "
+                f"({error.strerror})"
+            ) from None
+        except BaseException:
+            self._stack.close()
+            raise
+        self._ReadRecords()
+        self._journal = self._stack.enter_context(
+            open(self._path / "runs.jsonl", "ab", buffering=0)
+        )
+        return self
+
+    def __exit__(self, *args: object) -> None:
+        self._stack.close()
+
+    def Append(self, record: dict[str, Any]) -> None:
+        """Adds a record. One system call, so that a kill can hardly tear it."""
+        line = _JsonLine(record).encode()
+        if self._journal.write(line) != len(line):
+            raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
+
+    def Finish(self, result: SweepResult) -> None:
+        """Writes all files in their final form."""
+        self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
+        table = result.Table()
+        text = io.StringIO()
+        writer = csv.DictWriter(text, table[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
+        self._Write("runs.csv", text.getvalue())
+
+    def _Title(self) -> str:
+        return f"out = {str(self._path)!r}"
+
+    def _Lock(self) -> None:
+        descriptor = os.open(self._path, os.O_RDONLY)
+        self._stack.callback(os.close, descriptor)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SweepError(f"{self._Title()}: in use by another sweep") from None
+
+    def _CheckParameters(self) -> None:
+        mine = _Parameters(self._plan)
+        file = self._path / "sweep.json"
+        if not file.exists():
+            if (self._path / "runs.jsonl").exists():
+                raise SweepError(
+                    f"{self._Title()}: must be a folder without the runs.jsonl of "
+                    "something else"
+                )
+            self._Write("sweep.json", json.dumps(mine, indent=2) + "\n")
+            return
+        if not self._resume:
+            raise SweepError(
+                f"{self._Title()}: holds a sweep already; resume it, or choose another "
+                "folder"
+            )
+        try:
+            theirs = dict(json.loads(file.read_bytes()))
+        except (ValueError, TypeError):
+            theirs = {}
+        different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
+        if different:
+            raise SweepError(
+                f"{self._Title()}: holds a sweep with other parameters "
+                f"({', '.join(different)}), which cannot be resumed by this one"
+            )
+
+    def _ReadRecords(self) -> None:
+        """Reads the records that are as they were written, and drops the others."""
+        file = self._path / "runs.jsonl"
+        text = file.read_bytes() if file.exists() else b""
+        lines = []
+        num_changed = 0
+        # The last one may lack its end, because a kill has torn it.
+        for line in re.findall(rb".*\n", text):
+            record = _ReadLine(line, self._plan.points)
+            if record is None:
+                num_changed += 1
+            elif record["run"] not in self.records:
+                self.records[record["run"]] = record
+                lines.append(line)
+        if num_changed:
+            self._notice(
+                f"{self._Title()}: {num_changed} lines of runs.jsonl are not as they "
+                "were written; their runs are done again"
+            )
+        if b"".join(lines) != text:
+            self._Write("runs.jsonl", b"".join(lines).decode())
+
+    def _Write(self, name: str, text: str) -> None:
+        with Replacing(self._path / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def _Version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:  # Run without being installed.
+        return "unknown"
+
+
+def _Parameters(plan: SweepPlan) -> dict[str, Any]:
+    """Returns what makes a sweep different from others, as it is read from a file."""
+    parameters = {
+        "scenario": plan.scenario.name,
+        "overrides": plan.overrides,
+        "axes": plan.axes,
+        "first_scenario": ScenarioToYaml(plan.scenario),
+        "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
+    }
+    if plan.traces:
+        parameters["traces"] = plan.traces
+    return dict(json.loads(json.dumps(parameters)))
+
+
+def _JsonLine(record: dict[str, Any]) -> str:
+    """Returns a line of runs.jsonl: the record and a checksum of it."""
+    text = json.dumps(record, allow_nan=False)
+    checksum = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return json.dumps(record | {"checksum": checksum}) + "\n"
+
+
+def _ReadLine(
+    line: bytes, points: Sequence[Mapping[str, Any]]
+) -> dict[str, Any] | None:
+    """Returns the record of a line, or None if it is not as it was written.
+
+    Args:
+        line: Of runs.jsonl, with its end.
+        points: Key to value for each run.
+    """
+    try:
+        record = dict(json.loads(line))
+        del record["checksum"]
+        if (
+            _JsonLine(record).encode() == line
+            and 0 <= record["run"] < len(points)
+            and record["varied"] == points[record["run"]]
+        ):
+            return record
+    except (ValueError, LookupError, TypeError, RecursionError):
+        pass
+    return None
+
+
+def _Cell(value: Any) -> Any:
+    """Returns what the CSV has: an empty cell for None, and JSON for what is nested."""
+    return json.dumps(value) if isinstance(value, bool | list | dict) else value

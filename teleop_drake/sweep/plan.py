@@ -1,0 +1,355 @@
+"""What a sweep is going to do: its grid, checked before anything runs."""
+
+import contextlib
+import hashlib
+import itertools
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.scenario import (
+    AnyScenario,
+    CheckSteps,
+    LoadScenario,
+    OverriddenPaths,
+    Scenario,
+    ScenarioError,
+    ScenarioNames,
+    TrackingScenario,
+)
+from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
+from teleop_drake.sweep.result import SweepError
+
+MAX_RUNS = 100_000
+"""Most runs of a sweep, so that a typing error cannot exhaust the memory."""
+
+ALIASES = {
+    "controller": ("controller.kind",),
+    "delay": ("forward_channel.delay", "return_channel.delay"),
+    "forward_delay": ("forward_channel.delay",),
+    "return_delay": ("return_channel.delay",),
+    "seed": ("forward_channel.seed", "return_channel.seed"),
+}
+"""Keys of a grid that stand for fields of the scenario."""
+
+# A value of the grid is good if it is valid together with one of so many choices of
+# the other values.
+_MAX_CHECKS = 61
+
+
+@dataclass(kw_only=True)
+class SweepPlan:
+    """A sweep that was checked, see PlanSweep.
+
+    Attributes:
+        source: The scenario.
+        overrides: For all runs, as "PATH=VALUE".
+        axes: Keys of the grid and their values.
+        points: Key to value for each run; the last key varies fastest.
+        scenario: The first point that is valid.
+        traces: The files of measured delays that runs read, and a hash of each.
+    """
+
+    source: "Source"
+    overrides: list[str]
+    axes: dict[str, list[Any]]
+    points: list[dict[str, Any]]
+    scenario: AnyScenario
+    traces: dict[str, str]
+
+
+def PlanSweep(
+    scenario: str | os.PathLike[str],
+    grid: Mapping[str, Iterable[Any]],
+    *,
+    overrides: Mapping[str, Any] | Iterable[str] = (),
+) -> SweepPlan:
+    """Checks everything about a sweep that can be wrong before it runs.
+
+    Args:
+        scenario: As Sweep takes it, and so are the others.
+        grid: Values by key.
+        overrides: For all runs.
+
+    Raises:
+        ScenarioError: If a value of the grid is not valid with any of the others.
+        SweepError: If the grid cannot be used.
+    """
+    if isinstance(overrides, Mapping):
+        overrides = [_Override(path, _ToPlain(x)) for path, x in overrides.items()]
+    elif isinstance(overrides, str):
+        overrides = [overrides]
+    overrides = list(overrides)
+    axes = {key: _CheckAxis(key, values) for key, values in grid.items()}
+    _CheckPaths(overrides, axes)
+    num_runs = math.prod(map(len, axes.values()))
+    if num_runs > MAX_RUNS:
+        raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
+
+    traces: dict[str, str] = {}
+
+    def Load(point: list[str]) -> AnyScenario:
+        # By the name that the user gave, which the messages have.
+        loaded = LoadScenario(scenario, point)
+        CheckSteps(loaded)
+        _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
+        traces.update(_HashTraces(loaded, traces))
+        return loaded
+
+    first = _CheckValues(Load, overrides, axes)
+    if "seed" in axes and not _HasRandomNumbers(first, axes):
+        raise SweepError(
+            f"grid.seed = {axes['seed']}: must be left out, no channel is random"
+        )
+    return SweepPlan(
+        source=_ReadSource(scenario),
+        overrides=overrides,
+        axes=axes,
+        points=[
+            dict(zip(axes, values, strict=True))
+            for values in itertools.product(*axes.values())
+        ],
+        scenario=first,
+        traces=traces,
+    )
+
+
+def ParseValues(text: str) -> list[Any]:
+    """Returns the values that START:STOP:COUNT or A,B,... stand for.
+
+    A range has both ends; its values are rounded to 12 digits. A list has YAML values.
+
+    Args:
+        text: For example "0:0.4:41", "0.1", "auto,4.3" or "[0.1, 0],[0.2, 0]".
+
+    Raises:
+        SweepError: If it is neither.
+    """
+    allowed = "must be START:STOP:COUNT or A,B,..."
+    if ":" in text and not set(text) & set(",[]{}\"'"):
+        try:
+            start, stop, count = text.split(":")
+            ends, num_values = (float(start), float(stop)), int(count)
+        except ValueError:
+            raise SweepError(f"{text!r}: {allowed}") from None
+        if not all(map(math.isfinite, ends)):
+            raise SweepError(f"{text!r}: START and STOP must be finite")
+        if not 1 <= num_values <= MAX_RUNS:
+            raise SweepError(f"{text!r}: COUNT must be 1 to {MAX_RUNS}")
+        return [float(f"{x:.12g}") for x in np.linspace(*ends, num_values)]
+    try:
+        values = ParseYaml(f"[{text}]", "values")
+    except ScenarioError:
+        values = None
+    if not isinstance(values, list) or not values:
+        raise SweepError(f"{text!r}: {allowed}")
+    return values
+
+
+@dataclass(kw_only=True)
+class Source:
+    """A scenario file that can be sent to another machine.
+
+    What it names in turn, a measured trace, has to be there.
+
+    Attributes:
+        name: A built-in name, or the file's.
+        text: What is in the file; None for a built-in scenario.
+    """
+
+    name: str
+    text: str | None
+
+    def Load(self, overrides: Sequence[str]) -> AnyScenario:
+        """Returns the scenario of a run.
+
+        Args:
+            overrides: As LoadScenario takes them.
+
+        Raises:
+            ScenarioError: If it is not valid.
+        """
+        if self.text is None:
+            return LoadScenario(self.name, overrides)
+        with TemporaryDirectory(prefix="teleop-drake-") as folder:
+            path = Path(folder) / self.name
+            path.write_text(self.text, encoding="utf-8")
+            return LoadScenario(path, overrides)
+
+
+def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
+    """Returns the source of a scenario that LoadScenario takes."""
+    path = Path(scenario)
+    if os.fspath(scenario) in ScenarioNames():
+        return Source(name=path.name, text=None)
+    tree = ParseFile(path, ReadText(path))
+    for key in ("forward_channel", "return_channel"):
+        channel = tree.get(key) or {}
+        if channel.get("trace") is not None:
+            # Relative to a file that will be elsewhere.
+            channel["trace"] = str(path.parent.resolve() / channel["trace"])
+    return Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
+
+
+def _HashTraces(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
+    """Returns the traces of a valid scenario that are not known yet, with a hash."""
+    if isinstance(scenario, TrackingScenario):
+        return {}
+    channels = (scenario.forward_channel, scenario.return_channel)
+    files = {getattr(channel, "trace", None) for channel in channels}
+    return {
+        file: hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        for file in sorted(filter(None, files))
+        if file not in known
+    }
+
+
+def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
+    """Returns whether any run may depend on a seed."""
+    return isinstance(scenario, Scenario) and (
+        scenario.forward_channel.draws_random_numbers
+        or scenario.return_channel.draws_random_numbers
+        or any(key in _CHANNEL_KINDS for key in axes)
+    )
+
+
+_CHANNEL_KINDS = [
+    path
+    for channel in ("forward_channel", "return_channel")
+    for path in (channel, f"{channel}.kind")
+]
+
+
+def _CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
+    if isinstance(values, str):
+        raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
+    plain = [_ToPlain(value) for value in values]
+    if not plain:
+        raise SweepError(f"grid.{key} = []: must have at least one value")
+    try:
+        json.dumps(plain, allow_nan=False)
+    except (TypeError, ValueError):
+        raise SweepError(
+            f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
+            "dicts only"
+        ) from None
+    # 1 and 1.0 are one value, 1 and true are two.
+    texts = [json.dumps(_WithFloats(value)) for value in plain]
+    text, count = Counter(texts).most_common(1)[0]
+    if count > 1:
+        text = json.dumps(plain[texts.index(text)])
+        raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
+    return plain
+
+
+def _CheckPaths(
+    overrides: Sequence[str],
+    axes: Mapping[str, Any],
+    replaced: Sequence[str] | None = None,
+) -> None:
+    """Refuses what would have no effect because a later value replaces it.
+
+    Args:
+        overrides: For all runs.
+        axes: Keys of the grid.
+        replaced: What the paths of the overrides and those of the keys are other names
+            of; None: of themselves.
+    """
+    paths = [text.partition("=")[0].strip() for text in overrides]
+    setters = ["overrides"] * len(paths)
+    for key in axes:
+        for path in ALIASES.get(key, (key,)):
+            paths.append(path)
+            setters.append(f"grid.{key}")
+    names = list(replaced or paths)
+    for i, later in enumerate(setters):
+        for j, earlier in enumerate(setters[:i]):
+            if later != "overrides" and f"{names[j]}.".startswith(f"{names[i]}."):
+                raise SweepError(
+                    f"{later}: must leave {paths[j]} alone, {earlier} sets it"
+                )
+
+
+def _CheckValues(
+    load: Callable[[list[str]], AnyScenario],
+    overrides: list[str],
+    axes: Mapping[str, list[Any]],
+) -> AnyScenario:
+    """Refuses values that are not valid with any others, returns a valid scenario."""
+    first_valid: AnyScenario | None = None
+    is_good: dict[str, list[bool]] = {key: [False] * len(x) for key, x in axes.items()}
+    for key, values in axes.items():
+        for i in range(len(values)):
+            if is_good[key][i]:
+                continue
+            others = {k: [i] if k == key else range(len(x)) for k, x in axes.items()}
+            num_choices = math.prod(map(len, others.values()))
+            stride = max(num_choices // _MAX_CHECKS, 1)
+            first_error = None
+            for indices in itertools.islice(
+                itertools.product(*others.values()), 0, None, stride
+            ):
+                point = {k: axes[k][j] for k, j in zip(axes, indices, strict=True)}
+                try:
+                    valid = load([*overrides, *PointOverrides(point)])
+                except ScenarioError as error:
+                    first_error = first_error or error
+                    continue
+                first_valid = first_valid or valid
+                for k, j in zip(axes, indices, strict=True):
+                    is_good[k][j] = True
+                break
+            else:
+                assert first_error is not None
+                raise first_error
+    return first_valid if first_valid is not None else load(overrides)
+
+
+def _ToPlain(value: Any) -> Any:
+    """Returns a value without numpy, as JSON would give it back."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_ToPlain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): _ToPlain(item) for key, item in value.items()}
+    return value
+
+
+def _WithFloats(value: Any) -> Any:
+    """Returns a plain value whose numbers are floats, as far as they can be."""
+    if isinstance(value, list):
+        return [_WithFloats(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _WithFloats(item) for key, item in value.items()}
+    if isinstance(value, int) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            return float(value)
+    return value
+
+
+def _Override(path: str, value: Any) -> str:
+    # In brackets, a number needs no end of document, and none is broken into lines.
+    text = DumpYaml([value], default_flow_style=True, width=math.inf)
+    return f"{path}={text.strip()[1:-1]}"
+
+
+def PointOverrides(point: Mapping[str, Any]) -> list[str]:
+    """Returns the overrides that make a point of the grid.
+
+    Args:
+        point: Key to value.
+    """
+    return [
+        _Override(path, value)
+        for key, value in point.items()
+        for path in ALIASES.get(key, (key,))
+    ]

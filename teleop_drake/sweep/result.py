@@ -1,0 +1,213 @@
+"""What comes out of a sweep: records, and the metrics in them by name."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.scenario import AnyScenario, TrackingScenario
+
+TELEOPERATION_METRICS = {
+    "start_velocity_overshoot": "m/s",
+    "puncture.time": "s",
+    "puncture.velocity": "m/s",
+    "puncture.force": "N",
+    "puncture.velocity_overshoot": "m/s",
+    "collision.time": "s",
+    "collision.velocity": "m/s",
+    "collision.initial_impact_force": "N",
+    "collision.peak_force": "N",
+    "collision.rebound_velocity": "m/s",
+    "collision.settling_time": "s",
+    "velocity_rms_error.*": "m/s",
+    "force_rms_error.*": "N",
+    "control_force_peak.*": "N",
+    "control_force_variation.*": "N",
+    "diverged": "",
+    "diverged_at": "s",
+}
+"""Scalar metrics of a teleoperation and their units; * stands for each task axis."""
+
+TRACKING_METRICS = {
+    "max_error.*": "m",
+    "rms_error.*": "m",
+    "disturbance_rms_error.*": "N",
+}
+"""The same of a TrackingScenario."""
+
+CHANNEL_METRICS = {
+    "sent": "",
+    "received": "",
+    "lost": "",
+    "loss_rate": "",
+    "reordered": "",
+    "late": "",
+    "delay_mean": "s",
+    "delay_minimum": "s",
+    "delay_median": "s",
+    "delay_p95": "s",
+    "delay_p99": "s",
+    "delay_maximum": "s",
+    "age_mean": "s",
+    "age_maximum": "s",
+}
+"""What becomes of the packets of a network channel, see PacketStatistics. In a table
+the names begin with that of the channel, as in `forward_channel.age_mean`."""
+
+_HEADLINES = (
+    "start_velocity_overshoot",
+    "puncture.force",
+    "puncture.velocity_overshoot",
+    "collision.initial_impact_force",
+    "collision.peak_force",
+    "collision.settling_time",
+    "velocity_rms_error",
+    "max_error",
+    "rms_error",
+)
+
+
+class SweepError(ValueError):
+    """Bad input. Its text is one line: the parameter, its value and what is allowed."""
+
+
+@dataclass(kw_only=True)
+class SweepResult:
+    """What came out of a sweep.
+
+    Attributes:
+        scenario: The first valid scenario of the grid.
+        axes: Keys of the grid and their values; the last one varies fastest.
+        records: One for each run, in the order of the grid: `run` (its number),
+            `varied` (key to value), `status` (`completed`, `diverged` or `failed`),
+            `reason` (why, if not completed) and, unless it failed, all that RunSummary
+            returns but the wall times. The `metrics` of a run that failed are None.
+    """
+
+    scenario: AnyScenario
+    axes: dict[str, list[Any]]
+    records: list[dict[str, Any]]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def Values(self, metric: str) -> np.ndarray:
+        """Returns a metric, one element for each run, NaN where a run has none.
+
+        Args:
+            metric: One of MetricUnits(scenario), for example "collision.peak_force".
+
+        Returns:
+            Array of the shape of the grid.
+
+        Raises:
+            SweepError: If there is no such metric.
+        """
+        SelectMetrics(self.scenario, [metric])
+        values = [_RecordMetrics(record).get(metric) for record in self.records]
+        return np.array(
+            [math.nan if value is None else value for value in values], dtype=float
+        ).reshape(self.shape)
+
+    def Status(self) -> np.ndarray:
+        """Returns the status of each run as an array of text in the grid's shape."""
+        return np.array([record["status"] for record in self.records]).reshape(
+            self.shape
+        )
+
+    def Table(self) -> list[dict[str, Any]]:
+        """Returns the rows of runs.csv: all of them have the same keys.
+
+        They are run, the keys of the grid, status, reason and the metrics, None where
+        a run has none. `pandas.DataFrame` takes them as they are.
+        """
+        rows = []
+        for record in self.records:
+            metrics = _RecordMetrics(record)
+            rows.append(
+                {
+                    "run": record["run"],
+                    **record["varied"],
+                    "status": record["status"],
+                    "reason": record["reason"],
+                    **{name: metrics.get(name) for name in MetricUnits(self.scenario)},
+                }
+            )
+        return rows
+
+
+def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
+    """Returns the names of all scalar metrics of a scenario, and their units.
+
+    Those of its network channels, if it has any, are among them.
+
+    Args:
+        scenario: The scenario.
+    """
+    if isinstance(scenario, TrackingScenario):
+        units = TRACKING_METRICS
+    else:
+        units = TELEOPERATION_METRICS | {
+            f"{name}.{key}": unit
+            for name in ("forward_channel", "return_channel")
+            if getattr(scenario, name).has_packet_statistics
+            for key, unit in CHANNEL_METRICS.items()
+        }
+    return {
+        name.replace("*", axis): unit
+        for name, unit in units.items()
+        for axis in ("xyz"[: scenario.num_axes] if name.endswith("*") else " ")
+    }
+
+
+def SelectMetrics(
+    scenario: AnyScenario, names: Sequence[str] | None = None
+) -> list[str]:
+    """Returns the scalar metrics that names stand for.
+
+    Args:
+        scenario: What is simulated.
+        names: Scalar metrics, or groups such as "collision" or "velocity_rms_error".
+            None selects those that most people look at.
+
+    Raises:
+        SweepError: If a name stands for none.
+    """
+    known = MetricUnits(scenario)
+    if names is None:
+        return [name for name in known if name.startswith(_HEADLINES)]
+    selected: dict[str, None] = {}
+    for name in names:
+        found = [x for x in known if x == name or x.startswith(f"{name}.")]
+        if not found:
+            raise SweepError(f"metric {name!r}: must be one of {', '.join(known)}")
+        selected |= dict.fromkeys(found)
+    return list(selected)
+
+
+def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`.
+
+    Args:
+        metrics: As RunSummary has them.
+        prefix: What all names begin with.
+    """
+    flat: dict[str, Any] = {}
+    for key, value in metrics.items():
+        if isinstance(value, Mapping):
+            flat |= FlattenMetrics(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            axes = "xyz"[: len(value)]
+            flat |= {f"{prefix}{key}.{a}": x for a, x in zip(axes, value, strict=True)}
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def _RecordMetrics(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the metrics of a run and of its channels by their names."""
+    return FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))

@@ -1,0 +1,223 @@
+"""Sweeps: a scenario over a grid of its fields, in many processes, and resumable."""
+
+import contextlib
+import itertools
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from teleop_drake.recording import Recording
+from teleop_drake.scenario import ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.sweep.folder import SweepFolder
+from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
+from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.workers import WorkerProcesses
+from teleop_drake.tasks.metrics import RunSummary
+
+# So many runs wait in the executor: enough for a large cluster.
+_MAX_IN_FLIGHT = 1000
+
+
+def Sweep(
+    scenario: str | os.PathLike[str],
+    grid: Mapping[str, Iterable[Any]],
+    *,
+    overrides: Mapping[str, Any] | Iterable[str] = (),
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> SweepResult:
+    """Simulates a scenario for each combination of values.
+
+        Sweep("one_dof", {"controller": CONTROLLERS, "delay": np.linspace(0, 0.4, 9)})
+
+    A run that fails is a record with its reason, and so is a combination of values
+    that is not valid; the sweep goes on. If the executor loses a run, by the death of
+    a process perhaps, the run is tried once more.
+
+    In a script, call this under `if __name__ == "__main__":`, because Python imports
+    the script in each worker process. A notebook need not.
+
+    Args:
+        scenario: A built-in name or a YAML file.
+        grid: Values by key. A key is the dotted path of a field as LoadScenario takes
+            it, or one of ALIASES. The last key varies fastest.
+        overrides: For all runs, as LoadScenario takes them.
+        executor: Where to simulate: any Executor whose workers can import this
+            package, for example `distributed.Client(...).get_executor()`. It stays
+            open. None makes WorkerProcesses.
+        jobs: Number of WorkerProcesses, >= 1; None: as many as there are processors.
+        out: Folder to write to; None writes nothing.
+        resume: Whether to go on with the sweep in `out`, if there is one. To have a
+            run done again, delete its line in runs.jsonl.
+        progress: Called with the number of runs that are finished and the number of
+            all, at the start and after each.
+        notice: Called with a line of text if runs in `out` have to be done again,
+            because their lines were changed; None: warnings.warn.
+
+    Returns:
+        The records of all runs.
+
+    Raises:
+        ScenarioError: If a value of the grid is not valid with any of the others.
+        SweepError: If the grid, jobs or the folder cannot be used.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        OSError: If a file cannot be written.
+    """
+    plan = PlanSweep(scenario, grid, overrides=overrides)
+    return RunSweep(
+        plan,
+        executor=executor,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+        progress=progress,
+        notice=notice,
+    )
+
+
+def RunSweep(
+    plan: SweepPlan,
+    *,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> SweepResult:
+    """Does what a plan says; the arguments are those of Sweep.
+
+    Args:
+        plan: By PlanSweep.
+        executor: Where to simulate.
+        jobs: Number of WorkerProcesses.
+        out: Folder to write to.
+        resume: Whether to go on with the sweep in `out`.
+        progress: Called with the numbers of finished runs and of all.
+        notice: Called with what the user should know of the folder.
+
+    Raises:
+        SweepError: If jobs or the folder cannot be used.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        OSError: If a file cannot be written.
+    """
+    if jobs is not None and (jobs < 1 or executor is not None):
+        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
+        raise SweepError(f"jobs = {jobs}: must be {allowed}")
+    records: dict[int, dict[str, Any]] = {}
+    with contextlib.ExitStack() as stack:
+        folder = None
+        if out is not None:
+            folder = stack.enter_context(
+                SweepFolder(Path(out), plan, resume, notice or warnings.warn)
+            )
+            records |= folder.records
+        if progress is not None:
+            progress(len(records), len(plan.points))
+        runs = [run for run in range(len(plan.points)) if run not in records]
+        if runs and executor is None:
+            executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(runs)))
+            stack.callback(executor.shutdown, cancel_futures=True)
+        if executor is not None:
+            for record in _Simulate(plan, runs, executor):
+                records[record["run"]] = record
+                if folder is not None:
+                    folder.Append(record)
+                if progress is not None:
+                    progress(len(records), len(plan.points))
+        result = SweepResult(
+            scenario=plan.scenario,
+            axes=plan.axes,
+            records=[records[run] for run in range(len(plan.points))],
+        )
+        if folder is not None:
+            folder.Finish(result)
+    return result
+
+
+def _Simulate(
+    plan: SweepPlan, runs: Iterable[int], executor: Executor
+) -> Iterator[dict[str, Any]]:
+    """Simulates runs of a plan and yields each record as it comes."""
+    finished: SimpleQueue[tuple[int, Future[dict[str, Any]]]] = SimpleQueue()
+    pending: dict[int, Future[dict[str, Any]]] = {}
+    retried: set[int] = set()
+
+    def Submit(run: int) -> None:
+        overrides = [*plan.overrides, *PointOverrides(plan.points[run])]
+        future = executor.submit(_SimulateOne, plan.source, overrides)
+        pending[run] = future
+        future.add_done_callback(lambda future: finished.put((run, future)))
+
+    waiting = iter(runs)
+    try:
+        for run in itertools.islice(waiting, _MAX_IN_FLIGHT):
+            Submit(run)
+        while pending:
+            run, future = finished.get()
+            del pending[run]
+            error = None if future.cancelled() else future.exception()
+            if future.cancelled() or isinstance(error, BrokenExecutor):
+                raise RuntimeError(
+                    f"the executor gave up: {_OneLine(error or 'it cancelled a run')}"
+                ) from error
+            if error is None:
+                outcome = future.result()
+            elif not isinstance(error, Exception):
+                raise error  # KeyboardInterrupt.
+            elif run not in retried:
+                retried.add(run)
+                Submit(run)
+                continue
+            else:
+                outcome = _Failure(error)
+            yield {"run": run, "varied": plan.points[run], **outcome}
+            for run in itertools.islice(waiting, 1):
+                Submit(run)
+    finally:
+        for future in pending.values():
+            future.cancel()
+
+
+def _SimulateOne(source: Source, overrides: list[str]) -> dict[str, Any]:
+    """Simulates one run, in a worker, and returns its record."""
+    try:
+        return _Outcome(simulate(source.Load(overrides)))
+    except (Exception, SystemExit) as error:
+        # Some violated contracts of Drake end in SystemExit.
+        return _Failure(error)
+
+
+def _Outcome(recording: Recording) -> dict[str, Any]:
+    """Returns the record of a run but for its place in the grid."""
+    if recording.termination == "interrupted":
+        raise KeyboardInterrupt
+    record = {
+        "status": recording.termination,
+        "reason": recording.reason,
+        **RunSummary(recording),
+    }
+    del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
+    json.dumps(record, allow_nan=False)
+    return record
+
+
+def _Failure(error: BaseException) -> dict[str, Any]:
+    return {"status": "failed", "reason": _OneLine(error), "metrics": None}
+
+
+def _OneLine(error: BaseException | str) -> str:
+    text = " ".join(str(error).split())
+    if isinstance(error, str | ScenarioError | RuntimeError) and text:
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
