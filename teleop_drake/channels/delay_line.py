@@ -88,15 +88,14 @@ class DelayLine(LeafSystem):
         self._spacing = shortest_delay / 1024
         self._signal = self.DeclareVectorInputPort("signal", size)
         self._jump = self.DeclareDiscreteState([-math.inf, *np.zeros(size)])
-        history = self.DeclareAbstractState(AbstractValue.Make(SampleHistory()))
-        self._history = int(history)  # pydrake takes an int faster.
+        self._history = self.DeclareAbstractState(AbstractValue.Make(SampleHistory()))
         self.DeclareVectorOutputPort(
             "delayed_signal",
             size,
             self._CalcDelayedSignal,
             prerequisites_of_calc={
                 self.time_ticket(),
-                self.abstract_state_ticket(history),
+                self.abstract_state_ticket(self._history),
             },
         )
         if max_sample_interval < math.inf:
@@ -195,45 +194,34 @@ class DelayLine(LeafSystem):
     def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
         key = self.FetchKey(context.get_time())
         history = self._GetHistory(context)
-        value = deliver(history, key, self._shortest_delay, self)
+        value = self._Deliver(history, key)
         output.SetFromVector(self._initial_value if value is None else value)
 
-
-def deliver(
-    history: SampleHistory, key: float, delay: float, line: LeafSystem
-) -> NDArray[np.float64] | None:
-    """Returns what a delay line delivers, None before the first sample.
-
-    Args:
-        history: What is under way.
-        key: Of the time at which it is delivered.
-        delay: The least time under way in s.
-        line: The delay line.
-
-    Raises:
-        RuntimeError: If the signal is not known yet.
-    """
-    times = history.times
-    i = bisect_left(times, key)
-    if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-        return history.EvalInterval(i - 1, key)
-    if not times or key < times[0]:
-        return None
-    if key > times[-1] + _STRETCH * delay:
-        raise RuntimeError(
-            f"{type(line).__name__} {line.get_name()!r}: evaluated "
-            f"{key - history.now:.6g} s after the last step; allowed: at most "
-            f"the delay, {delay:.6g} s, which the integrator's longest step must not "
-            "exceed"
-        )
-    if i == len(times):
-        return history.Eval(key)
-    # A jump at this very instant has happened once the step has ended here.
-    if key <= history.now:
-        i = bisect_right(times, key) - 1
-    elif i == 0:
-        return None
-    return history.values[i]
+    def _Deliver(
+        self, history: SampleHistory, key: float
+    ) -> NDArray[np.float64] | None:
+        """Returns the signal that has a key, None before the first sample."""
+        times = history.times
+        i = bisect_left(times, key)
+        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
+            return history.EvalInterval(i - 1, key)
+        if not times or key < times[0]:
+            return None
+        if key > times[-1] + _STRETCH * self._shortest_delay:
+            raise RuntimeError(
+                f"{type(self).__name__} {self.get_name()!r}: evaluated "
+                f"{key - history.now:.6g} s after the last step; allowed: at most "
+                f"the delay, {self._shortest_delay:.6g} s, which the integrator's "
+                "longest step must not exceed"
+            )
+        if i == len(times):
+            return history.Eval(key)
+        # A jump at this very instant has happened once the step has ended here.
+        if key <= history.now:
+            i = bisect_right(times, key) - 1
+        elif i == 0:
+            return None
+        return history.values[i]
 
 
 def check_channel(
