@@ -6,6 +6,7 @@ from teleop_drake.architectures import Architecture, MakeArchitecture
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import Scenario
+from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import MakeMasterStation
 
 
@@ -45,7 +46,8 @@ def MakeTeleoperator(
     Raises:
         ScenarioError: If the scenario is not valid.
         ValueError: If both a control law and an architecture are given, or a packet
-            does not have the width of its initial value.
+            does not have the width of its initial value, or an output of a system of
+            yours has the name of another signal of the loop.
         RuntimeError: If a system of yours lacks a port.
     """
     builder = DiagramBuilder()
@@ -133,6 +135,9 @@ def AddTeleoperator(
             duration=scenario.duration,
             stream="return_channel",
         ),
+    )
+    NamedSignals(
+        (master, forward_channel, controller, robot, environment, return_channel)
     )
     for source, output, target, input_name in (
         (master, "forward_packet", forward_channel, "signal"),

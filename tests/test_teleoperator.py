@@ -13,6 +13,7 @@ from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
 FIGURE_2_1 = {
@@ -170,3 +171,38 @@ def test_blocks_stand_alone_in_any_builder():
     builder.ExportInput(pack.get_input_port(1))
     builder.ExportOutput(field.GetOutputPort("environment_force"))
     assert builder.Build().num_continuous_states() == 0
+
+
+class Telling(DirectForce):
+    """A control law with one more output."""
+
+    def __init__(self, output):
+        super().__init__(num_axes=1)
+        self.set_name("telling")
+        self.DeclareVectorOutputPort(
+            output, 1, lambda context, value: None, {self.nothing_ticket()}
+        )
+
+
+@pytest.mark.parametrize(
+    "output, owner",
+    [
+        ("tool_velocity", "robot"),
+        ("forward_packet_received", "forward_channel"),
+        ("velocity_command", "master"),
+        ("joint_torque", "robot"),
+        ("environment_layer", "environment"),
+        ("environment_force", "environment"),
+    ],
+)
+def test_outputs_with_the_name_of_another_signal_are_refused(output, owner):
+    scenario = LoadScenario("one_dof")
+    with pytest.raises(ValueError, match=f"'{output}'") as raised:
+        MakeTeleoperator(scenario, control_law=Telling(output))
+    message = str(raised.value)
+    assert {"controller", owner} <= set(message.replace(":", "").split())
+    assert "\n" not in message
+
+
+def test_outputs_with_a_name_of_their_own_are_recorded():
+    assert MakeTeleoperator(LoadScenario("one_dof"), control_law=Telling("doubt"))

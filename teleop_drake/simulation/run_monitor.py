@@ -13,19 +13,12 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     EventStatus,
-    PortDataType,
 )
+
+from teleop_drake.signals import NamedSignals
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
-
-_SIGNAL_NAMES = {
-    ("master", "forward_packet"): "forward_packet_sent",
-    ("forward_channel", "delayed_signal"): "forward_packet_received",
-    ("controller", "return_packet"): "return_packet_sent",
-    ("return_channel", "delayed_signal"): "return_packet_received",
-    ("environment", "layer"): "environment_layer",
-}
 
 
 class Recorder:
@@ -36,16 +29,12 @@ class Recorder:
     """
 
     def __init__(self, diagram: Diagram, root_context: Context):
-        self.names: list[str] = []
-        self._evaluators: list[tuple[Callable[[Context], np.ndarray], Context]] = []
-        for system in diagram.GetSystems():
-            context = system.GetMyContextFromRoot(root_context)
-            for i in range(system.num_output_ports()):
-                port = system.get_output_port(i)
-                if port.get_data_type() == PortDataType.kVectorValued:
-                    key = (system.get_name(), port.get_name())
-                    self.names.append(_SIGNAL_NAMES.get(key, port.get_name()))
-                    self._evaluators.append((port.Eval, context))
+        signals = NamedSignals(diagram.GetSystems())
+        self.names = list(signals)
+        self._evaluators = [
+            (port.Eval, port.get_system().GetMyContextFromRoot(root_context))
+            for port in signals.values()
+        ]
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
 

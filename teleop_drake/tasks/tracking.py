@@ -7,6 +7,7 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.robots import LoadRobotPlant, MakeRobot
 from teleop_drake.scenario import GainMatrix, TrackingScenario, TrajectoryConfig
+from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 
@@ -96,6 +97,8 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
             gain=GainMatrix(scenario.disturbance.gain, n),
         ),
     )
+    # Refuses names that stand for another signal of the loop.
+    NamedSignals((reference, controller, robot, disturbance))
     for source, target, names in (
         (
             reference,

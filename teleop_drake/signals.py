@@ -1,0 +1,72 @@
+"""The names of a loop's signals: what its systems put out is recorded by them."""
+
+from collections.abc import Iterable
+
+from pydrake.systems.framework import OutputPort, PortDataType, System
+
+# A port's own name, but for these.
+_NAMES = {
+    ("master", "forward_packet"): "forward_packet_sent",
+    ("forward_channel", "delayed_signal"): "forward_packet_received",
+    ("controller", "return_packet"): "return_packet_sent",
+    ("return_channel", "delayed_signal"): "return_packet_received",
+    ("environment", "layer"): "environment_layer",
+}
+
+# Signals that a loop may lack. Whoever looks at them takes them for those of these
+# systems, so that no other one may put out such a name instead.
+_OWNERS = {
+    **dict.fromkeys(
+        (
+            "velocity_command",
+            "force_command",
+            "felt_position",
+            "felt_velocity",
+            "surgeon_mode",
+        ),
+        "master",
+    ),
+    **dict.fromkeys(
+        ("tool_acceleration", "joint_position", "joint_velocity", "joint_torque"),
+        "robot",
+    ),
+    "environment_layer": "environment",
+}
+
+_LOOP = (
+    *("master", "forward_channel", "controller"),
+    *("robot", "environment", "return_channel"),
+    *("reference", "disturbance"),
+)
+
+
+def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
+    """Returns every vector output of a loop's systems by the name of its signal.
+
+    Args:
+        systems: Those at the top level of the loop. Of those that are no part of
+            Fig. 2.1 or of the tracking, a meter say, the last one has a name that
+            several put out.
+
+    Raises:
+        ValueError: If a port has the name of a signal of the loop that is not its own;
+            it says which port of which system.
+    """
+    signals: dict[str, OutputPort] = {}
+    for system in systems:
+        for i in range(system.num_output_ports()):
+            port = system.get_output_port(i)
+            if port.get_data_type() != PortDataType.kVectorValued:
+                continue
+            block, own = system.get_name(), port.get_name()
+            name = _NAMES.get((block, own), own)
+            owner = _OWNERS.get(name, block)
+            if name in signals:
+                owner = signals[name].get_system().get_name()
+            if owner != block and not {owner, block}.isdisjoint(_LOOP):
+                raise ValueError(
+                    f"{block}: its output port {own!r} must have another name: the "
+                    f"signal {name!r} is that of {owner}"
+                )
+            signals[name] = port
+    return signals
