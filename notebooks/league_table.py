@@ -5,7 +5,7 @@ channels and over networks with jitter, loss and both; once with a surgeon who s
 to a force command when contact is felt, as in the thesis, and once with one who never
 does and keeps commanding a velocity. Surgeon, haptic device, robot, environment and
 limits are the scenarios'; the gains are the architectures' defaults, which derive from
-the scenario by the rule that is stated in teleop_drake/scenario/architecture_config.py.
+the scenario by the rule that is stated in its file in teleop_drake/architectures.
 
 Runs are kept in --out as they end, and --resume goes on with what is there. When all
 have ended, league_table.csv, beside this file, has a row for each, and the summary is

@@ -8,16 +8,30 @@ packet holds is the architecture's own affair; those of the thesis are
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 """
 
+from typing import Any
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.laws.backstepping import BacksteppingGains
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.scenario import CONTROLLERS, GainMatrix, Scenario
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.architectures import (
+    CONTROLLERS,
+    Architecture,
+    ControlLawConfig,
+    Facts,
+)
+from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStation
+from teleop_drake.scenario import Scenario
 from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
+from teleop_drake.validation import Refuse
+
+__all__ = [
+    "MakeArchitecture",
+    "MakeControlLaw",
+    "MakeMasterStation",
+    "MakeSlaveStation",
+    "ResolveController",
+]
 
 
 def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> Diagram:
@@ -109,87 +123,60 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
 
 
 def MakeControlLaw(scenario: Scenario) -> System:
-    """Makes the thesis's control law that the scenario names, DirectForce for example.
+    """Makes the control law that the scenario names, DirectForce for example.
 
     Args:
-        scenario: Its field controller is used; `auto` also needs robot and
-            environment.
+        scenario: Its field controller is used, and what its defaults derive from.
 
     Raises:
-        ValueError: If a parameter is not allowed, or the kind has no such law.
+        ScenarioError: If a parameter is not allowed, or the kind is no control law.
     """
-    config, n = scenario.controller, scenario.num_axes
-    if config.kind == "direct_force":
-        return DirectForce(num_axes=n)
-    if config.kind != "adaptive_backstepping":
-        raise ValueError(
-            f"controller.kind: {config.kind}; allowed: {', '.join(CONTROLLERS)}"
+    config = scenario.controller.Chosen()
+    if not isinstance(config, ControlLawConfig):
+        Refuse(
+            "controller.kind",
+            config.kind,
+            f"a control law with the thesis's packets, such as {CONTROLLERS[1]}",
         )
-    beta, nu = config.adaptation_rate, config.leakage
-    return AdaptiveBackstepping(
-        gains=BacksteppingGains(
-            Lambda=GainMatrix(config.Lambda, n),
-            G1=GainMatrix(config.G1, n),
-            G2=GainMatrix(config.G2, n),
-            P=GainMatrix(config.P, n),
-            beta1=beta,
-            beta2=beta,
-            beta3=beta,
-            nu1=nu,
-            nu3=nu,
-            Upsilon=config.supervision,
-            Psi0=scenario.initial_psi,
-            Psi_min=config.minimum_psi,
-        ),
-        network=GaussianNetwork(
-            lower=config.network.lower,
-            upper=config.network.upper,
-            count=config.network.count,
-            width=config.network.width,
-        ),
-    )
+    return config.MakeControlLaw(scenario.Facts(), scenario.controller.path)
 
 
-def MakeSlaveStation(control_law: System) -> Diagram:
-    """Makes the slave side of the thesis out of a control law, named `controller`.
-
-    | port | name              | size | unit     |
-    |------|-------------------|------|----------|
-    | in   | forward_packet    | 2n   | [N; m/s] |
-    | in   | tool_position     | n    | m        |
-    | in   | tool_velocity     | n    | m/s      |
-    | in   | environment_force | n    | N        |
-    | out  | control_force     | n    | N        |
-    | out  | return_packet     | 2n   | [m; m/s] |
-
-    and every further output of the control law (its telemetry), by its own name.
+def MakeArchitecture(
+    scenario: Scenario,
+    *,
+    control_law: System | None = None,
+    facts: Facts | None = None,
+) -> Architecture:
+    """Makes the architecture that the scenario names.
 
     Args:
-        control_law: A system with the inputs haptic_force, velocity_command,
-            tool_position, tool_velocity and environment_force and the output
-            control_force (n each), such as DirectForce.
+        scenario: Its field controller is used.
+        control_law: A control law of your own, which takes the place of the
+            scenario's; it gets the thesis's packets. See MakeSlaveStation.
+        facts: What the defaults derive from; None: the scenario's.
 
     Raises:
-        RuntimeError: If the control law lacks one of these ports.
+        ScenarioError: If a parameter is not allowed, or a default cannot be derived.
+        RuntimeError: If the control law lacks a port.
     """
-    n = control_law.GetOutputPort("control_force").size()
-    builder = DiagramBuilder()
-    unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-    law = builder.AddNamedSystem(control_law.get_name() or "control_law", control_law)
-    pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-    builder.ExportInput(unpack.get_input_port(), "forward_packet")
-    builder.Connect(unpack.get_output_port(0), law.GetInputPort("haptic_force"))
-    builder.Connect(unpack.get_output_port(1), law.GetInputPort("velocity_command"))
-    for i, name in enumerate(("tool_position", "tool_velocity")):
-        port = builder.ExportInput(law.GetInputPort(name), name)
-        builder.ConnectInput(port, pack.get_input_port(i))
-    builder.ExportInput(law.GetInputPort("environment_force"), "environment_force")
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    builder.ExportOutput(pack.get_output_port(), "return_packet")
-    for i in range(law.num_output_ports()):
-        port = law.get_output_port(i)
-        if port.get_name() != "control_force":
-            builder.ExportOutput(port, port.get_name())
-    controller = builder.Build()
-    controller.set_name("controller")
-    return controller
+    facts = facts or scenario.Facts()
+    if control_law is not None:
+        return MakeLawArchitecture(control_law, facts.start.tolist())
+    chosen = scenario.controller.Chosen()
+    return chosen.MakeArchitecture(facts, scenario.controller.path)
+
+
+def ResolveController(scenario: Scenario) -> Any:
+    """Returns the parameters of the scenario's architecture with every default derived.
+
+    Args:
+        scenario: Its field controller is used, and what its defaults derive from.
+
+    Returns:
+        An object of the architecture's own class; gains are n x n matrices.
+
+    Raises:
+        ScenarioError: If a default cannot be derived.
+    """
+    controller = scenario.controller
+    return controller.Chosen().Resolve(scenario.Facts(), controller.path)

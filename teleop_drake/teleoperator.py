@@ -2,12 +2,12 @@
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from teleop_drake.architectures import Architecture, MakeArchitecture
+from teleop_drake.architectures import Architecture
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import NamedSignals
-from teleop_drake.stations import MakeMasterStation
+from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 
 
 def MakeTeleoperator(
@@ -17,6 +17,8 @@ def MakeTeleoperator(
     architecture: Architecture | None = None,
     robot: System | None = None,
     environment: System | None = None,
+    forward_channel: System | None = None,
+    return_channel: System | None = None,
 ) -> Diagram:
     """Makes the teleoperator, six systems with the names of Fig. 2.1.
 
@@ -39,6 +41,9 @@ def MakeTeleoperator(
             needed.
         environment: An environment of your own; inputs tool_position and
             tool_velocity, output environment_force (n each).
+        forward_channel: A channel of your own; input `signal`, output
+            `delayed_signal`, both as wide as the forward packet.
+        return_channel: The same, as wide as the return packet.
 
     Returns:
         The Diagram, named `teleoperator`. Its default context is the start.
@@ -58,6 +63,8 @@ def MakeTeleoperator(
         architecture=architecture,
         robot=robot,
         environment=environment,
+        forward_channel=forward_channel,
+        return_channel=return_channel,
     )
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
@@ -72,6 +79,8 @@ def AddTeleoperator(
     architecture: Architecture | None = None,
     robot: System | None = None,
     environment: System | None = None,
+    forward_channel: System | None = None,
+    return_channel: System | None = None,
 ) -> None:
     """Adds the teleoperator's six systems and connects them.
 
@@ -85,6 +94,8 @@ def AddTeleoperator(
         architecture: Both sides of your own.
         robot: A robot of your own.
         environment: An environment of your own.
+        forward_channel: A channel of your own.
+        return_channel: A channel of your own.
 
     Raises:
         ScenarioError: As MakeTeleoperator, likewise the following.
@@ -103,7 +114,8 @@ def AddTeleoperator(
     )
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
-        scenario.forward_channel.MakeChannel(
+        forward_channel
+        or scenario.forward_channel.MakeChannel(
             size=master.GetOutputPort("forward_packet").size(),
             initial_value=architecture.initial_forward_packet,
             duration=scenario.duration,
@@ -129,7 +141,8 @@ def AddTeleoperator(
     )
     return_channel = builder.AddNamedSystem(
         "return_channel",
-        scenario.return_channel.MakeChannel(
+        return_channel
+        or scenario.return_channel.MakeChannel(
             size=controller.GetOutputPort("return_packet").size(),
             initial_value=architecture.initial_return_packet,
             duration=scenario.duration,

@@ -67,7 +67,7 @@ def test_files_do_not_import_in_circles():
 
 
 def test_circles_are_found():
-    with pytest.raises(pytest.fail.Exception, match=r"a imports b imports a|b imports"):
+    with pytest.raises(pytest.fail.Exception, match=r"(a imports b|b imports a)"):
         AssertNoCircle({"a": {"b"}, "b": {"a"}})
 
 
@@ -86,7 +86,9 @@ def test_one_system_a_file(path):
     public = [
         node.name
         for node in tree.body
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+        if isinstance(node, ast.ClassDef)
+        and not node.name.startswith("_")
+        and not node.name.endswith("Config")
     ]
     expected = "".join(word.title() for word in path.stem.split("_"))
     assert public == ([] if path.stem == "__init__" else [expected])

@@ -63,6 +63,7 @@ def test_there_are_the_levels_of_building():
     assert [script.stem for script in SCRIPTS] == [
         "one_dof_by_hand",
         "own_architecture",
+        "own_channel",
         "own_controller",
         "two_dof_arm",
     ]
@@ -115,6 +116,14 @@ def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):
     parts = [x for x in ast.parse(script.read_text()).body if _Name(x) in names]
     assert len(parts) == len(names)
     assert sum(1 + part.end_lineno - part.lineno for part in parts) < 40
+
+
+def test_the_own_channel_smooths_what_comes_back(run):
+    """With much bandwidth it is the delay alone; the lag makes the overshoot larger."""
+    _, lines = run(DIRECTORY / "own_channel.py")
+    wide, medium, narrow = (float(re.findall(r"\d+\.\d+", x)[0]) for x in lines)
+    assert wide == pytest.approx(0.472, rel=0.02)
+    assert wide < medium < narrow
 
 
 def _Name(node):

@@ -31,9 +31,9 @@ from league_table import (
 from runs import Run
 
 from teleop_drake.analysis.energy import ChannelEnergyBalance
-from teleop_drake.architectures import ResolveController
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.sweep import FlattenMetrics
 from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunMetrics

@@ -383,11 +383,7 @@ def AnalyzeStability(
     notes = [note for note in (forward.note, back.note) if note]
     for model in models[:1]:
         notes += _Assumptions(model, delay)
-    config = scenario.controller
-    if (
-        config.kind == "proportional_damping"
-        and config.proportional_damping.stiffness is None
-    ) or (config.kind == "four_channel" and config.four_channel.bandwidth is None):
+    if scenario.controller.Chosen().has_gains_of_delay:
         notes.append(
             "Gains that derive from the delay keep the values that they have for "
             f"{scenario.forward_channel.delay + scenario.return_channel.delay:g} s, "

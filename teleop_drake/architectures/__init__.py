@@ -1,15 +1,54 @@
-"""The control architectures: a master side and a slave side each."""
+"""The control architectures: a file for each kind."""
 
-from teleop_drake.architectures.kinds import (
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBacksteppingConfig
+from teleop_drake.architectures.base import (
     Architecture,
-    CheckArchitecture,
-    MakeArchitecture,
-    ResolveController,
+    ArchitectureConfig,
+    ControlLawConfig,
 )
+from teleop_drake.architectures.direct_force import DirectForceConfig
+from teleop_drake.architectures.facts import Facts
+from teleop_drake.architectures.four_channel import FourChannelConfig
+from teleop_drake.architectures.proportional_damping import ProportionalDampingConfig
+from teleop_drake.architectures.smith_predictor import SmithPredictorConfig
+from teleop_drake.architectures.time_domain_passivity import TimeDomainPassivityConfig
+from teleop_drake.architectures.wave_variables import WaveVariablesConfig
+from teleop_drake.kinds import KindTable
+
+ARCHITECTURE_KINDS = KindTable(
+    ArchitectureConfig,
+    (
+        DirectForceConfig,
+        AdaptiveBacksteppingConfig,
+        WaveVariablesConfig,
+        TimeDomainPassivityConfig,
+        ProportionalDampingConfig,
+        FourChannelConfig,
+        SmithPredictorConfig,
+    ),
+    noun="controller",
+)
+"""Every kind of control architecture, the thesis's two first."""
+
+CONTROLLERS = ("direct_force", "adaptive_backstepping")
+"""The thesis's two controllers, the baseline first."""
+
+ARCHITECTURES = ARCHITECTURE_KINDS.names
+"""The names of all kinds, the thesis's two first."""
 
 __all__ = [
+    "ARCHITECTURES",
+    "ARCHITECTURE_KINDS",
+    "CONTROLLERS",
+    "AdaptiveBacksteppingConfig",
     "Architecture",
-    "CheckArchitecture",
-    "MakeArchitecture",
-    "ResolveController",
+    "ArchitectureConfig",
+    "ControlLawConfig",
+    "DirectForceConfig",
+    "Facts",
+    "FourChannelConfig",
+    "ProportionalDampingConfig",
+    "SmithPredictorConfig",
+    "TimeDomainPassivityConfig",
+    "WaveVariablesConfig",
 ]

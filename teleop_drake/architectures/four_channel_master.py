@@ -9,8 +9,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_four_channel, check_gain
+from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.laws.four_channel import master_packet, master_rate
+from teleop_drake.validation import CheckGain
 
 
 class FourChannelMaster(LeafSystem):
@@ -84,14 +85,14 @@ class FourChannelMaster(LeafSystem):
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
             raise ValueError(f"start: {start!r}; allowed: finite numbers (m)")
         n = self._n = self._start.size
-        self._M = check_gain("mass", mass, n, is_definite=True)
-        self._K = check_gain("local_stiffness", local_stiffness, n)
+        self._M = CheckGain("mass", mass, n)
+        self._K = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)
         # The device's own and the controller's act on the same velocity.
-        self._B = check_gain("damping", damping, n) + check_gain(
-            "local_damping", local_damping, n
+        self._B = CheckGain("damping", damping, n, may_be_zero=True) + CheckGain(
+            "local_damping", local_damping, n, may_be_zero=True
         )
         self._factors = np.array([C2, C4, C6], dtype=float)
-        check_four_channel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
+        CheckFourChannel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self._F_h = self.DeclareVectorInputPort("haptic_force", n)

@@ -9,12 +9,13 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_four_channel, check_gain
+from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.laws.four_channel import (
     filtered_acceleration,
     slave_force,
     slave_packet,
 )
+from teleop_drake.validation import CheckGain
 
 
 class FourChannelSlave(LeafSystem):
@@ -83,12 +84,12 @@ class FourChannelSlave(LeafSystem):
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
             raise ValueError(f"start: {start!r}; allowed: finite numbers (m)")
         n = self._n = self._start.size
-        self._M = check_gain("mass", mass, n)
-        self._B = check_gain("damping", damping, n)
-        self._B_c = check_gain("local_damping", local_damping, n)
-        self._K_c = check_gain("local_stiffness", local_stiffness, n)
+        self._M = CheckGain("mass", mass, n, may_be_zero=True)
+        self._B = CheckGain("damping", damping, n, may_be_zero=True)
+        self._B_c = CheckGain("local_damping", local_damping, n, may_be_zero=True)
+        self._K_c = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)
         self._factors = np.array([C1, C3, C5], dtype=float)
-        check_four_channel(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
+        CheckFourChannel(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self._packet = self.DeclareVectorInputPort("forward_packet", width)

@@ -8,7 +8,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_passivity
+from teleop_drake.architectures.checks import CheckPassivity
 from teleop_drake.laws.passivity import energy_rates, master_mobility
 
 
@@ -70,7 +70,7 @@ class PassivityMaster(LeafSystem):
     ):
         LeafSystem.__init__(self)
         self.set_name("passivity_master")
-        check_passivity(
+        CheckPassivity(
             num_axes,
             horizon=horizon,
             maximum_mobility=maximum_mobility,

@@ -8,7 +8,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_passivity
+from teleop_drake.architectures.checks import CheckPassivity
 from teleop_drake.laws.passivity import energy_rates, slave_damping
 
 
@@ -71,7 +71,7 @@ class PassivitySlave(LeafSystem):
     ):
         LeafSystem.__init__(self)
         self.set_name("passivity_slave")
-        check_passivity(
+        CheckPassivity(
             num_axes,
             horizon=horizon,
             maximum_damping=maximum_damping,

@@ -9,8 +9,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_gain
 from teleop_drake.laws.proportional import coupling_force, master_rate
+from teleop_drake.validation import CheckGain
 
 
 class ProportionalMaster(LeafSystem):
@@ -68,9 +68,9 @@ class ProportionalMaster(LeafSystem):
         if start.ndim != 1 or not np.all(np.isfinite(start)):
             raise ValueError(f"start: {start.tolist()}; allowed: finite numbers (m)")
         n = self._n = start.size
-        self._M = check_gain("mass", mass, n, is_definite=True)
-        self._K = check_gain("stiffness", stiffness, n)
-        self._B = check_gain("damping", damping, n)
+        self._M = CheckGain("mass", mass, n)
+        self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
+        self._B = CheckGain("damping", damping, n, may_be_zero=True)
         self._F_h = self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)
         self._x_s = self.DeclareVectorInputPort("return_packet", n)

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from teleop_drake.architectures.checks import check_gain
 from teleop_drake.laws.proportional import slave_force
+from teleop_drake.validation import CheckGain
 
 
 class ProportionalSlave(LeafSystem):
@@ -44,8 +44,8 @@ class ProportionalSlave(LeafSystem):
         LeafSystem.__init__(self)
         self.set_name("proportional_slave")
         n = np.atleast_2d(stiffness).shape[0]
-        self._K = check_gain("stiffness", stiffness, n)
-        self._B = check_gain("damping", damping, n)
+        self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
+        self._B = CheckGain("damping", damping, n, may_be_zero=True)
         self._x_m = self.DeclareVectorInputPort("forward_packet", n)
         self._p = self.DeclareVectorInputPort("tool_position", n)
         self._v = self.DeclareVectorInputPort("tool_velocity", n)

@@ -13,8 +13,8 @@ from pydrake.systems.primitives import (
     Multiplexer,
 )
 
-from teleop_drake.architectures.checks import check_gain
 from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.validation import CheckGain
 
 
 class SmithPredictorMaster(Diagram):
@@ -72,9 +72,9 @@ class SmithPredictorMaster(Diagram):
     ):
         Diagram.__init__(self)
         n = np.atleast_2d(mass).shape[0]
-        M_inverse = np.linalg.inv(check_gain("mass", mass, n, is_definite=True))
-        B = check_gain("damping", damping, n)
-        K = check_gain("stiffness", stiffness, n)
+        M_inverse = np.linalg.inv(CheckGain("mass", mass, n))
+        B = CheckGain("damping", damping, n, may_be_zero=True)
+        K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
         nothing, one = np.zeros((n, n)), np.eye(n)
         builder = DiagramBuilder()
         unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))

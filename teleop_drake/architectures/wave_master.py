@@ -9,7 +9,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_gain, check_wave_path
+from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.laws.wave_variables import (
     filtered_wave_rate,
     line_power,
@@ -17,6 +17,7 @@ from teleop_drake.laws.wave_variables import (
     reflected_wave,
     wave_root,
 )
+from teleop_drake.validation import CheckGain
 
 
 class WaveMaster(LeafSystem):
@@ -78,10 +79,11 @@ class WaveMaster(LeafSystem):
         start = np.array(start, dtype=float)
         self._S = wave_root(b)
         n = self._n = self._S.shape[0]
-        self._D = check_gain("damping", damping, n)
+        self._D = CheckGain("damping", damping, n, may_be_zero=True)
         if start.shape != (n,):
             raise ValueError(f"start: {start.tolist()}; allowed: {n} numbers (m)")
-        self._f, self._bandwidth = check_wave_path(scaling, bandwidth)
+        CheckWavePath(scaling, bandwidth)
+        self._f, self._bandwidth = scaling, bandwidth
         self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)
         self._F_h = self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)

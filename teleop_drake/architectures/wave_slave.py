@@ -9,7 +9,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.architectures.checks import check_wave_path
+from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.laws.wave_variables import (
     drift_correcting_wave,
     filtered_wave_rate,
@@ -76,7 +76,8 @@ class WaveSlave(LeafSystem):
         self.set_name("wave_slave")
         self._S = wave_root(impedance)
         n = self._n = self._S.shape[0]
-        self._f, self._bandwidth = check_wave_path(scaling, bandwidth)
+        CheckWavePath(scaling, bandwidth)
+        self._f, self._bandwidth = scaling, bandwidth
         if not 0 <= drift_correction < np.inf:
             raise ValueError(
                 f"drift_correction: {drift_correction}; allowed: a number >= 0 (1/s)"

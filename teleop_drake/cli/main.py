@@ -25,6 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: The arguments after the command's name; None: those of the process.
     """
     _PrepareStreams()
+    # So that a scenario can name kinds in modules of the folder one works in.
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     if sys.stdout is None:
         return Fail(FAILED, "standard output is closed")
     try:

@@ -84,13 +84,14 @@ def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     Raises:
         BadInput: If the scenario is not valid.
     """
-    from teleop_drake.architectures import CheckArchitecture
     from teleop_drake.scenario import LoadScenario, Scenario
+    from teleop_drake.stations import MakeArchitecture
 
     try:
         scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
         if isinstance(scenario, Scenario):
-            CheckArchitecture(scenario)
+            # Loading checks each parameter, but not what derives from others.
+            MakeArchitecture(scenario)
     except ValueError as e:  # ScenarioError is one.
         raise BadInput(e) from None
     return scenario

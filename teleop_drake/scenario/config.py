@@ -7,56 +7,43 @@ the first bad field, its value and what is allowed.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.robots import CheckRobot, RobotModels
-from teleop_drake.scenario.architecture_config import (
+from teleop_drake.architectures import (
+    ARCHITECTURE_KINDS,
+    ARCHITECTURES,
+    AdaptiveBacksteppingConfig,
+    ArchitectureConfig,
     FourChannelConfig,
     ProportionalDampingConfig,
     SmithPredictorConfig,
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
-    check_controller,
 )
-from teleop_drake.scenario.tree import ElementName
+from teleop_drake.architectures.adaptive_backstepping import BacksteppingParameters
+from teleop_drake.architectures.lattice import NetworkConfig
+from teleop_drake.channels.base import SHORTEST_TIME
+from teleop_drake.robots import CheckRobot, RobotModels
+from teleop_drake.scenario.tree import ElementName, FromTree
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
-    CheckGain,
     CheckNumber,
     CheckVector,
     Refuse,
     ScenarioError,
-    Show,
+    Within,
 )
-
-CONTROLLERS = ("direct_force", "adaptive_backstepping")
-"""The thesis's two controllers, the baseline first."""
-
-ARCHITECTURES = (
-    *CONTROLLERS,
-    "wave_variables",
-    "time_domain_passivity",
-    "proportional_damping",
-    "four_channel",
-    "smith_predictor",
-)
-"""Every kind of control architecture, the thesis's two first."""
 
 TRACKING_CONTROLLERS = ("network_tracking",)
 """Every kind of controller of a TrackingScenario."""
 
 DISTURBANCES = ("linear", "coupled")
 """Every kind of disturbance of a TrackingScenario."""
-
-MAX_BASIS_FUNCTIONS = 10_000
-"""Largest lattice that a network may have, so that a typing error cannot exhaust the
-memory."""
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a trajectory in rad/s."""
@@ -104,16 +91,6 @@ class SurgeonConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class HapticDeviceConfig:
-    """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
-
-    # Coefficients of H in N s/m, highest power of s first.
-    numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
-    # The same; the first is not zero, and there are at least as many (H is proper).
-    denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
-
-
-@dataclass(kw_only=True, eq=False)
 class LayerConfig:
     """One layer of the environment, from its start to the next one's (eq. 2.14).
 
@@ -140,51 +117,22 @@ class EnvironmentConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class NetworkConfig:
-    """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
+class _ChosenKind:
+    """The choice of a control architecture; it stands first in a scenario."""
 
-    # Corners of the lattice of means, m, n entries each, lower < upper.
-    lower: np.ndarray = REQUIRED
-    upper: np.ndarray = REQUIRED
-    # Means along each axis, n entries, >= 1.
-    count: list[int] = REQUIRED
-    # Width of the Gaussians in units of the lattice spacing, > 0.
-    width: float = 1.0
+    # One of ARCHITECTURES, or module:Class of your own.
+    kind: str = REQUIRED
 
 
 @dataclass(kw_only=True, eq=False)
-class ControllerConfig:
+class ControllerConfig(BacksteppingParameters, _ChosenKind):
     """The control architecture.
 
-    `direct_force` uses `kind` only, `adaptive_backstepping` all up to `network`, and
-    each of the others the field of its name. A gain is a number (times the identity) or
-    an n x n matrix.
+    `adaptive_backstepping` uses the parameters up to `network`, `direct_force` none,
+    each of the others the field of its name, and one of your own `parameters`. A gain
+    is a number (times the identity) or an n x n matrix.
     """
 
-    # One of ARCHITECTURES.
-    kind: str = REQUIRED
-    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
-    Lambda: np.ndarray | float = 1.0
-    # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
-    # P G1 (eq. 5.22).
-    G1: np.ndarray | float = REQUIRED
-    # Gain on z, 1/s; symmetric positive definite (eq. 5.31).
-    G2: np.ndarray | float = REQUIRED
-    # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
-    P: np.ndarray | float = 1.0
-    # beta of every update law, >= 0 (eq. 5.51).
-    adaptation_rate: float = 0.1
-    # nu of every update law, >= 0 (eq. 5.51).
-    leakage: float = 0.1
-    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
-    supervision: float = 1.0
-    # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
-    # the start pose (eq. 5.52); smallest singular value > minimum_psi.
-    initial_psi: np.ndarray | float | str = "auto"
-    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 5.53).
-    minimum_psi: float = 0.1
-    # Lattice of both networks.
-    network: NetworkConfig = field(default_factory=NetworkConfig)
     wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
     time_domain_passivity: TimeDomainPassivityConfig = field(
         default_factory=TimeDomainPassivityConfig
@@ -194,6 +142,53 @@ class ControllerConfig:
     )
     four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
     smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
+    # The fields of an architecture of your own.
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def path(self) -> str:
+        """The place in a scenario of what the architecture of this kind has to say."""
+        if self.kind in ARCHITECTURES:
+            return (
+                f"controller.{self.kind}" if hasattr(self, self.kind) else "controller"
+            )
+        return "controller.parameters"
+
+    def Chosen(self) -> ArchitectureConfig:
+        """Returns the architecture that `kind` names.
+
+        Raises:
+            ScenarioError: If there is none of that name, or its parameters are unknown.
+        """
+        kind = ARCHITECTURE_KINDS.Find(self.kind, "controller.kind")
+        if kind is AdaptiveBacksteppingConfig:
+            return AdaptiveBacksteppingConfig.Of(self)
+        if self.kind in ARCHITECTURES:
+            section: ArchitectureConfig = getattr(self, self.kind, kind())
+            return section
+        with Within("controller.parameters"):
+            return FromTree(self.parameters, kind)
+
+    def Check(self, num_axes: int) -> None:
+        """Checks every field, also those that this kind does not use.
+
+        Args:
+            num_axes: Number n of task axes.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        chosen = self.Chosen()
+        for item in fields(self):
+            section = getattr(self, item.name)
+            if isinstance(section, ArchitectureConfig) and section is not chosen:
+                section.Check(f"controller.{item.name}", num_axes)
+        self.CheckParameters(
+            "controller",
+            num_axes,
+            is_needed=isinstance(chosen, AdaptiveBacksteppingConfig),
+        )
+        chosen.Check(self.path, num_axes)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -281,21 +276,6 @@ def CheckSurgeonConfig(surgeon: SurgeonConfig, n: int) -> None:
         CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
 
 
-def CheckHapticDeviceConfig(device: HapticDeviceConfig) -> None:
-    """Checks `haptic_device`."""
-    try:
-        with np.errstate(over="ignore"):
-            matrices = realize_transfer_function(device.numerator, device.denominator)
-    except ValueError as e:
-        raise ScenarioError(f"haptic_device.{e}") from None
-    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
-        Refuse(
-            "haptic_device.denominator",
-            device.denominator,
-            "coefficients that can be divided by the first one",
-        )
-
-
 def CheckLayers(layers: Sequence[LayerConfig]) -> None:
     """Checks `environment.layers`."""
     names: set[str] = set()
@@ -319,74 +299,6 @@ def CheckLayers(layers: Sequence[LayerConfig]) -> None:
         CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
         CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
         CheckNumber(f"{path}.reference", layer.reference, "m")
-
-
-def CheckControllerConfig(controller: ControllerConfig, n: int) -> None:
-    """Checks `controller`.
-
-    Args:
-        controller: What to check.
-        n: Number of task axes.
-    """
-    CheckChoice("controller.kind", controller.kind, ARCHITECTURES)
-    # What a kind does not use may be missing, but not wrong: comparing the
-    # architectures is one override away.
-    is_needed = controller.kind == "adaptive_backstepping"
-    try:
-        check_controller(controller, n)
-    except ValueError as e:
-        raise ScenarioError(f"controller.{e}") from None
-    gains = {}
-    for key in ("Lambda", "G1", "G2", "P"):
-        value = getattr(controller, key)
-        if value is not None or is_needed:
-            gains[key] = CheckGain(f"controller.{key}", value, n)
-    if "G1" in gains:
-        # With an overflow the product is not finite and is refused as well.
-        with np.errstate(all="ignore"):
-            product = gains["P"] @ gains["G1"]
-            product = product + product.T
-        if not (
-            np.all(np.isfinite(product)) and np.all(np.linalg.eigvalsh(product) > 0)
-        ):
-            Refuse(
-                "controller.P",
-                controller.P,
-                "such that the symmetric part of P G1 is positive definite",
-            )
-    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
-    CheckNumber("controller.leakage", controller.leakage, minimum=0)
-    CheckNumber("controller.supervision", controller.supervision, minimum=0, maximum=1)
-    CheckNumber("controller.minimum_psi", controller.minimum_psi, "1/kg", above=0)
-    network = controller.network
-    if is_needed or any(
-        item is not None for item in (network.lower, network.upper, network.count)
-    ):
-        CheckNetworkConfig(network, n)
-
-
-def CheckNetworkConfig(network: NetworkConfig, n: int) -> None:
-    """Checks `controller.network`.
-
-    Args:
-        network: What to check.
-        n: Number of task axes.
-    """
-    path = "controller.network"
-    CheckVector(f"{path}.lower", network.lower, n, "m")
-    CheckVector(f"{path}.upper", network.upper, n, "m")
-    if not np.all(network.lower < network.upper):
-        Refuse(
-            f"{path}.upper",
-            network.upper,
-            f"> {path}.lower = {Show(network.lower)} m on every axis",
-        )
-    count = network.count
-    if count is None or len(count) != n or min(count) < 1:
-        Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
-    if math.prod(count) > MAX_BASIS_FUNCTIONS:
-        Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
-    CheckNumber(f"{path}.width", network.width, "lattice spacings", above=0)
 
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:

@@ -21,25 +21,27 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 
+from teleop_drake.architectures import (
+    ARCHITECTURES,
+    CONTROLLERS,
+    AdaptiveBacksteppingConfig,
+    Facts,
+)
 from teleop_drake.channels import ChannelConfig, TransportChannelConfig
 from teleop_drake.laws.layered_force import (
     contact_position,
     layer_index,
     puncture_position,
 )
-from teleop_drake.robots import CheckRobot, TaskInertiaInverse
+from teleop_drake.robots import CheckRobot, TaskDamping, TaskInertiaInverse
 from teleop_drake.scenario.config import (
-    ARCHITECTURES,
-    CONTROLLERS,
     DISTURBANCES,
     MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
-    CheckControllerConfig,
-    CheckHapticDeviceConfig,
     CheckLayers,
-    CheckNetworkConfig,
     CheckRobotConfig,
     CheckSimulatorConfig,
     CheckSurgeonConfig,
@@ -47,7 +49,6 @@ from teleop_drake.scenario.config import (
     DefaultSimulator,
     DisturbanceConfig,
     EnvironmentConfig,
-    HapticDeviceConfig,
     LayerConfig,
     RobotConfig,
     SurgeonConfig,
@@ -64,6 +65,7 @@ from teleop_drake.scenario.tree import (
     SetPath,
     ToTree,
 )
+from teleop_drake.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
@@ -206,30 +208,41 @@ class Scenario(_ScenarioBase):
         """End in m along x of the first layer that a softer one follows, or None."""
         return puncture_position(self.environment.layers)
 
-    @property
-    def initial_psi(self) -> np.ndarray:
-        """Psi at time 0 in 1/kg (n, n).
+    def Facts(self) -> Facts:
+        """Returns what the defaults of an architecture derive from.
 
-        Where the controller has `auto`, (I + Lambda D_e) M_r^-1 at the start pose.
-        The thesis estimates M_r^-1 for zero joint angles (eq. 5.52), where the
-        planar arm is singular.
+        Robot and environment are the scenario's own.
         """
-        psi = self.controller.initial_psi
-        n = self.num_axes
-        if not isinstance(psi, str):
-            return GainMatrix(psi, n)
-        layers = self.environment.layers
-        index = layer_index([layer.start for layer in layers], self.robot.start[0])
-        D_e = np.zeros((n, n))
-        D_e[0, 0] = layers[index].damping if index >= 0 else 0.0
-        return (
-            np.eye(n) + GainMatrix(self.controller.Lambda, n) @ D_e
-        ) @ TaskInertiaInverse(
-            model=self.robot.model,
-            start=self.robot.start,
-            elbow=self.robot.elbow,
-            mass=self.robot.mass,
+        n, start = self.num_axes, np.asarray(self.robot.start, dtype=float)
+        robot = self.robot
+        inverse_inertia = TaskInertiaInverse(
+            model=robot.model, start=start, elbow=robot.elbow, mass=robot.mass
         )
+        damping = TaskDamping(
+            model=robot.model, start=start, elbow=robot.elbow, damping=robot.damping
+        )
+        layers = self.environment.layers
+        index = layer_index([layer.start for layer in layers], start[0])
+        layer = layers[index] if index >= 0 else LayerConfig()
+        stiffness, D_e = np.zeros((n, n)), np.zeros((n, n))
+        stiffness[0, 0], D_e[0, 0] = layer.stiffness, layer.damping
+        return Facts(
+            start=start,
+            velocity=np.asarray(self.surgeon.velocity, dtype=float),
+            haptic_device=self.haptic_device,
+            forward_channel=self.forward_channel,
+            return_channel=self.return_channel,
+            duration=self.duration,
+            inertia=np.linalg.inv(inverse_inertia),
+            robot_damping=damping,
+            environment_stiffness=stiffness,
+            environment_damping=D_e,
+        )
+
+    @property
+    def initial_psi(self) -> NDArray[np.float64]:
+        """Psi at time 0 in 1/kg (n, n); see BacksteppingParameters.InitialPsi."""
+        return self.controller.InitialPsi(self.Facts())
 
 
 @dataclass(kw_only=True, eq=False)
@@ -431,15 +444,19 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     )
     n = scenario.num_axes
     CheckSurgeonConfig(scenario.surgeon, n)
-    CheckHapticDeviceConfig(scenario.haptic_device)
+    scenario.haptic_device.Check("haptic_device")
     channels = (scenario.forward_channel, scenario.return_channel)
     if reads_traces or all(
         getattr(channel, "trace", None) is None for channel in channels
     ):
         _CheckChannels(scenario)
     CheckLayers(scenario.environment.layers)
-    CheckControllerConfig(scenario.controller, n)
-    _CheckInitialPsi(scenario)
+    controller = scenario.controller
+    controller.Check(n)
+    if controller.kind == AdaptiveBacksteppingConfig.kind or not isinstance(
+        controller.initial_psi, str
+    ):
+        controller.CheckInitialPsi(scenario.Facts())
     CheckSimulatorConfig(scenario.simulator)
     surface = scenario.contact_surface
     if surface is not None and scenario.robot.start[0] >= surface:
@@ -473,7 +490,7 @@ def _CheckTracking(scenario: TrackingScenario) -> None:
     CheckGain("controller.G1", controller.G1, n)
     CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
     CheckNumber("controller.leakage", controller.leakage, minimum=0)
-    CheckNetworkConfig(controller.network, n)
+    controller.network.Check("controller.network", n)
     CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
     CheckSimulatorConfig(scenario.simulator)
 
@@ -513,29 +530,3 @@ def _CheckChannels(scenario: Scenario) -> None:
     CheckNumber("duration", scenario.duration, "s", above=0)
     for path in ("forward_channel", "return_channel"):
         getattr(scenario, path).Check(path, scenario.duration)
-
-
-def _CheckInitialPsi(scenario: Scenario) -> None:
-    controller, n = scenario.controller, scenario.num_axes
-    minimum = controller.minimum_psi
-    if (
-        isinstance(controller.initial_psi, str)
-        and controller.kind != "adaptive_backstepping"
-    ):
-        return
-    psi = scenario.initial_psi
-    if (
-        (isinstance(controller.initial_psi, float) and controller.initial_psi <= 0)
-        or psi.shape != (n, n)
-        or not np.all(np.isfinite(psi))
-        or not np.min(np.linalg.svd(psi, compute_uv=False)) > minimum
-        or not np.linalg.slogdet(psi)[0] > 0
-    ):
-        value = Show(controller.initial_psi)
-        if value == "'auto'":
-            value += f", here {Show(psi)}"
-        raise ScenarioError(
-            f"controller.initial_psi = {value}: must be auto, a positive number or a "
-            f"{n} x {n} matrix with positive determinant, its singular values > "
-            f"minimum_psi = {minimum:g}"
-        )

@@ -3,6 +3,7 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
+import copy
 import dataclasses
 import functools
 import os
@@ -269,13 +270,21 @@ def FieldTypes(schema: Any) -> dict[str, Any]:
 def ToTree(value: Any) -> Any:
     """Returns the tree of a config, an array, a list or a plain value."""
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
-        tree = {key: ToTree(getattr(value, key)) for key in FieldTypes(type(value))}
-        return {"kind": value.kind, **tree} if isinstance(value, KindConfig) else tree
+        return {
+            key: _KindToTree(getattr(value, key), schema)
+            for key, schema in FieldTypes(type(value)).items()
+        }
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)):
         return [ToTree(item) for item in value]
     return value
+
+
+def _KindToTree(value: Any, schema: Any) -> Any:
+    """Returns the tree of a field, which says its kind if its type does not."""
+    table, tree = TableOf(schema), ToTree(value)
+    return tree if table is None else {table.key: value.kind, **tree}
 
 
 def FromTree(tree: Any, schema: type[_T]) -> _T:
@@ -305,6 +314,9 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
         return build(value, path)
     if np.ndarray in options:
         return _BuildGain(value, path, allow_text=str in options)
+    if typing.get_origin(schema) is dict:
+        _CheckMapping(value, ["your own"], path)
+        return copy.deepcopy(value)
     if typing.get_origin(schema) is list:
         (item_schema,) = typing.get_args(schema)
         if not isinstance(value, list):

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -134,7 +135,8 @@ def ParseValues(text: str) -> list[Any]:
         SweepError: If it is neither.
     """
     allowed = "must be START:STOP:COUNT or A,B,..."
-    if ":" in text and not set(text) & set(",[]{}\"'"):
+    is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
+    if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):
         try:
             start, stop, count = text.split(":")
             ends, num_values = (float(start), float(stop)), int(count)

@@ -1,10 +1,45 @@
 """The haptic device in the surgeon's hand."""
 
+from dataclasses import dataclass, field
+
+import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.numerics.transfer_function import realize_transfer_function
+from teleop_drake.validation import Refuse, ScenarioError
+
+
+@dataclass(kw_only=True, eq=False)
+class HapticDeviceConfig:
+    """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
+
+    # Coefficients of H in N s/m, highest power of s first.
+    numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
+    # The same; the first is not zero, and there are at least as many (H is proper).
+    denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
+
+    def Check(self, path: str) -> None:
+        """Checks every field.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        try:
+            with np.errstate(over="ignore"):
+                matrices = realize_transfer_function(self.numerator, self.denominator)
+        except ValueError as e:
+            raise ScenarioError(f"{path}.{e}") from None
+        if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+            Refuse(
+                f"{path}.denominator",
+                self.denominator,
+                "coefficients that can be divided by the first one",
+            )
 
 
 class HapticDevice(Diagram):

@@ -10,10 +10,10 @@ from teleop_drake.analysis.energy import (
     ChannelEnergyBalance,
     TwoPortEnergyBalance,
 )
-from teleop_drake.architectures import ResolveController
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import AddTeleoperator, MakeTeleoperator
 

@@ -8,9 +8,9 @@ from phasors import FeltImpedance
 
 from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
-from teleop_drake.architectures import MakeArchitecture, ResolveController
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import MakeArchitecture, ResolveController
 
 BONE = 150.0
 MASS, DAMPING = 0.5, 0.1  # Of the slider.

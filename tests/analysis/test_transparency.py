@@ -15,10 +15,10 @@ from teleop_drake.analysis.transparency import (
     EnvironmentImpedance,
     TransmittedImpedance,
 )
-from teleop_drake.architectures import MakeArchitecture
 from teleop_drake.figures.analysis import PlotTransparency
 from teleop_drake.laws.two_port import delay_two_port, scattering_norm, terminated_port
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.stations import MakeArchitecture
 
 W = np.geomspace(0.1, 100, 40)
 ROBOT = 0.5j * W + 0.1

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from phasors import FeltImpedance
 
-from teleop_drake.architectures import MakeArchitecture, ResolveController
 from teleop_drake.architectures.four_channel_master import FourChannelMaster
 from teleop_drake.architectures.four_channel_slave import FourChannelSlave
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import MakeArchitecture, ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 KIND = "four_channel"
@@ -173,7 +173,10 @@ def test_bad_parameters_of_the_blocks(block, good, bad):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("variant=three_channel", "controller.four_channel.variant = three_channel: "),
+        (
+            "variant=three_channel",
+            "four_channel.variant = .three_channel.: ",
+        ),
         ("C1=.inf", "controller.four_channel.C1 = inf: must be a finite number"),
         ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
         ("acceleration_bandwidth=0", "acceleration_bandwidth = 0.0: must be"),

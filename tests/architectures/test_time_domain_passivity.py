@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from runs import Run
 
-from teleop_drake.architectures import ResolveController
 from teleop_drake.architectures.passivity_master import PassivityMaster
 from teleop_drake.architectures.passivity_slave import PassivitySlave
 from teleop_drake.laws.passivity import injected_resistance
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 KIND = "time_domain_passivity"

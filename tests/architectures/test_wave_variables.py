@@ -14,13 +14,13 @@ from pydrake.trajectories import PiecewisePolynomial
 from runs import TASKS
 
 import teleop_drake.laws.wave_variables as dut
-from teleop_drake.architectures import ResolveController
 from teleop_drake.architectures.wave_master import WaveMaster
 from teleop_drake.architectures.wave_slave import WaveSlave
 from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.numerics.transfer_function import low_frequency_resistance
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 numbers = st.floats(-1e3, 1e3)

@@ -1,0 +1,190 @@
+"""Kinds of a user's own, by name: in run, compare, sweep, analyze and diagram."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import own_kinds
+import pytest
+
+from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
+from teleop_drake.cli import main
+from teleop_drake.kinds import KindConfig, KindTable
+from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
+from teleop_drake.scenario.scenario import ScenarioFromYaml
+from teleop_drake.simulation import simulate
+from teleop_drake.teleoperator import MakeTeleoperator
+
+DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+CHANNEL = "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 50}"
+LAW = ["controller.kind=own_kinds:BrakedForce", "controller.parameters.damping=0.4"]
+SHORT = "duration=0.5"
+
+
+@pytest.fixture(autouse=True)
+def _Path(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(DIAGRAMS))
+    monkeypatch.chdir(tmp_path)
+
+
+def Run(capsys, *args):
+    assert main([*args, "--quiet"]) == 0
+    return capsys.readouterr().out
+
+
+def Options(*overrides):
+    return [x for override in overrides for x in ("--set", override)]
+
+
+@pytest.mark.parametrize("own", [[CHANNEL], LAW, [CHANNEL, *LAW]], ids=len)
+def test_commands(own, capsys):
+    options = Options(*own, SHORT)
+    summary = json.loads(Run(capsys, "run", "one_dof", *options, "--json", "-"))
+    assert summary["metrics"]["diverged"] is False
+    recording = simulate(LoadScenario("one_dof", [*own, SHORT]))
+    expected = recording["tool_velocity"][-1].tolist()
+    assert summary["final"]["velocity"] == expected
+    said = Run(capsys, "analyze", "one_dof", *options)
+    assert ("the low-pass counts as a delay of 0.02 s" in said) == (CHANNEL in own)
+    diagram = ["diagram", "one_dof", *options, "-o", "loop.dot", "--depth", "3"]
+    assert main(diagram) == 0
+    assert ("low_pass" in Path("loop.dot").read_text()) == (CHANNEL in own)
+
+
+def test_compare_and_sweep(capsys):
+    table = Run(
+        capsys,
+        "compare",
+        "one_dof",
+        *Options(CHANNEL, "controller.parameters.damping=0.4", SHORT),
+        "--controllers",
+        "direct_force,own_kinds:BrakedForce",
+    )
+    assert "own_kinds:BrakedForce" in table
+    Run(
+        capsys,
+        *("sweep", "one_dof", *Options(CHANNEL, SHORT), "--delay", "0.05,0.1"),
+        *("--vary", "controller.parameters.damping=0.1,0.4"),
+        *("--controllers", "own_kinds:BrakedForce", "--out", "out", "--jobs", "1"),
+    )
+    rows = [
+        json.loads(line) for line in Path("out/runs.jsonl").read_text().splitlines()
+    ]
+    assert len([row for row in rows if row.get("metrics")]) == 4
+
+
+def test_a_scenario_keeps_it():
+    scenario = LoadScenario("one_dof", [CHANNEL, *LAW])
+    again = ScenarioFromYaml(ScenarioToYaml(scenario))
+    assert again == scenario
+    assert again.return_channel.bandwidth == 50
+    assert again.return_channel.kind == "own_channel:BandLimitedChannel"
+
+
+def test_the_law_is_the_own_one():
+    law = MakeTeleoperator(LoadScenario("one_dof", LAW)).GetSubsystemByName(
+        "controller"
+    )
+    assert law.HasSubsystemNamed("braked_force")
+
+
+def test_systems_in_place_of_the_channels():
+    """An exact delay of one's own is the one of the scenario."""
+    scenario = LoadScenario("one_dof", [SHORT])
+    channel = scenario.forward_channel
+    own = MakeTeleoperator(
+        scenario,
+        forward_channel=channel.MakeChannel(size=2, initial_value=[0, 0]),
+        return_channel=channel.MakeChannel(size=2, initial_value=[0, 0]),
+    )
+    expected = simulate(scenario)["tool_velocity"]
+    np.testing.assert_array_equal(
+        simulate(scenario, teleoperator=own)["tool_velocity"], expected
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "return_channel.kind=no_module:X",
+            "return_channel.kind = 'no_module:X': must",
+        ),
+        (
+            "return_channel.kind=own_kinds:X",
+            "return_channel.kind = 'own_kinds:X': must",
+        ),
+        (
+            "return_channel.kind=own_kinds:BrakedForce",
+            "return_channel.kind = 'own_kinds:BrakedForce': must be a dataclass that "
+            "derives from teleop_drake.channels.base.ChannelConfig",
+        ),
+        (
+            "return_channel.kind=trnsport",
+            "return_channel.kind = 'trnsport': must be",
+        ),
+        (
+            "return_channel={kind: own_channel:BandLimitedChannel, bandwidht: 50}",
+            "return_channel.bandwidht = 50: unknown key 'bandwidht', must be one of",
+        ),
+        (
+            "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: -1}",
+            "return_channel.bandwidth = -1.0: must be a finite number > 0 (rad/s)",
+        ),
+        ("controller.kind=own_kinds:X", "controller.kind = 'own_kinds:X': must be imp"),
+        (
+            "controller={kind: own_kinds:BrakedForce, parameters: {dampng: 1}}",
+            "controller.parameters.dampng = 1: unknown key 'dampng', must be one of",
+        ),
+        (
+            "controller={kind: own_kinds:BrakedForce, parameters: {damping: -1}}",
+            "controller.parameters.damping = -1.0: must be a finite number >= 0",
+        ),
+    ],
+)
+def test_bad_input(override, message):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", [override])
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+
+
+def test_an_unknown_kind_falls_nowhere():
+    """A kind that is in no table has no other one's meaning."""
+
+    @dataclass(kw_only=True, eq=False)
+    class Unlisted(ChannelConfig):
+        kind = "unlisted"
+
+        def MakeChannel(self, **_):
+            raise AssertionError
+
+    assert "unlisted" not in CHANNEL_KINDS.names
+    with pytest.raises(ScenarioError, match="kind = 'unlisted': must be one of"):
+        LoadScenario("one_dof", ["forward_channel.kind=unlisted"])
+
+
+def test_entry_points(monkeypatch):
+    class Entry:
+        value = "own_channel:BandLimitedChannel"
+
+    def EntryPoints(*, group, name):
+        assert group == "teleop_drake.kinds"
+        return [Entry] if name == "band_limited" else []
+
+    monkeypatch.setattr("teleop_drake.kinds.metadata.entry_points", EntryPoints)
+    scenario = LoadScenario("one_dof", ["return_channel={kind: band_limited}"])
+    assert scenario.return_channel.kind == "own_channel:BandLimitedChannel"
+
+
+def test_kinds_are_named_by_their_place():
+    class Base(KindConfig):
+        pass
+
+    class Own(Base):
+        pass
+
+    table = KindTable(Base, [Own], noun="thing")
+    assert table.names == (f"{__name__}:{Own.__qualname__}",)
+    assert own_kinds.BrakedForce.kind == "own_kinds:BrakedForce"
