@@ -10,12 +10,21 @@ import codecs
 import importlib
 import io
 import os
+import signal
 import sys
 import typing
 from collections.abc import Sequence
 from typing import Any
 
-from teleop_drake.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, BadInput, Fail
+from teleop_drake.cli.exit_codes import (
+    BAD_INPUT,
+    FAILED,
+    INTERRUPTED,
+    BadInput,
+    Fail,
+    Failed,
+    IsInterrupted,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,20 +41,41 @@ def main(argv: Sequence[str] | None = None) -> int:
         return Fail(FAILED, "standard output is closed")
     try:
         args = MakeParser().parse_args(argv)
+        _ImportDrake()
         exit_code = args.command(args)
         sys.stdout.flush()
         return exit_code
-    except BadInput as e:
-        return Fail(BAD_INPUT, e)
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt) as e:
+        return _ExitCodeOf(e)
+
+
+def _ImportDrake() -> None:
+    """Imports pydrake, which every command needs, and lets Ctrl-C wait meanwhile.
+
+    Its machine code would turn that into other errors, print a traceback, or abort.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        importlib.import_module("teleop_drake.scenario")
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _ExitCodeOf(error: BaseException) -> int:
+    """Returns the exit code after an error, printed on a line; raises what is none."""
+    if IsInterrupted(error):
         return Fail(INTERRUPTED, "interrupted")
-    except BrokenPipeError:
+    if isinstance(error, BadInput):
+        return Fail(BAD_INPUT, error)
+    if isinstance(error, BrokenPipeError):
         # The reader, `head` perhaps, has seen enough. Python would complain when it
         # flushes stdout at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as e:  # The disk is full, say: all else was checked beforehand.
-        return Fail(FAILED, e)
+    # The disk is full, say: all else was checked beforehand.
+    if isinstance(error, OSError | Failed):
+        return Fail(FAILED, error)
+    raise error
 
 
 def _PrepareStreams() -> None:

@@ -7,19 +7,38 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
+from teleop_drake.cli.exit_codes import Failed
+
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
     from teleop_drake.scenario import AnyScenario
 
 
 def Simulate(scenario: "AnyScenario", is_quiet: bool) -> "Recording":
-    """Returns the recording of a run; shows its progress unless it is quiet."""
-    from teleop_drake.simulation import simulate
+    """Returns the recording of a run; shows its progress unless it is quiet.
 
-    if is_quiet:
-        return simulate(scenario)
-    with _Progress(scenario) as progress:
-        return simulate(scenario, progress=progress)
+    Args:
+        scenario: What to simulate.
+        is_quiet: Whether to show nothing.
+
+    Raises:
+        Failed: If a block of the loop raises an error; it names the block.
+    """
+    from teleop_drake.scenario import ScenarioError
+    from teleop_drake.simulation import simulate
+    from teleop_drake.simulation.failures import FirstLine
+
+    try:
+        if is_quiet:
+            return simulate(scenario)
+        with _Progress(scenario) as progress:
+            return simulate(scenario, progress=progress)
+    except (ScenarioError, OSError):
+        raise
+    except Exception as error:
+        raise Failed(
+            f"the run failed: {type(error).__name__}: {FirstLine(error)}"
+        ) from error
 
 
 @contextmanager

@@ -217,7 +217,9 @@ def _Failure(error: BaseException) -> dict[str, Any]:
 
 
 def _OneLine(error: BaseException | str) -> str:
-    text = " ".join(str(error).split())
+    # A note names the block that raised it.
+    notes = getattr(error, "__notes__", [])
+    text = " ".join(" ".join([str(error), *notes]).split())
     if isinstance(error, str | ScenarioError | RuntimeError) and text:
         return text
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -15,6 +15,7 @@ import pytest
 
 import teleop_drake.simulation
 from teleop_drake.cli import main
+from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     ARCHITECTURES,
@@ -320,6 +321,60 @@ def test_interrupted_elsewhere(monkeypatch, capsys):
     assert main(["run", "one_dof", "--json", "a.json"]) == 130
     assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
     assert os.listdir() == []
+
+
+@pytest.mark.parametrize("error", [ImportError, SystemError])
+def test_interrupts_that_machine_code_turned_into_another_error(
+    error, monkeypatch, capsys
+):
+    def interrupt(scenario, progress=None):
+        raise error("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
+    assert main(["run", "one_dof"]) == 130
+    assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
+
+
+INTERRUPTED_IMPORT = """
+import os, signal, sys
+from importlib.machinery import ExtensionFileLoader
+
+create_module = ExtensionFileLoader.create_module
+
+def interrupted_create(self, spec):
+    if spec.name.startswith("pydrake"):
+        os.kill(os.getpid(), signal.SIGINT)
+    return create_module(self, spec)
+
+ExtensionFileLoader.create_module = interrupted_create
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from teleop_drake.cli import main
+exit_code = main(["show", "one_dof"])
+print("pydrake.multibody.plant" in sys.modules)
+sys.exit(exit_code)
+"""
+
+
+def test_ctrl_c_waits_while_drake_is_imported():
+    """In the middle of it Drake prints a traceback, or aborts."""
+    result = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True
+    )
+    assert result.stderr == "teleop-drake: error: interrupted\n"
+    assert result.returncode == 130
+    assert result.stdout == "True\n"
+
+
+def test_an_error_of_a_block_is_one_line(monkeypatch, capsys):
+    def fail(self, context, output):
+        raise RuntimeError("my own bug")
+
+    monkeypatch.setattr(LayeredForceField, "_CalcForce", fail)
+    assert main(["run", "one_dof"]) == 1
+    assert capsys.readouterr().err == (
+        "teleop-drake: error: the run failed: RuntimeError: my own bug "
+        "(in the block teleoperator::environment)\n"
+    )
 
 
 def test_ctrl_c():
