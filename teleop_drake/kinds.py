@@ -29,9 +29,12 @@ class KindConfig:
     Attributes:
         kind: Its name in a scenario. A class that does not set one is called
             `module:Class`.
+        file_fields: Names of its fields that hold the path of a file or null. In a
+            scenario file such a path is relative to that file.
     """
 
     kind: ClassVar[str] = ""
+    file_fields: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Names the class by its place unless it has a name of its own."""
@@ -54,6 +57,7 @@ class KindTable(Generic[_T]):
         kinds: Those of the package; the first one is the default.
         noun: What to call one of them in a message.
         key: Which of KIND_KEYS names the kind.
+        is_named: Whether a scenario has to name the kind; there is no default then.
     """
 
     def __init__(
@@ -63,10 +67,12 @@ class KindTable(Generic[_T]):
         *,
         noun: str,
         key: str = "kind",
+        is_named: bool = False,
     ):
         self.base = base
         self.noun = noun
         self.key = key
+        self.is_named = is_named
         self._kinds = {kind.kind: kind for kind in kinds}
         _tables[base] = self
 

@@ -4,7 +4,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
 from teleop_drake.environments.layered_force_field import LayeredForceField
-from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import MakeArchitecture, MakeMasterStation
@@ -36,7 +35,7 @@ def MakeTeleoperator(
             stations.MakeSlaveStation for its ports.
         architecture: Both sides of your own in the place of the scenario's; not
             together with control_law.
-        robot: A robot of your own; see robots.MakeRobot for its ports, of which
+        robot: A robot of your own; see robots.MakeRobotDiagram for its ports, of which
             control_force, environment_force, tool_position and tool_velocity are
             needed.
         environment: An environment of your own; inputs tool_position and
@@ -103,12 +102,14 @@ def AddTeleoperator(
         RuntimeError: See there.
     """
     scenario.Validate()
+    robot = robot or scenario.robot.MakeRobot()
     if architecture is None:
-        architecture = MakeArchitecture(scenario, control_law=control_law)
+        architecture = MakeArchitecture(
+            scenario, control_law=control_law, facts=scenario.Facts(robot)
+        )
     elif control_law is not None:
         raise ValueError("control_law: must be None with an architecture, which has it")
     n = scenario.num_axes
-    config = scenario.robot
     master = builder.AddNamedSystem(
         "master", MakeMasterStation(scenario, architecture.master_side)
     )
@@ -123,17 +124,7 @@ def AddTeleoperator(
         ),
     )
     controller = builder.AddNamedSystem("controller", architecture.slave_side)
-    robot = builder.AddNamedSystem(
-        "robot",
-        robot
-        or MakeRobot(
-            model=config.model,
-            start=config.start,
-            elbow=config.elbow,
-            mass=config.mass,
-            damping=config.damping,
-        ),
-    )
+    builder.AddNamedSystem("robot", robot)
     environment = builder.AddNamedSystem(
         "environment",
         environment

@@ -1,5 +1,6 @@
 """Tests of the whole loop's structure."""
 
+import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import MatrixGain, Multiplexer
@@ -150,6 +151,25 @@ def test_environment_and_robot_of_ones_own():
     acceleration = recording["tool_acceleration"]
     balance = recording["control_force"] - recording["environment_force"]
     assert 2.0 * acceleration == pytest.approx(balance, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "kind", ["smith_predictor", "adaptive_backstepping", "four_channel"]
+)
+def test_defaults_derive_from_the_robot_in_the_diagram(kind):
+    """An own robot of 5 kg gets the gains of 5 kg, not of the scenario's 0.5 kg."""
+    scenarios = [
+        LoadScenario(
+            "one_dof", {"controller.kind": kind, "duration": 0.5, "robot.mass": mass}
+        )
+        for mass in (0.5, 5.0)
+    ]
+    heavy = MakeRobot(model="slider", start=[0.0], mass=5.0)
+    own = simulate(
+        scenarios[0], teleoperator=MakeTeleoperator(scenarios[0], robot=heavy)
+    )
+    expected = simulate(scenarios[1])
+    np.testing.assert_allclose(own["control_force"], expected["control_force"])
 
 
 def test_control_law_without_the_ports_is_refused():

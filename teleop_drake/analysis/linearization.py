@@ -60,7 +60,6 @@ from teleop_drake.architectures.wave_slave import WaveSlave
 from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.robots import InverseKinematics
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.systems.surgeon import Surgeon
@@ -358,8 +357,8 @@ class _Linearizer:
     def _PlaceTool(self) -> None:
         """Sets the joints to the operating point."""
         (plant,) = self._plant
-        config, point = self._scenario.robot, self._point
-        q = InverseKinematics(config.model, point.position, config.elbow)
+        point = self._point
+        q = self._scenario.robot.JointPositions(point.position)
         n = self._n
         columns = []
         for rates in np.eye(n):

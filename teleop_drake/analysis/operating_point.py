@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from teleop_drake.laws.layered_force import layer_index
 from teleop_drake.recording import Recording
-from teleop_drake.robots import CheckRobot, TaskInertiaInverse
+from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import Scenario
+from teleop_drake.validation import Refuse, ScenarioError
 
 Array = NDArray[np.float64]
 
@@ -77,13 +78,11 @@ def OperatingPoints(scenario: Scenario) -> list[OperatingPoint]:
     if surface is not None and end_time == (surface - start[0]) / velocity[0]:
         position = start + velocity * end_time
         stiffness = max(layer.stiffness for layer in scenario.environment.layers)
-        config = scenario.robot
-        inverse_inertia = TaskInertiaInverse(
-            model=config.model,
-            start=position,
-            elbow=config.elbow,
-            mass=config.mass,
-        )[0, 0]
+        robot = replace(scenario.robot, start=position).MakeRobot()
+        inertia = FactsOfRobot(robot).inertia
+        if inertia is None:
+            Refuse("robot", scenario.robot.kind, "a robot that tells its inertia")
+        inverse_inertia = np.linalg.inv(inertia)[0, 0]
         position[0] += velocity[0] / math.sqrt(stiffness * inverse_inertia)
         points.append(_MakePoint(scenario, position, 0 * velocity))
     return points
@@ -112,19 +111,10 @@ def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
     position = start.copy()
     if x != start[0]:
         position = start + velocity * (x - start[0]) / velocity[0]
-    config = scenario.robot
     try:
-        CheckRobot(
-            model=config.model,
-            start=position,
-            elbow=config.elbow,
-            mass=config.mass,
-            damping=config.damping,
-        )
-    except ValueError as e:
-        raise ValueError(
-            f"position = {x:g}: {str(e).removeprefix('robot.start: ')}"
-        ) from None
+        scenario.robot.JointPositions(position)
+    except ScenarioError as e:
+        raise ValueError(f"position = {x:g}: {str(e).removeprefix('start: ')}") from e
     surface = scenario.contact_surface
     is_inside = surface is not None and x > surface
     return _MakePoint(scenario, position, 0 * velocity if is_inside else velocity)
@@ -177,14 +167,8 @@ def _ReachableTime(
 
     def IsReachable(time: float) -> bool:
         try:
-            CheckRobot(
-                model=scenario.robot.model,
-                start=start + velocity * time,
-                elbow=scenario.robot.elbow,
-                mass=scenario.robot.mass,
-                damping=scenario.robot.damping,
-            )
-        except ValueError:
+            scenario.robot.JointPositions(start + velocity * time)
+        except ScenarioError:
             return False
         return True
 

@@ -1,6 +1,7 @@
 """What the kinds of channels have in common whose delay varies with time."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from teleop_drake.channels.base import ChannelConfig
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
@@ -11,6 +12,8 @@ from teleop_drake.validation import Refuse, Within
 @dataclass(kw_only=True, eq=False)
 class VaryingDelayConfig(ChannelConfig):
     """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
+
+    file_fields: ClassVar[tuple[str, ...]] = ("trace",)
 
     # Growth of the delay, s/s.
     drift: float = 0.0

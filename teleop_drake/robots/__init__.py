@@ -1,23 +1,51 @@
-"""The robots: SDF models, their start poses, and their place in task space."""
+"""The robots: a file for each kind, and their place in task space."""
 
-from teleop_drake.robots.robots import (
-    CheckRobot,
-    InverseKinematics,
-    LoadRobotPlant,
-    MakeRobot,
-    NumTaskAxes,
-    RobotModels,
-    TaskDamping,
-    TaskInertiaInverse,
+from typing import Any
+
+from pydrake.systems.framework import System
+
+from teleop_drake.kinds import KindTable
+from teleop_drake.robots.arm import ArmConfig
+from teleop_drake.robots.base import PlantRobotConfig, RobotConfig
+from teleop_drake.robots.facts import FactsOfRobot, RobotFacts
+from teleop_drake.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.robots.slider import SliderConfig
+from teleop_drake.robots.two_link_arm import TwoLinkArmConfig
+from teleop_drake.validation import Within
+
+ROBOT_KINDS = KindTable(
+    RobotConfig,
+    (SliderConfig, TwoLinkArmConfig, ArmConfig),
+    noun="robot",
+    key="model",
+    is_named=True,
 )
+"""Every kind of robot."""
 
 __all__ = [
-    "CheckRobot",
-    "InverseKinematics",
-    "LoadRobotPlant",
+    "ROBOT_KINDS",
+    "ArmConfig",
+    "FactsOfRobot",
     "MakeRobot",
-    "NumTaskAxes",
-    "RobotModels",
-    "TaskDamping",
-    "TaskInertiaInverse",
+    "MakeRobotDiagram",
+    "PlantRobotConfig",
+    "RobotConfig",
+    "RobotFacts",
+    "SliderConfig",
+    "TwoLinkArmConfig",
 ]
+
+
+def MakeRobot(*, model: str, **fields: Any) -> System:
+    """Makes a robot by the name of its model; see robot_diagram.MakeRobotDiagram.
+
+    Args:
+        model: One of ROBOT_KINDS, or module:Class.
+        **fields: Those of its config, `start` among them.
+
+    Raises:
+        ScenarioError: If a field is not allowed.
+    """
+    config: RobotConfig = ROBOT_KINDS.Find(model, "robot.model")(**fields)
+    with Within("robot"):
+        return config.MakeRobot()

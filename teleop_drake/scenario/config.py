@@ -27,7 +27,6 @@ from teleop_drake.architectures import (
 from teleop_drake.architectures.adaptive_backstepping import BacksteppingParameters
 from teleop_drake.architectures.lattice import NetworkConfig
 from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.robots import CheckRobot, RobotModels
 from teleop_drake.scenario.tree import ElementName, FromTree
 from teleop_drake.validation import (
     REQUIRED,
@@ -35,7 +34,6 @@ from teleop_drake.validation import (
     CheckNumber,
     CheckVector,
     Refuse,
-    ScenarioError,
     Within,
 )
 
@@ -58,23 +56,6 @@ INTEGRATION_SCHEMES = tuple(
     if scheme not in ("cenic", "velocity_implicit_euler")
 )
 """Drake's integration schemes that can simulate a teleoperator."""
-
-
-@dataclass(kw_only=True, eq=False)
-class RobotConfig:
-    """The slave robot (thesis section 2.3)."""
-
-    # slider (thesis eq. 2.12) or two_link_arm (eq. 2.13 and Appendix A).
-    model: str = REQUIRED
-    # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
-    # surface. The robot starts at rest.
-    start: np.ndarray = REQUIRED
-    # up (y > 0) or down (y < 0) at the start pose; two_link_arm only, else null.
-    elbow: str | None = None
-    # Mass, kg, > 0; slider only, else null. Null also keeps the model's own.
-    mass: float | None = None
-    # Viscous damping of the rail, N s/m, >= 0; slider only, else null, as above.
-    damping: float | None = None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -241,23 +222,6 @@ def DefaultSimulator() -> SimulatorConfig:
         accuracy=1e-8,
         max_step_size=0.005,
     )
-
-
-def CheckRobotConfig(robot: RobotConfig) -> None:
-    """Checks `robot`."""
-    CheckChoice("robot.model", robot.model, RobotModels())
-    if robot.start is None:
-        Refuse("robot.start", robot.start, "a list of finite numbers (m)")
-    try:
-        CheckRobot(
-            model=robot.model,
-            start=robot.start,
-            elbow=robot.elbow,
-            mass=robot.mass,
-            damping=robot.damping,
-        )
-    except ValueError as e:
-        raise ScenarioError(str(e)) from None
 
 
 def CheckSurgeonConfig(surgeon: SurgeonConfig, n: int) -> None:

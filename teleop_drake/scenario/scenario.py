@@ -12,6 +12,7 @@ not state is marked "assumed" or "fitted" in the scenario files.
 """
 
 import copy
+import dataclasses
 import functools
 import math
 import os
@@ -23,6 +24,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import System
 
 from teleop_drake.architectures import (
     ARCHITECTURES,
@@ -31,18 +33,18 @@ from teleop_drake.architectures import (
     Facts,
 )
 from teleop_drake.channels import ChannelConfig, TransportChannelConfig
+from teleop_drake.kinds import KindConfig
 from teleop_drake.laws.layered_force import (
     contact_position,
     layer_index,
     puncture_position,
 )
-from teleop_drake.robots import CheckRobot, TaskDamping, TaskInertiaInverse
+from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
     DISTURBANCES,
     MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
     CheckLayers,
-    CheckRobotConfig,
     CheckSimulatorConfig,
     CheckSurgeonConfig,
     ControllerConfig,
@@ -50,7 +52,6 @@ from teleop_drake.scenario.config import (
     DisturbanceConfig,
     EnvironmentConfig,
     LayerConfig,
-    RobotConfig,
     SurgeonConfig,
     TrackingControllerConfig,
     TrajectoryConfig,
@@ -128,7 +129,7 @@ class _ScenarioBase:
     source: str = ""
     # Simulated time, s, > 0.
     duration: float = REQUIRED
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = REQUIRED
 
     # What was found valid last, as text in which 1 and True differ; not a field. To
     # validate costs as much as to make the diagram, and whoever takes a scenario does.
@@ -144,8 +145,8 @@ class _ScenarioBase:
 
     @property
     def num_axes(self) -> int:
-        """Number of task axes n, from the size of `robot.start`."""
-        return len(self.robot.start)
+        """Number of task axes n, the robot's."""
+        return self.robot.num_axes
 
     def Validate(self) -> None:
         """Checks every field.
@@ -164,8 +165,7 @@ class _ScenarioBase:
 
     def _Remember(self, tree: dict[str, Any]) -> None:
         """Remembers that this is valid, unless that depends on a file."""
-        channels = (tree.get("forward_channel"), tree.get("return_channel"))
-        if not any(channel and channel.get("trace") for channel in channels):
+        if not any(_Files(config) for config in _Kinds(self)):
             self._valid = repr(tree)
 
 
@@ -208,19 +208,14 @@ class Scenario(_ScenarioBase):
         """End in m along x of the first layer that a softer one follows, or None."""
         return puncture_position(self.environment.layers)
 
-    def Facts(self) -> Facts:
+    def Facts(self, robot: System | None = None) -> Facts:
         """Returns what the defaults of an architecture derive from.
 
-        Robot and environment are the scenario's own.
+        Args:
+            robot: The robot in the diagram; None: the scenario's own.
         """
-        n, start = self.num_axes, np.asarray(self.robot.start, dtype=float)
-        robot = self.robot
-        inverse_inertia = TaskInertiaInverse(
-            model=robot.model, start=start, elbow=robot.elbow, mass=robot.mass
-        )
-        damping = TaskDamping(
-            model=robot.model, start=start, elbow=robot.elbow, damping=robot.damping
-        )
+        start = np.asarray(self.robot.start, dtype=float)
+        n, told = start.size, FactsOfRobot(robot or self.robot.MakeRobot())
         layers = self.environment.layers
         index = layer_index([layer.start for layer in layers], start[0])
         layer = layers[index] if index >= 0 else LayerConfig()
@@ -233,8 +228,8 @@ class Scenario(_ScenarioBase):
             forward_channel=self.forward_channel,
             return_channel=self.return_channel,
             duration=self.duration,
-            inertia=np.linalg.inv(inverse_inertia),
-            robot_damping=damping,
+            inertia=told.inertia,
+            robot_damping=told.damping,
             environment_stiffness=stiffness,
             environment_damping=D_e,
         )
@@ -362,29 +357,36 @@ def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
     """
     tree = ParseFile(path, text)
     tree.setdefault("name", path.stem)
-    _ResolveTraces(tree, path.parent)
-    return ToTree(FromTree(tree, _SchemaOf(tree)))
+    scenario = FromTree(tree, _SchemaOf(tree))
+    for config in _Kinds(scenario):
+        for name, file in _Files(config).items():
+            setattr(config, name, str(path.parent / file))
+    return ToTree(scenario)
 
 
-def _ResolveTraces(tree: dict[Any, Any], folder: Path) -> None:
-    """Makes the paths of traces relative to the folder of the scenario file."""
-    for key in ("forward_channel", "return_channel"):
-        channel = tree.get(key)
-        if isinstance(channel, dict) and isinstance(channel.get("trace"), str):
-            channel["trace"] = str(folder / channel["trace"])
+def _Kinds(scenario: _ScenarioBase) -> list[KindConfig]:
+    """Returns the configs of a scenario that are of a kind."""
+    values = [getattr(scenario, item.name) for item in dataclasses.fields(scenario)]
+    return [value for value in values if isinstance(value, KindConfig)]
+
+
+def _Files(config: KindConfig) -> dict[str, str]:
+    """Returns the fields of a config that name a file, and the file's path."""
+    files = {name: getattr(config, name) for name in config.file_fields}
+    return {name: file for name, file in files.items() if file is not None}
 
 
 def ScenarioFromYaml(text: str) -> AnyScenario:
     """Returns the scenario that `ScenarioToYaml` wrote.
 
-    A trace that it names is not read, so a recording can be loaded without it.
+    Files that it names are not read, so a recording can be loaded without them.
 
     Raises:
         ScenarioError: if the text is not YAML or anything in it is not allowed.
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
-    _CheckScenario(scenario, reads_traces=False)
+    _CheckScenario(scenario, reads_files=False)
     return scenario
 
 
@@ -419,7 +421,7 @@ def _SchemaOf(tree: Any) -> type[AnyScenario]:
     return TrackingScenario if is_tracking else Scenario
 
 
-def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
+def _CheckScenario(scenario: AnyScenario, *, reads_files: bool = True) -> None:
     """Checks the values of a scenario that has the right types."""
     if (
         not scenario.name
@@ -428,14 +430,17 @@ def _CheckScenario(scenario: AnyScenario, *, reads_traces: bool = True) -> None:
     ):
         Refuse("name", scenario.name, "one line of text without / and \\")
     CheckNumber("duration", scenario.duration, "s", above=0)
-    CheckRobotConfig(scenario.robot)
+    if scenario.robot is None:
+        ROBOT_KINDS.Find(None, "robot.model")
+    if reads_files or not _Files(scenario.robot):
+        scenario.robot.Check("robot")
     if isinstance(scenario, TrackingScenario):
         _CheckTracking(scenario)
     else:
-        _CheckTeleoperation(scenario, reads_traces)
+        _CheckTeleoperation(scenario, reads_files)
 
 
-def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
+def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
     CheckNumber(
         "divergence_speed_ratio",
         scenario.divergence_speed_ratio,
@@ -445,17 +450,17 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
     n = scenario.num_axes
     CheckSurgeonConfig(scenario.surgeon, n)
     scenario.haptic_device.Check("haptic_device")
-    channels = (scenario.forward_channel, scenario.return_channel)
-    if reads_traces or all(
-        getattr(channel, "trace", None) is None for channel in channels
-    ):
-        _CheckChannels(scenario)
+    for path in ("forward_channel", "return_channel"):
+        channel = getattr(scenario, path)
+        if reads_files or not _Files(channel):
+            channel.Check(path, scenario.duration)
     CheckLayers(scenario.environment.layers)
     controller = scenario.controller
     controller.Check(n)
-    if controller.kind == AdaptiveBacksteppingConfig.kind or not isinstance(
-        controller.initial_psi, str
-    ):
+    if (
+        controller.kind == AdaptiveBacksteppingConfig.kind
+        or not isinstance(controller.initial_psi, str)
+    ) and (reads_files or not _Files(scenario.robot)):
         controller.CheckInitialPsi(scenario.Facts())
     CheckSimulatorConfig(scenario.simulator)
     surface = scenario.contact_surface
@@ -469,7 +474,12 @@ def _CheckTeleoperation(scenario: Scenario, reads_traces: bool) -> None:
 
 def _CheckTracking(scenario: TrackingScenario) -> None:
     # The controller's model has no friction, and a slider does.
-    CheckChoice("robot.model", scenario.robot.model, ["two_link_arm"])
+    robot = scenario.robot
+    if not isinstance(robot, PlantRobotConfig) or not robot.is_frictionless:
+        possible = [
+            x.kind for x in ROBOT_KINDS.kinds if getattr(x, "is_frictionless", 0)
+        ]
+        Refuse("robot.model", robot.kind, Choices(robot.kind, possible))
     n = scenario.num_axes
     CheckVector("gravity", scenario.gravity, n, "m/s^2")
     _CheckTrajectory(scenario)
@@ -513,20 +523,10 @@ def _CheckTrajectory(scenario: TrackingScenario) -> None:
         nearest = np.clip(-(centre @ amplitude) / (amplitude @ amplitude), -1, 1)
     for share in (-1.0, 1.0, 0.0 if np.isnan(nearest) else nearest):
         try:
-            CheckRobot(
-                model=scenario.robot.model,
-                start=centre + share * amplitude,
-                elbow=scenario.robot.elbow,
-            )
-        except ValueError as e:
-            reason = str(e).removeprefix("robot.start: ")
+            scenario.robot.JointPositions(centre + share * amplitude)
+        except ScenarioError as e:
+            reason = str(e).removeprefix("start: ")
             raise ScenarioError(
                 f"trajectory.amplitude = {Show(amplitude)}: must keep the trajectory "
                 f"in reach ({reason})"
             ) from None
-
-
-def _CheckChannels(scenario: Scenario) -> None:
-    CheckNumber("duration", scenario.duration, "s", above=0)
-    for path in ("forward_channel", "return_channel"):
-        getattr(scenario, path).Check(path, scenario.duration)

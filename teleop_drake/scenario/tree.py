@@ -284,7 +284,9 @@ def ToTree(value: Any) -> Any:
 def _KindToTree(value: Any, schema: Any) -> Any:
     """Returns the tree of a field, which says its kind if its type does not."""
     table, tree = TableOf(schema), ToTree(value)
-    return tree if table is None else {table.key: value.kind, **tree}
+    if table is None or value is None:
+        return tree
+    return {table.key: value.kind, **tree}
 
 
 def FromTree(tree: Any, schema: type[_T]) -> _T:
@@ -354,9 +356,10 @@ def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
 
 def _BuildKind(value: Any, table: KindTable[Any], path: str) -> Any:
     """Returns a config of the kind that a mapping names."""
-    default = table.kinds[0]
-    _CheckMapping(value, {table.key: str, **FieldTypes(default)}, path)
-    kind = table.Find(value.get(table.key, default.kind), f"{path}.{table.key}")
+    first = table.kinds[0]
+    _CheckMapping(value, {table.key: str, **FieldTypes(first)}, path)
+    default = None if table.is_named else first.kind
+    kind = table.Find(value.get(table.key, default), f"{path}.{table.key}")
     fields = FieldTypes(kind)
     own = {}
     for key, item in value.items():

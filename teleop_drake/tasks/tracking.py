@@ -5,7 +5,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
-from teleop_drake.robots import LoadRobotPlant, MakeRobot
+from teleop_drake.robots import PlantRobotConfig
 from teleop_drake.scenario import GainMatrix, TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
@@ -61,6 +61,7 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
     """
     scenario.Validate()
     n, config, law = scenario.num_axes, scenario.robot, scenario.controller
+    assert isinstance(config, PlantRobotConfig)  # Validated.
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem("reference", MakeReference(scenario.trajectory))
     controller = builder.AddNamedSystem(
@@ -78,17 +79,12 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
                 count=law.network.count,
                 width=law.network.width,
             ),
-            plant=LoadRobotPlant(config.model, gravity=scenario.gravity),
+            plant=config.LoadPlant(scenario.gravity),
         ),
     )
     robot = builder.AddNamedSystem(
         "robot",
-        MakeRobot(
-            model=config.model,
-            start=config.start,
-            elbow=config.elbow,
-            gravity=scenario.gravity,
-        ),
+        config.MakeRobot(gravity=scenario.gravity),
     )
     disturbance = builder.AddNamedSystem(
         "disturbance",

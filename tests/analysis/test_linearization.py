@@ -19,7 +19,7 @@ from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
 from teleop_drake.channels.sampled_delay import SampledDelay
 from teleop_drake.channels.transport_delay import TransportDelay
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.robots import InverseKinematics
+from teleop_drake.robots import TwoLinkArmConfig
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.systems.direct_force import DirectForce
@@ -145,7 +145,7 @@ def test_arm_is_appendix_a(velocity):
     point = OperatingPoint(name="here", layer="tissue", position=p0, velocity=v0)
     model = LinearizeLoop(scenario, point)
 
-    q0 = InverseKinematics("two_link_arm", p0, "down")
+    q0 = TwoLinkArmConfig(elbow="down").JointPositions(p0)
     x0 = np.concatenate([q0, np.linalg.solve(appendix_a.J(q0), v0)])
     np.testing.assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
     # The force that keeps the velocity: dv/dt is affine in it.

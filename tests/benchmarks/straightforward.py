@@ -395,7 +395,7 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
     n = scenario.num_axes
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
-    Parser(plant).AddModels(str(MODELS / f"{scenario.robot.model}.sdf"))
+    Parser(plant).AddModels(str(MODELS / f"{scenario.robot.kind}.sdf"))
     plant.Finalize()
     q = StartJoints(scenario)
     plant.SetDefaultPositions(q)

@@ -13,6 +13,7 @@ import yaml
 from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake import scenario as dut
+from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import (
     CheckSteps,
     GainMatrix,
@@ -93,7 +94,7 @@ def test_gains(name):
 @pytest.mark.parametrize("name", BUILT_IN + TRACKING)
 def test_files_state_every_field_with_its_source(name):
     # Null is written out only where it means something.
-    unused = {"robot": {"elbow"} if name == "one_dof" else {"mass", "damping"}}
+    unused = {}
     unused["forward_channel"] = unused["return_channel"] = {
         field.name for field in dataclasses.fields(dut.ChannelConfig)
     } - {"kind", "delay"}
@@ -483,13 +484,16 @@ BAD_ONE_DOF = [
     ("return_channel.kind=sampled", "return_channel.sample_period = null: must be a"),
     ("return_channel.kind=transprot", "return_channel.kind = 'transprot': must be one"),
     ("robot.model=robot", "robot.model = 'robot': must be one of slider, two_link_arm"),
-    ("robot.model=two_link_arm", "robot.mass: 0.5 must be null"),
+    (
+        "robot.model=two_link_arm",
+        "robot.mass = 0.5: must be null for a two_link",
+    ),
     ("robot.start=[0, 0]", "robot.start: [0.0, 0.0] must be a list of 1 finite number"),
     ("robot.start=[.inf]", "robot.start: [inf] must be"),
     ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
     ("robot.start=1", "robot.start = [1.0]: must be in front of the contact surface"),
     ("robot.start=[a]", "robot.start = 'a': must be a list of numbers"),
-    ("robot.elbow=up", "robot.elbow: 'up' must be null"),
+    ("robot.elbow=up", "robot.elbow = 'up': must be null for a slider robot"),
     ("robot.mass=0", "robot.mass: 0.0 must be finite and > 0 kg"),
     ("robot.mass=.nan", "robot.mass: nan must be finite and > 0 kg"),
     ("robot.damping=-1", "robot.damping: -1.0 must be finite and >= 0 N s/m"),
@@ -589,7 +593,7 @@ def test_bad_values(override, message):
         (["robot.start=[1.5, 0]"], "robot.start: [1.5, 0.0] is 1.5 m from the"),
         (["robot.start=[0, 0]"], "robot.start: [0.0, 0.0] is 0 m from the"),
         (["robot.elbow=null"], "robot.elbow: None must be up or down"),
-        (["robot.mass=1"], "robot.mass: 1.0 must be null for two_link_arm"),
+        (["robot.mass=1"], "robot.mass = 1.0: must be null for a two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.G1=[[1, 2], [2, 1]]"], "controller.G1 = [[1.0, 2.0], [2.0, 1.0]"),
         (["controller.Lambda=[[1]]"], "controller.Lambda = [[1.0]]: must be positive,"),
@@ -862,7 +866,7 @@ def test_validate_takes_lists_and_numpy():
     [
         ({"duration": "long"}, "duration = 'long': must be a number"),
         ({"duration": None}, "duration = null: must be a finite number"),
-        ({"robot": None}, "robot = null: must be a mapping"),
+        ({"robot": None}, "robot.model = null: must be one of slider, two_link"),
         ({"simulator": SimulatorConfig(accuracy=-1)}, "simulator.accuracy = -1.0"),
         ({"surgeon": dut.SurgeonConfig(velocity=[math.nan, 0])}, "surgeon.velocity"),
     ],
@@ -880,7 +884,7 @@ def test_scenario_made_in_python(minimal):
     scenario = Scenario(
         name="mine",
         duration=2,
-        robot=dut.RobotConfig(model="slider", start=[0]),
+        robot=SliderConfig(start=[0]),
         surgeon=dut.SurgeonConfig(velocity=[0.001]),
         controller=dut.ControllerConfig(kind="direct_force"),
     )

@@ -6,7 +6,7 @@ import pytest
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
-from teleop_drake.robots import LoadRobotPlant
+from teleop_drake.robots import TwoLinkArmConfig
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 
 INPUTS = (
@@ -28,7 +28,7 @@ def block():
             Lambda=np.diag([35.0, 20.0]), G1=np.diag([1.0, 2.0]), beta=5.0, nu=0.1
         ),
         network=NETWORK,
-        plant=LoadRobotPlant("two_link_arm", gravity=[0, -9.81]),
+        plant=TwoLinkArmConfig().LoadPlant([0, -9.81]),
     )
 
 
@@ -107,5 +107,5 @@ def test_size_of_the_network():
         NetworkTrackingController(
             gains=TrackingGains(Lambda=np.eye(2), G1=np.eye(2), beta=5.0, nu=0.1),
             network=GaussianNetwork(lower=[0], upper=[1], count=[3], width=1.0),
-            plant=LoadRobotPlant("two_link_arm"),
+            plant=TwoLinkArmConfig().LoadPlant(),
         )

@@ -9,7 +9,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints the scenarios, the controllers and the robots."""
-    from teleop_drake.robots import RobotModels
+    from teleop_drake.robots import ROBOT_KINDS
     from teleop_drake.scenario import (
         ARCHITECTURES,
         CONTROLLERS,
@@ -25,5 +25,5 @@ def Execute(args: argparse.Namespace) -> int:
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
     print("Other architectures\n  " + ", ".join(others))
-    print("Robots\n  " + ", ".join(RobotModels()))
+    print("Robots\n  " + ", ".join(ROBOT_KINDS.names))
     return 0

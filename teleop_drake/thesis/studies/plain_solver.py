@@ -6,6 +6,7 @@ import numpy as np
 
 from teleop_drake.laws.layered_force import layer_force, layer_index
 from teleop_drake.numerics.transfer_function import realize_transfer_function
+from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import Scenario
 
 
@@ -37,6 +38,7 @@ def SolvePlainly(
     # Only this study needs scipy, which the package can do without.
     from scipy.integrate import RK45
 
+    assert isinstance(scenario.robot, SliderConfig)
     mass, damping = scenario.robot.mass, scenario.robot.damping
     assert mass is not None and damping is not None
     surface, force = scenario.contact_surface, scenario.surgeon.contact_force

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from teleop_drake.figures.style import COLORS, FONT_SIZE, WIDTH, FormatAxes
+from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.requests import DIRECT
@@ -152,6 +153,7 @@ def _Text(
         max(abs(row[i] / converged[i] - 1) for row in located.values())
         for i in range(3)
     ]
+    assert isinstance(scenario.robot, SliderConfig)
     undamped = abs(float(scenario.surgeon.velocity[0])) * math.sqrt(
         scenario.environment.layers[-1].stiffness * (scenario.robot.mass or 0.0)
     )

@@ -1,0 +1,142 @@
+"""An arm from a model file of one's own."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    ModelInstanceIndex,
+    SpatialInertia,
+)
+
+from teleop_drake.robots.base import Array, PlantRobotConfig
+from teleop_drake.robots.inverse_kinematics import TOOL
+from teleop_drake.robots.model_file import NewPlant
+from teleop_drake.robots.robot_diagram import TOOL_BODY
+from teleop_drake.validation import REQUIRED, CheckVector, Refuse, ScenarioError
+
+_SUFFIXES = (".sdf", ".urdf")
+
+
+@dataclass(kw_only=True, eq=False)
+class ArmConfig(PlantRobotConfig):
+    """An open chain of driven joints, its tool moved along the first n world axes.
+
+    n is the number of entries of `start`, 1 to 3, and at most the number of joints.
+    Joints beyond n are free to move, as nothing but the forces on the tool drives them.
+    """
+
+    kind = "arm"
+    file_fields: ClassVar[tuple[str, ...]] = ("file",)
+
+    # An SDF or URDF file with one model. One that is not joined to the world stands at
+    # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a
+    # scenario file the path is relative to that file.
+    file: str = REQUIRED
+    # The joint positions near which those at the start lie, rad or m, nq entries. Of
+    # several poses it chooses one. Null: the model's default, zero in most.
+    posture: np.ndarray | None = None
+    # The frame or link whose origin touches the environment.
+    tool_frame: str = TOOL
+    # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: none;
+    # assumed, motors compensate the weight as they do in most arms.
+    gravity: np.ndarray | None = None
+
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns the plant; see PlantRobotConfig.LoadPlant.
+
+        Args:
+            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3);
+                None: that of the field.
+
+        Raises:
+            ScenarioError: If the file is not that of an arm.
+        """
+        self._CheckFile()
+        if gravity is None:
+            gravity = np.zeros(3) if self.gravity is None else self.gravity
+            CheckVector("gravity", gravity, 3, "m/s^2")
+        try:
+            with NewPlant(gravity) as plant:
+                (instance,) = Parser(plant).AddModels(self.file)
+                _WeldBase(plant, instance)
+                self._MarkTool(plant, instance)
+        except ScenarioError:
+            raise
+        except (RuntimeError, ValueError, SystemExit) as e:
+            Refuse("file", self.file, f"a model of one open chain ({_OneLine(e)})")
+        nv, nu = plant.num_velocities(), plant.num_actuators()
+        if not np.array_equal(plant.MakeActuationMatrix(), np.eye(nv)):
+            Refuse(
+                "file",
+                self.file,
+                "an arm with one actuator for each joint, in the order of the joints, "
+                f"not {nu} actuators for {nv} joint velocities",
+            )
+        return plant
+
+    def _CheckFile(self) -> None:
+        if self.file is None or Path(self.file).suffix not in _SUFFIXES:
+            Refuse("file", self.file, "the path of an .sdf or .urdf file")
+        try:
+            text = Path(self.file).read_text(encoding="utf-8")
+        except (OSError, ValueError) as e:
+            reason = getattr(e, "strerror", None) or "not UTF-8 text"
+            Refuse("file", self.file, f"readable ({reason})")
+        # Drake ignores what it cannot hold in a continuous plant.
+        for constraint in ("mimic", "loop_joint"):
+            if re.search(rf"<(drake:)?{constraint}\b", text):
+                Refuse("file", self.file, f"without constraints ({constraint})")
+
+    def _MarkTool(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+        """Sees to it that a body, massless where it is new, has the tool's origin."""
+        name = self.tool_frame
+        if not plant.HasFrameNamed(name, instance):
+            frames = (plant.GetBodyIndices(instance), plant.get_body)
+            known = ", ".join(frames[1](i).name() for i in frames[0])
+            Refuse("tool_frame", name, f"a frame of the model, such as {known}")
+        frame = plant.GetFrameByName(name, instance)
+        if name == TOOL and plant.HasBodyNamed(TOOL, instance):
+            return
+        if name != TOOL and plant.HasFrameNamed(TOOL, instance):
+            Refuse(
+                "tool_frame", name, f"{TOOL}, because the model has a frame so named"
+            )
+        body = plant.AddRigidBody(
+            TOOL_BODY if name == TOOL else TOOL, instance, SpatialInertia.Zero()
+        )
+        plant.WeldFrames(frame, body.body_frame())
+
+    def Posture(self, plant: MultibodyPlant) -> Array:
+        """Returns the q near which joint positions are looked for (nq).
+
+        Args:
+            plant: What LoadPlant returned.
+
+        Raises:
+            ScenarioError: If the posture does not fit the plant.
+        """
+        if self.posture is None:
+            return super().Posture(plant)
+        CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
+        return np.asarray(self.posture, dtype=float)
+
+
+def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+    """Welds a model to the world's origin that no joint connects to the world."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
+    if any(joint.parent_body().index() == 0 for joint in joints):
+        return
+    children = {joint.child_body().index() for joint in joints}
+    bases = [i for i in plant.GetBodyIndices(instance) if i not in children]
+    if len(bases) == 1:
+        plant.WeldFrames(plant.world_frame(), plant.get_body(bases[0]).body_frame())
+
+
+def _OneLine(error: BaseException) -> str:
+    return " ".join(str(error).split())

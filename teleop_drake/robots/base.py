@@ -1,0 +1,188 @@
+"""What every kind of robot tells: the bases of their configs."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, System
+
+from teleop_drake.kinds import KindConfig
+from teleop_drake.robots.inverse_kinematics import SolveInverseKinematics
+from teleop_drake.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Within
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True, eq=False)
+class RobotConfig(KindConfig, ABC):
+    """The slave robot (thesis section 2.3).
+
+    A robot of your own derives from this class, or from PlantRobotConfig, adds its
+    fields, and makes its block in MakeRobot. It can be named in a scenario:
+    `model: my_module:MyRobot`.
+    """
+
+    # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
+    # surface. The robot starts at rest.
+    start: np.ndarray = REQUIRED
+
+    @property
+    def num_axes(self) -> int:
+        """Number n of task axes, the first n axes of the world."""
+        return len(self.start)
+
+    def Check(self, path: str) -> None:
+        """Checks every field; reads the files that they name.
+
+        Args:
+            path: The robot's field in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        with Within(path):
+            if (
+                np.ndim(self.start) != 1
+                or not 1 <= len(self.start) <= 3
+                or not np.isfinite(np.asarray(self.start, dtype=float)).all()
+            ):
+                Refuse("start", self.start, "a list of 1, 2 or 3 finite numbers (m)")
+
+    @abstractmethod
+    def MakeRobot(self) -> System:
+        """Makes the block, whose default context is at rest at `start`.
+
+        Its ports are those of robot_diagram.MakeRobotDiagram, of which control_force,
+        environment_force, tool_position and tool_velocity are needed everywhere, and
+        tool_acceleration in a linear analysis.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns q of the robot's continuous state [q; qdot] with the tool at a point.
+
+        Here the point itself, which is right for a robot whose state is [p_WT; v_WT].
+
+        Args:
+            p_WT: Position of the tool, m (n).
+
+        Raises:
+            ScenarioError: If the robot does not reach it. The message begins with
+                `start`, the field that has such a position.
+        """
+        return np.array(p_WT, dtype=float)
+
+
+@dataclass(kw_only=True, eq=False)
+class PlantRobotConfig(RobotConfig):
+    """A robot that is a MultibodyPlant, driven by the forces on its tool.
+
+    A kind of your own needs LoadPlant only.
+
+    Attributes:
+        is_frictionless: Whether the plant has n joints and nothing that damps them, as
+            the controller of chapter 3 assumes.
+    """
+
+    is_frictionless: ClassVar[bool] = False
+
+    @abstractmethod
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns a continuous, finalized plant named `plant` with a body `tool`.
+
+        Its actuators are one for each joint, in the order of the velocities.
+
+        Args:
+            gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the
+                robot's own.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def Posture(self, plant: MultibodyPlant) -> Array:
+        """Returns the q near which joint positions are looked for (nq).
+
+        Here the default of the plant.
+
+        Args:
+            plant: What LoadPlant returned.
+        """
+        return np.asarray(plant.GetDefaultPositions())
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns the q with the tool at a point that is nearest to the posture.
+
+        Args:
+            p_WT: Position of the tool, m (n).
+
+        Raises:
+            ScenarioError: If the robot does not reach it, or is singular there.
+        """
+        plant = self.LoadPlant()
+        return SolveInverseKinematics(plant, p_WT, self.Posture(plant))
+
+    def Check(self, path: str) -> None:
+        """Checks every field; loads the plant and poses it.
+
+        Args:
+            path: The robot's field in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        super().Check(path)
+        with Within(path):
+            self.JointPositions(self.start)
+
+    def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
+        """Makes the block; see robot_diagram.MakeRobotDiagram.
+
+        Args:
+            gravity: As for LoadPlant.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+        return MakeRobotDiagram(
+            plant=self.LoadPlant(gravity),
+            num_axes=self.num_axes,
+            joint_positions=self.JointPositions(self.start),
+        )
+
+
+def CheckStart(config: RobotConfig, num_axes: int, p_WT: ArrayLike) -> Array:
+    """Returns a position of the tool as a vector, for kinds whose n is fixed.
+
+    Args:
+        config: The robot.
+        num_axes: n.
+        p_WT: What it was given.
+
+    Raises:
+        ScenarioError: If it is not a vector of n finite numbers.
+    """
+    if p_WT is None:
+        Refuse("start", p_WT, "a list of finite numbers (m)")
+    try:
+        p = np.array(p_WT, dtype=float)
+    except (TypeError, ValueError):
+        p = np.array(np.nan)
+    if p.shape != (num_axes,) or not np.isfinite(p).all():
+        plural = "s" if num_axes > 1 else ""
+        raise ScenarioError(
+            f"start: {ShowPoint(p_WT)} must be a list of {num_axes} finite "
+            f"number{plural} (m) for {config.kind}"
+        )
+    return p
+
+
+def ShowPoint(p_WT: ArrayLike) -> str:
+    """Returns a point as one short line."""
+    return str(p_WT.tolist() if isinstance(p_WT, np.ndarray) else p_WT)

@@ -1,0 +1,108 @@
+"""What a robot is, asked of the system that stands in the diagram."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FrameIndex
+from pydrake.systems.framework import Context, Diagram, System
+
+from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotFacts:
+    """What defaults derive from.
+
+    Attributes:
+        num_axes: Number n of task axes.
+        start: p_WT at the start, m (n).
+        inertia: M_r = (J M^-1 J^T)^-1, (2.8): what the tool's inertia feels like at the
+            start, kg (n, n); None where the robot cannot tell.
+        damping: The same for the viscous damping of the joints, N s/m (n, n); None
+            where the robot cannot tell.
+    """
+
+    num_axes: int
+    start: Array
+    inertia: Array | None
+    damping: Array | None
+
+
+def FactsOfRobot(robot: System) -> RobotFacts:
+    """Returns what a robot is at the pose of its default context.
+
+    Inertia and damping are those of the MultibodyPlant inside of the robot whose frame
+    `tool` is where tool_position says. A robot without one cannot tell.
+
+    Args:
+        robot: A system with the ports of robot_diagram.MakeRobotDiagram, of which
+            tool_position is needed.
+    """
+    context = robot.CreateDefaultContext()
+    start = np.array(robot.GetOutputPort("tool_position").Eval(context))
+    inertia = damping = None
+    for plant, plant_context in _Plants(robot, context):
+        if _IsTool(plant, plant_context, start):
+            inertia, damping = _ToolInertiaAndDamping(plant, plant_context, len(start))
+            break
+    return RobotFacts(
+        num_axes=len(start), start=start, inertia=inertia, damping=damping
+    )
+
+
+def _Plants(
+    system: System, context: Context
+) -> Iterator[tuple[MultibodyPlant, Context]]:
+    """Yields every plant in a system, with its context."""
+    if isinstance(system, MultibodyPlant):
+        yield system, context
+    elif isinstance(system, Diagram):
+        for inner in system.GetSystems():
+            yield from _Plants(inner, system.GetSubsystemContext(inner, context))
+
+
+def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:
+    """Returns whether the plant has one frame `tool`, and that is at this position."""
+    frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
+    tools = [frame for frame in frames if frame.name() == TOOL]
+    if len(tools) != 1:
+        return False
+    position = tools[0].CalcPoseInWorld(context).translation()
+    return bool(np.allclose(position[: p_WT.size], p_WT, rtol=0, atol=1e-9))
+
+
+def _ToolInertiaAndDamping(
+    plant: MultibodyPlant, context: Context, num_axes: int
+) -> tuple[Array | None, Array | None]:
+    """Returns M_r and the damping at the tool, None at a singular pose."""
+    M: Array = plant.CalcMassMatrix(context)
+    J = ToolJacobian(plant, context, num_axes)
+    mobility = J @ np.linalg.solve(M, J.T)
+    if not np.linalg.cond(mobility) < 1e12:
+        return None, None
+    inertia: Array = np.linalg.inv(mobility)
+    # The dynamically consistent inverse of J, which is J^-1 where there is one.
+    if num_axes == plant.num_velocities():
+        J_inverse = np.linalg.inv(J)
+    else:
+        J_inverse = np.linalg.solve(M, J.T) @ inertia
+    damping: Array = J_inverse.T @ _JointDamping(plant, context) @ J_inverse
+    return inertia, damping
+
+
+def _JointDamping(plant: MultibodyPlant, context: Context) -> Array:
+    """Returns the viscous damping of the joints (nv, nv)."""
+    damping = np.zeros(plant.num_velocities())
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if joint.num_velocities():
+            begin = joint.velocity_start()
+            damping[begin : begin + joint.num_velocities()] = joint.GetDampingVector(
+                context
+            )
+    return np.diag(damping)

@@ -1,0 +1,54 @@
+"""Model files as plants."""
+
+import contextlib
+from collections.abc import Iterator
+from importlib import resources
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+
+def ReadModel(name: str) -> ElementTree.Element:
+    """Returns the SDF model of this name in the package.
+
+    Args:
+        name: Stem of a file in models/.
+    """
+    file = resources.files("teleop_drake") / "models" / f"{name}.sdf"
+    return ElementTree.fromstring(file.read_text(encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def NewPlant(gravity: ArrayLike | None = None) -> Iterator[MultibodyPlant]:
+    """Gives a continuous plant named `plant`, and finalizes it at the end.
+
+    Args:
+        gravity: Acceleration of gravity along the first axes of the world, m/s^2 (1 to
+            3); None: Drake's own, across the x-y plane.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    plant.set_name("plant")
+    yield plant
+    if gravity is not None:
+        gravity_W = np.zeros(3)
+        gravity_W[: np.size(gravity)] = gravity
+        plant.mutable_gravity_field().set_gravity_vector(gravity_W)
+    plant.Finalize()
+
+
+def LoadModel(
+    model: ElementTree.Element, gravity: ArrayLike | None = None
+) -> MultibodyPlant:
+    """Returns the plant of an SDF model.
+
+    Args:
+        model: Such as ReadModel() returns.
+        gravity: As for NewPlant.
+    """
+    with NewPlant(gravity) as plant:
+        text = ElementTree.tostring(model, encoding="unicode")
+        Parser(plant).AddModelsFromString(text, "sdf")
+    return plant

@@ -1,0 +1,105 @@
+"""The thesis's planar arm."""
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.plant import MultibodyPlant
+
+from teleop_drake.robots.base import Array, CheckStart, PlantRobotConfig, ShowPoint
+from teleop_drake.robots.inverse_kinematics import TOOL
+from teleop_drake.robots.model_file import LoadModel, ReadModel
+from teleop_drake.validation import ScenarioError, Within
+
+# Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow
+# at y < 0.
+_ELBOW_SIGNS = {"up": -1.0, "down": 1.0}
+
+# The arm must not start closer to a singularity than this |sin(q2)|; the determinant
+# of its Jacobian is L1 L3 sin(q2).
+_MINIMUM_ELBOW_SINE = 0.05
+
+
+@dataclass(kw_only=True, eq=False)
+class TwoLinkArmConfig(PlantRobotConfig):
+    """Two equal links in the horizontal plane (thesis eq. 2.13 and Appendix A)."""
+
+    kind = "two_link_arm"
+    is_frictionless: ClassVar[bool] = True
+
+    # up (y > 0) or down (y < 0) at the start pose.
+    elbow: str | None = None
+
+    def Check(self, path: str) -> None:
+        """Checks every field.
+
+        Args:
+            path: The robot's field in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        with Within(path):
+            self.JointPositions(self.start)
+
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns the plant; see PlantRobotConfig.LoadPlant.
+
+        Args:
+            gravity: Acceleration of gravity in the plane, m/s^2 (2); None: none.
+        """
+        return LoadModel(ReadModel(self.kind), gravity)
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns the joint angles that put the tool at a point, (A.14).
+
+        Args:
+            p_WT: Position of the tool, m (2).
+
+        Returns:
+            q in rad (2): q2 < 0 for the elbow `up`, q2 > 0 for `down`, with which at
+            (0.85, 0) the elbow is at y < 0.
+
+        Raises:
+            ScenarioError: If the point is out of reach, or a field is wrong. The arm
+                keeps |sin(q2)| >= 0.05, away from its singular poses, stretched and
+                folded.
+        """
+        p = CheckStart(self, 2, p_WT)
+        if self.elbow not in _ELBOW_SIGNS:
+            allowed = " or ".join(_ELBOW_SIGNS)
+            raise ScenarioError(
+                f"elbow: {self.elbow!r} must be {allowed} for {self.kind}"
+            )
+        L1, L3 = _LinkLengths()
+        cosine_limit = math.sqrt(1 - _MINIMUM_ELBOW_SINE**2)
+        reach = math.hypot(*p)
+        nearest, farthest = (
+            math.sqrt(L1**2 + L3**2 + sign * 2 * L1 * L3 * cosine_limit)
+            for sign in (-1, 1)
+        )
+        if not nearest <= reach <= farthest:
+            raise ScenarioError(
+                f"start: {ShowPoint(p_WT)} is {reach:.6g} m from the shoulder of "
+                f"{self.kind}; allowed is {nearest:.6g} to {farthest:.6g} m"
+            )
+        c2 = (reach**2 - L1**2 - L3**2) / (2 * L1 * L3)
+        s2 = _ELBOW_SIGNS[self.elbow] * math.sqrt(1 - c2**2)
+        q1 = math.atan2(p[1], p[0]) - math.atan2(L3 * s2, L1 + L3 * c2)
+        return np.array([q1, math.atan2(s2, c2)])
+
+
+@functools.cache
+def _LinkLengths() -> tuple[float, float]:
+    """Returns L1 and L3 in m, as the model file has them."""
+    plant = TwoLinkArmConfig().LoadPlant()
+    context = plant.CreateDefaultContext()
+    elbow, tool = (
+        plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name)).translation()
+        for name in ("lower_link", TOOL)
+    )
+    # At q = 0 the arm lies stretched along x.
+    return elbow[0], tool[0] - elbow[0]

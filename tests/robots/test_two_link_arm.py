@@ -1,0 +1,182 @@
+"""The planar arm against the thesis's Appendix A."""
+
+import appendix_a
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.multibody.tree import JacobianWrtVariable
+
+from teleop_drake.robots import TwoLinkArmConfig
+from teleop_drake.validation import ScenarioError
+
+ARM = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")
+
+radii = st.floats(0.0376, 1.4995)
+angles = st.floats(-3.1, 3.1)
+elbows = st.sampled_from(["up", "down"])
+task_vectors = st.tuples(st.floats(-10, 10), st.floats(-10, 10)).map(np.array)
+
+
+def random_states(count=20):
+    return np.random.default_rng(1).uniform(-np.pi, np.pi, (count, 4))
+
+
+def polar(radius, angle):
+    return radius * np.array([np.cos(angle), np.sin(angle)])
+
+
+def context_with_forces(robot, F_c, F_e):
+    context = robot.CreateDefaultContext()
+    robot.GetInputPort("control_force").FixValue(context, F_c)
+    robot.GetInputPort("environment_force").FixValue(context, F_e)
+    return context
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return TwoLinkArmConfig().LoadPlant()
+
+
+@pytest.fixture(scope="module")
+def arm_robot():
+    return ARM.MakeRobot()
+
+
+@pytest.mark.parametrize("x", random_states())
+def test_arm_has_the_dynamics_of_appendix_a(arm, x):
+    q, qdot = x[:2], x[2:]
+    context = arm.CreateDefaultContext()
+    arm.SetPositionsAndVelocities(context, x)
+    world = arm.world_frame()
+    J = arm.CalcJacobianTranslationalVelocity(
+        context,
+        JacobianWrtVariable.kV,
+        arm.GetFrameByName("tool"),
+        np.zeros(3),
+        world,
+        world,
+    )
+    p_WT = arm.EvalBodyPoseInWorld(context, arm.GetBodyByName("tool")).translation()
+    np.testing.assert_allclose(arm.CalcMassMatrix(context), appendix_a.M(q), atol=1e-10)
+    np.testing.assert_allclose(
+        arm.CalcBiasTerm(context), appendix_a.C(q, qdot) @ qdot, atol=1e-10
+    )
+    np.testing.assert_allclose(J[:2], appendix_a.J(q), atol=1e-10)
+    np.testing.assert_allclose(p_WT, [*appendix_a.p_WT(q), 0], atol=1e-10)
+    # The plane is horizontal.
+    np.testing.assert_allclose(arm.CalcGravityGeneralizedForces(context), 0, atol=1e-10)
+
+
+@pytest.mark.parametrize("x", random_states())
+def test_c21_as_printed_is_wrong(arm, x):
+    q, qdot = x[:2], x[2:]
+    context = arm.CreateDefaultContext()
+    arm.SetPositionsAndVelocities(context, x)
+    error = arm.CalcBiasTerm(context) - appendix_a.C_as_printed(q, qdot) @ qdot
+    assert abs(error[0]) < 1e-10
+    assert abs(error[1]) > 1e-3
+
+
+@pytest.mark.parametrize("x", random_states())
+def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a(x):
+    plant = TwoLinkArmConfig().LoadPlant([0, -appendix_a.g])
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, x)
+    np.testing.assert_allclose(
+        -plant.CalcGravityGeneralizedForces(context), appendix_a.G(x[:2]), atol=1e-10
+    )
+
+
+@given(task_vectors, task_vectors, st.integers(0, 19))
+@settings(max_examples=50, deadline=None)
+def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
+    x = random_states()[index]
+    q, qdot = x[:2], x[2:]
+    context = context_with_forces(arm_robot, F_c, F_e)
+    context.SetContinuousState(x)
+    J = appendix_a.J(q)
+    qddot = np.linalg.solve(
+        appendix_a.M(q), J.T @ (F_c - F_e) - appendix_a.C(q, qdot) @ qdot
+    )
+    centripetal = -appendix_a.L1 * qdot[0] ** 2 * polar(1, q[0])
+    centripetal -= appendix_a.L3 * (qdot[0] + qdot[1]) ** 2 * polar(1, q[0] + q[1])
+    expected = {
+        "joint_position": q,
+        "joint_velocity": qdot,
+        "joint_torque": J.T @ F_c,
+        "tool_position": appendix_a.p_WT(q),
+        "tool_velocity": J @ qdot,
+        "tool_acceleration": J @ qddot + centripetal,
+    }
+    np.testing.assert_allclose(
+        arm_robot.EvalTimeDerivatives(context).CopyToVector()[2:], qddot, atol=1e-9
+    )
+    for name, value in expected.items():
+        np.testing.assert_allclose(
+            arm_robot.GetOutputPort(name).Eval(context),
+            value,
+            atol=1e-9,
+            err_msg=name,
+        )
+
+
+@given(task_vectors, st.integers(0, 19))
+@settings(max_examples=50, deadline=None)
+def test_joint_torque_has_the_power_of_the_control_force(arm_robot, F_c, index):
+    context = context_with_forces(arm_robot, F_c, [0, 0])
+    context.SetContinuousState(random_states()[index])
+    v_WT, tau, qdot = (
+        arm_robot.GetOutputPort(name).Eval(context)
+        for name in ("tool_velocity", "joint_torque", "joint_velocity")
+    )
+    assert F_c @ v_WT == pytest.approx(tau @ qdot, abs=1e-10)
+
+
+@given(radii, angles, elbows)
+@settings(deadline=None)
+def test_inverse_kinematics_reaches_the_point(radius, angle, elbow):
+    p_WT = polar(radius, angle)
+    q = TwoLinkArmConfig(elbow=elbow).JointPositions(p_WT)
+    np.testing.assert_allclose(appendix_a.p_WT(q), p_WT, atol=1e-12)
+    assert 0 < (q[1] if elbow == "down" else -q[1]) < np.pi
+
+
+@given(radii, angles, elbows)
+@settings(deadline=None)
+def test_mirrored_points_have_mirrored_poses(radius, angle, elbow):
+    other = "up" if elbow == "down" else "down"
+    np.testing.assert_allclose(
+        TwoLinkArmConfig(elbow=other).JointPositions(polar(radius, -angle)),
+        -TwoLinkArmConfig(elbow=elbow).JointPositions(polar(radius, angle)),
+        atol=1e-12,
+    )
+
+
+def test_elbow_down_is_at_negative_y_of_an_arm_stretched_forward():
+    q = TwoLinkArmConfig(elbow="down").JointPositions([0.85, 0.0])
+    assert q[0] < 0 < q[1]
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"start": [1.6, 0]}, r"robot.start: \[1.6, 0\] is 1.6 m.*0.0375.* to 1.499"),
+        ({"start": [1.5, 0]}, "robot.start: .* is 1.5 m from the shoulder"),
+        ({"start": [0, 0]}, "robot.start: .* is 0 m from the shoulder"),
+        ({"start": [0.03, 0]}, "robot.start: .* is 0.03 m from the shoulder"),
+        ({"start": [0.85]}, r"robot.start: \[0.85\] must be a list of 2 finite"),
+        ({"start": [0.85, np.nan]}, r"robot.start: \[0.85, nan\] must be a list of 2"),
+        ({"start": [-np.inf, 0]}, r"robot.start: \[-inf, 0\] must be a list of 2"),
+        ({"start": ["near", 0]}, r"robot.start: \['near', 0\] must be a list of 2"),
+        ({"start": None}, r"robot.start = null: must be a list of finite numbers"),
+        ({"start": [[0.85, 0.0]]}, r"robot.start: \[\[0.85, 0.0\]\] must be a list"),
+        ({"elbow": "left"}, "robot.elbow: 'left' must be up or down"),
+        ({"elbow": None}, "robot.elbow: None must be up or down"),
+    ],
+)
+def test_bad_input_gets_one_clear_line(changes, message):
+    config = TwoLinkArmConfig(**{"start": [0.85, 0.1], "elbow": "down", **changes})
+    with pytest.raises(ScenarioError, match=message) as error:
+        config.Check("robot")
+    assert "\n" not in str(error.value)
