@@ -34,11 +34,14 @@ def Blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
 
 
-def test_the_two_commands_are_one_line_each():
-    set_up, tests = Blocks("sh")[:2]
-    assert set_up.count("\n") == tests.count("\n") == 1
+def test_the_commands_are_one_line_each():
+    """.ci/run executes these three."""
+    commands = Blocks("sh")[:3]
+    assert [command.count("\n") for command in commands] == [1, 1, 1]
+    set_up, tests, slow_tests = commands
     assert "teleop-drake compare two_dof_combined" in set_up
-    assert "pytest" in tests
+    assert "pytest" in tests and "slow" not in tests
+    assert slow_tests.endswith(" -m slow\n")
 
 
 def test_links_lead_somewhere():
