@@ -16,6 +16,8 @@ A term says where a vector comes from:
                                  of the block, as sizes and indices do
     ["name", "name", ...]        one after another
     "name"                       the same
+    ("name", 3, 5)               the elements from 3 to before 5, also in the place of
+                                 a name
 
 A name is that of an input port, of another output port (or `rate`), or of a parameter,
 or `state`, `mode` or `time`: the continuous state, all discrete states one after
@@ -27,7 +29,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-Term = tuple[Callable[..., Any] | str | int, ...] | list[str] | str
+Part = tuple[str, int, int]
+Name = str | Part
+Term = tuple[Callable[..., Any] | Name | int, ...] | list[Name] | Name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,11 +81,12 @@ class Kernel:
 
     Attributes:
         outputs: What each output port delivers, a term. A port that is left out cannot
-            be used in a compiled diagram.
+            be used in a compiled diagram. A name that is no port is a result for other
+            terms, with its width in `sizes`.
         rate: The time derivatives of the continuous state, a term; None without state.
         parameters: Numbers, arrays, and named tuples of them, by name. Another value
             of the same kind compiles nothing anew.
-        sizes: Width of the outputs that are not vectors in Drake.
+        sizes: Width of the ports that are no vectors in Drake, and of other results.
         unused: Input ports that nothing of this depends on, such as a log's.
         transitions: Changes of the mode, by names of one's own.
         delays: What it delays.
@@ -106,4 +111,15 @@ def names_in(term: Term | None) -> list[str]:
         return []
     if isinstance(term, str):
         return [term]
-    return [name for name in term if isinstance(name, str)]
+    return [name for item in term if not callable(item) for name in _names(item)]
+
+
+def is_part(item: Any) -> bool:
+    """Returns whether something is a part, ("name", first, end)."""
+    return isinstance(item, tuple) and isinstance(item[0], str)
+
+
+def _names(item: Name | int) -> list[str]:
+    if isinstance(item, int):
+        return []
+    return [item] if isinstance(item, str) else [item[0]]

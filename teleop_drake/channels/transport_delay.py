@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.channels.delay_line import DelayLine, check_channel
+from teleop_drake.kernel import Delay, Kernel
 
 
 class TransportDelay(DelayLine):
@@ -93,6 +94,21 @@ class TransportDelay(DelayLine):
     def delay(self) -> float:
         """The delay in s."""
         return self._delay
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        if self._delay == 0:
+            return Kernel(outputs={"delayed_signal": "signal"})
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    time=self._delay,
+                    initial_value=self._initial_value,
+                )
+            ]
+        )
 
     def StoreKey(self, time: float) -> float:
         """Returns when the sample taken at a time arrives, s.

@@ -74,6 +74,21 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
+def AddEngineOption(parser: argparse.ArgumentParser) -> None:
+    """Adds --engine.
+
+    Args:
+        parser: The parser of the command.
+    """
+    parser.add_argument(
+        "--engine",
+        choices=("drake", "compiled", "auto"),
+        default="drake",
+        help="what runs it: Drake's Simulator, or machine code, which is compiled once "
+        "(the extra `fast`); auto: machine code where possible (default: drake)",
+    )
+
+
 def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line.
 

@@ -2,6 +2,7 @@
 
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -14,12 +15,13 @@ if TYPE_CHECKING:
     from teleop_drake.scenario import AnyScenario
 
 
-def Simulate(scenario: "AnyScenario", is_quiet: bool) -> "Recording":
+def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
     """Returns the recording of a run; shows its progress unless it is quiet.
 
     Args:
         scenario: What to simulate.
         is_quiet: Whether to show nothing.
+        engine: As simulate() takes it. Why it cannot be used goes to stderr.
 
     Raises:
         Failed: If a block of the loop raises an error; it names the block.
@@ -29,16 +31,28 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool) -> "Recording":
     from teleop_drake.simulation.failures import FirstLine
 
     try:
-        if is_quiet:
-            return simulate(scenario)
-        with _Progress(scenario) as progress:
-            return simulate(scenario, progress=progress)
+        with _Notes():
+            if is_quiet:
+                return simulate(scenario, engine=engine)
+            with _Progress(scenario) as progress:
+                return simulate(scenario, progress=progress, engine=engine)
     except (ScenarioError, OSError):
         raise
     except Exception as error:
         raise Failed(
             f"the run failed: {type(error).__name__}: {FirstLine(error)}"
         ) from error
+
+
+@contextmanager
+def _Notes() -> Iterator[None]:
+    """Turns the package's warnings into lines on stderr."""
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        yield
+    for note in notes:
+        if note.category is UserWarning:
+            print(f"teleop-drake: {note.message}", file=sys.stderr)
 
 
 @contextmanager

@@ -44,6 +44,25 @@ def CheckKernel(system: System, *, num_states: int = 10) -> None:
         Compare(evaluator, system, context)
 
 
+def CheckNear(evaluator: Evaluator, system: System, context: Context) -> None:
+    """Checks an Evaluator at random states around a Context.
+
+    Args:
+        evaluator: Of the system.
+        system: A diagram.
+        context: Its context, which is left as it is.
+
+    Raises:
+        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
+    """
+    rng = np.random.default_rng(0)
+    near = context.Clone()
+    x = context.get_continuous_state_vector().CopyToVector()
+    for _ in range(2):
+        near.SetContinuousState(_Near(x, rng))
+        Compare(evaluator, system, near)
+
+
 def _DefaultContext(system: System) -> Context:
     context = system.CreateDefaultContext()
     # Events are located if there is an accuracy, and some blocks then have modes.

@@ -10,11 +10,12 @@ from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.compiler.machine_code import CompileEvaluate
-from teleop_drake.compiler.plant_kernel import PlantKernel
+from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
+from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ def KernelOf(system: System, context: Context) -> Kernel:
         return system.Kernel()
     if isinstance(system, MultibodyPlant):
         return PlantKernel(system, context)
+    if isinstance(system, ToolInterface):
+        return ToolKernel(system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")

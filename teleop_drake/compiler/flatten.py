@@ -92,6 +92,19 @@ def _Blocks(system: System, path: str) -> list[tuple[System, str]]:
     ]
 
 
+def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
+    """Returns where an output of a system in the Diagram comes from.
+
+    Args:
+        blocks: Those of the Diagram, by Flatten().
+        system: A block, or a Diagram in the Diagram.
+        index: Of the output port.
+    """
+    pathname, port = _OutputPort(system, index)
+    places = [block.system.GetSystemPathname() for block in blocks]
+    return Source(places.index(pathname), port)
+
+
 def _OutputPort(system: System, index: int) -> tuple[str, str]:
     """Returns the pathname of the block that an output comes from, and its port."""
     if not isinstance(system, Diagram):

@@ -42,9 +42,17 @@ def CompileIntegrator(*arguments: Any) -> Callable[..., Any]:
     import numba
     from numba import types
 
-    signature = types.int64(
-        types.FunctionType(_EvaluateSignature()), *map(numba.typeof, arguments)
+    return _Integrator(
+        types.int64(
+            types.FunctionType(_EvaluateSignature()), *map(numba.typeof, arguments)
+        )
     )
+
+
+@functools.cache
+def _Integrator(signature: Any) -> Callable[..., Any]:
+    import numba
+
     return numba.njit(signature, cache=True)(with_compiled_helpers(advance))
 
 
@@ -62,14 +70,21 @@ def CompileEvaluate(
         functions: What it calls, functions and named tuples, by the names in the
             source.
     """
+    return _Evaluate(text, tuple(functions.items()))
+
+
+@functools.cache
+def _Evaluate(
+    text: str, functions: tuple[tuple[str, Callable[..., Any]], ...]
+) -> Callable[..., Any]:
     import numba
 
-    key = _Key(text, functions.values())
+    key = _Key(text, [function for _, function in functions])
     file = _CacheFolder() / key[:2] / f"evaluate_{key}.py"
     is_kept = _Keep(file, text)
     names: dict[str, Any] = {
         f: jit(function) if isinstance(function, FunctionType) else function
-        for f, function in functions.items()
+        for f, function in functions
     }
     names["__name__"] = __name__  # Without a module numba cannot keep it.
     exec(compile(text, str(file) if is_kept else "<evaluate>", "exec"), names)

@@ -1,4 +1,4 @@
-"""The kernel of a MultibodyPlant."""
+"""The kernels of a MultibodyPlant, and of what asks one."""
 
 from typing import Any
 
@@ -9,12 +9,16 @@ from pydrake.systems.framework import Context
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.numerics.rigid_body import (
     RigidBodyTree,
     calc_accelerations,
+    calc_kinematics,
     calc_point_acceleration,
+    calc_point_motion,
     make_work,
 )
+from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
 
@@ -79,6 +83,68 @@ def body_accelerations(
     return result
 
 
+def tool_motion(
+    tree: RigidBodyTree,
+    link: int,
+    point: Array,
+    num_axes: int,
+    state: Array,
+    work: Array,
+    motion: Array,
+) -> Array:
+    """Returns tool_kinematics() of a plant.
+
+    Args:
+        tree: Its links.
+        link: Index of the link with the tool.
+        point: Where the tool is in the link's frame, m (3).
+        num_axes: Number of task axes.
+        state: [q; v].
+        work: As make_work() returns it.
+        motion: To work in (6 + 3 n).
+    """
+    n = len(tree.parents)
+    calc_kinematics(tree, state[:n], state[n:], work)
+    calc_point_motion(tree, link, point, work, motion)
+    return tool_kinematics(motion[:3], motion[6:].reshape(3, n), state, num_axes)
+
+
+def ToolKernel(tool: ToolInterface) -> Kernel:
+    """Returns the kernel of the block between a plant and the task space.
+
+    Args:
+        tool: The block.
+
+    Raises:
+        UnsupportedSystem: As ReadPlantTree().
+    """
+    plant, body, num_axes = tool.plant, tool.tool_index, tool.num_task_axes
+    read = ReadPlantTree(plant, plant.CreateDefaultContext())
+    link, X_LB = read.poses[body]
+    n = plant.num_velocities()
+    return Kernel(
+        parameters={
+            "tree": read.tree,
+            "point": X_LB.translation(),
+            "work": make_work(n),
+            "motion": np.zeros(6 + 3 * n),
+        },
+        outputs={
+            "tool_kinematics": (
+                tool_motion, "tree", link, "point", num_axes, "plant_state", "work",
+                "motion",
+            ),
+            "tool_acceleration": (
+                "body_spatial_accelerations", 3 * body, 3 * body + num_axes
+            ),
+            "joint_torques": (
+                joint_torques, "control_force", "environment_force", "tool_kinematics"
+            ),
+        },
+        sizes={"body_spatial_accelerations": 3 * plant.num_bodies()},
+    )  # fmt: skip
+
+
 def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     """Returns the kernel of a plant, a tree of revolute and prismatic joints.
 
@@ -96,7 +162,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     n, num_bodies = plant.num_velocities(), plant.num_bodies()
     outputs: dict[str, Term] = {
         "state": "state",
-        "generalized_acceleration": (second_half, "rate"),
+        "generalized_acceleration": ("rate", n, 2 * n),
         "body_spatial_accelerations": (
             body_accelerations, "tree", "links", "points", "rate", "work", "result"
         ),
@@ -121,8 +187,3 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         ),
         sizes={"body_spatial_accelerations": 3 * num_bodies},
     )  # fmt: skip
-
-
-def second_half(x: Array) -> Array:
-    """Returns the second half of a vector."""
-    return x[len(x) // 2 :]

@@ -49,11 +49,6 @@ def total(*terms: Array) -> Array:
     return result
 
 
-def part(u: Array, first: int, end: int) -> Array:
-    """Returns the elements from `first` to before `end`."""
-    return u[first:end]
-
-
 def limited(u: Array, lower: Array, upper: Array) -> Array:
     """Returns u, no less than `lower` and no more than `upper`."""
     return np.minimum(np.maximum(u, lower), upper)
@@ -105,7 +100,7 @@ def _Adder(system: Adder, context: Context) -> Kernel:
 
 
 def _Multiplexer(system: Multiplexer, context: Context) -> Kernel:
-    return Kernel(outputs=_Output(system, _Inputs(system)))
+    return Kernel(outputs=_Output(system, [*_Inputs(system)]))
 
 
 def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
@@ -114,7 +109,7 @@ def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
     for i, size in enumerate(system.get_output_ports_sizes()):
         first, end = end, end + size
         name = system.get_output_port(i).get_name()
-        outputs[name] = (part, *_Inputs(system), first, end)
+        outputs[name] = (_Inputs(system)[0], first, end)
     return Kernel(outputs=outputs)
 
 

@@ -17,25 +17,23 @@ import numpy as np
 from teleop_drake.compiler.flatten import Block, Source
 from teleop_drake.compiler.parameters import Parameters
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.kernel import Delay, Kernel, Term, Transition, names_in
+from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition, is_part, names_in
 
 # The rate of a block's state is found among its outputs under this name.
 _RATE = "rate"
 
 
-def put(target: Any, first: int, size: int, value: Any) -> None:
-    """Copies a vector of a known size into a part of another one.
+def put(target: Any, value: Any) -> None:
+    """Copies a vector to where another one of its size is.
 
     Args:
         target: What to copy to.
-        first: Where its part begins.
-        size: Of the part, and of the vector.
         value: The vector.
     """
-    if len(value) != size:
+    if len(value) != len(target):
         raise ValueError("a function returned a vector of another size")
-    for i in range(size):
-        target[first + i] = value[i]
+    for i in range(len(target)):
+        target[i] = value[i]
 
 
 class Program:
@@ -173,7 +171,8 @@ class Program:
         for expression, size in expressions:
             if size is None:
                 size = part.stop - first
-            self._lines.append(f"    put({array}, {first}, {size}, {expression})")
+            target, _ = _Part(array, slice(first, first + size))
+            self._lines.append(f"    put({target}, {expression})")
             first += size
         if first != part.stop:
             raise UnsupportedSystem(
@@ -184,8 +183,8 @@ class Program:
 
     def _Expressions(self, i: int, term: Term) -> list[tuple[str, int | None]]:
         """Returns what a term is in the source, and sizes where they are known."""
-        if isinstance(term, str):
-            term = [term]
+        if isinstance(term, str) or is_part(term):
+            term = [term]  # type: ignore[list-item]  # A tuple with a name is a part.
         if isinstance(term, list):
             return [self._Named(i, name) for name in term]
         function, *names = term
@@ -193,14 +192,22 @@ class Program:
         if function not in self._functions:
             self._functions.append(function)
         arguments = (
-            self._Named(i, name)[0] if isinstance(name, str) else repr(name)
+            repr(name) if isinstance(name, int) else self._Named(i, name)[0]  # type: ignore[arg-type]
             for name in names
         )
         place = self._functions.index(function)
         return [(f"f{place}({', '.join(arguments)})", None)]
 
-    def _Named(self, i: int, name: str) -> tuple[str, int | None]:
+    def _Named(self, i: int, name: Name) -> tuple[str, int | None]:
         """Returns what a name of a block's kernel is in the source, and its size."""
+        if not isinstance(name, str):
+            whole, first, end = name
+            text, size = self._Named(i, whole)
+            if size is None or not 0 <= first <= end <= size:
+                raise UnsupportedSystem(
+                    self._blocks[i].system, f"its kernel takes the part {name}"
+                )
+            return f"{text}[{first}:{end}]", end - first
         kernel = self._kernels[i]
         if name == "time":
             return "t", None

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -16,6 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
+from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.laws.layered_force import (
     Layer,
     layer_index,
@@ -25,6 +27,9 @@ from teleop_drake.laws.layered_force import (
     layered_force,
 )
 from teleop_drake.numerics.compiled import compiled
+
+Array = NDArray[np.float64]
+Regions = NDArray[np.int64]
 
 
 class LayeredForceField(LeafSystem):
@@ -122,6 +127,32 @@ class LayeredForceField(LeafSystem):
         """Where the force has a kink or a jump along x, m: where the layers start."""
         return self._boundaries
 
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        law = ("layers", "regions", "mode", "tool_position")
+        return Kernel(
+            parameters={
+                "layers": self._layers,
+                "regions": self._regions,
+                "begins": np.array(self._begins),
+                "ends": np.array(self._ends),
+            },
+            outputs={
+                "environment_force": (force_in_region, *law, "tool_velocity"),
+                "layer": (layer_in_region, *law),
+            },
+            transitions={
+                "enters_next_region": Transition(
+                    guard=(past_end, "ends", "mode", "tool_position"),
+                    mode=(next_region, "mode"),
+                ),
+                "enters_previous_region": Transition(
+                    guard=(before_begin, "begins", "mode", "tool_position"),
+                    mode=(previous_region, "mode"),
+                ),
+            },
+        )
+
     def _GetRegion(self, context: Context) -> int:
         return int(context.get_discrete_state_vector().GetAtIndex(0))
 
@@ -170,6 +201,38 @@ class LayeredForceField(LeafSystem):
     def _MoveBy(self, change: int, context: Context, state: State) -> None:
         region = self._GetRegion(context) + change
         state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
+
+
+def force_in_region(
+    layers: Array, regions: Regions, mode: Array, p_WT: Array, v_WT: Array
+) -> Array:
+    """Returns layered_force() in the region that is the mode."""
+    return layered_force(layers, regions, int(mode[0]), p_WT, v_WT)
+
+
+def layer_in_region(layers: Array, regions: Regions, mode: Array, p_WT: Array) -> Array:
+    """Returns the index of the layer at the tool, -1 before the first one."""
+    return np.array([layer_row(layers, regions, int(mode[0]), p_WT[0]) - 1.0])
+
+
+def past_end(ends: Array, mode: Array, p_WT: Array) -> Array:
+    """Returns how far the tool is behind the end of its region, m."""
+    return p_WT[:1] - ends[int(mode[0])]
+
+
+def before_begin(begins: Array, mode: Array, p_WT: Array) -> Array:
+    """Returns how far the tool is before the begin of its region, m."""
+    return begins[int(mode[0])] - p_WT[:1]
+
+
+def next_region(mode: Array) -> Array:
+    """Returns the mode in the next region."""
+    return mode + 1
+
+
+def previous_region(mode: Array) -> Array:
+    """Returns the mode in the previous region."""
+    return mode - 1
 
 
 def _CheckLayers(layers: Sequence[Layer]) -> None:

@@ -46,6 +46,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.laws.gaussian_network import gaussian_functions
+
 Array = NDArray[np.float64]
 
 
@@ -445,3 +447,71 @@ def backstepping_error_vector(
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
     return np.concatenate((s, z))
+
+
+def adaptive_rate(
+    matrices: Array,
+    numbers: Array,
+    centres: Array,
+    widths: Array,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns backstepping_rate_vector() with Gaussian networks.
+
+    Args:
+        matrices: The gains, of BacksteppingGains.AsArrays().
+        numbers: The gains, of BacksteppingGains.AsArrays().
+        centres: Of the basis functions in m (N, n).
+        widths: Of the basis functions in m (n).
+        x: The state as pack_state() makes it.
+        r: Position of the tool in m (n).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
+
+    Returns:
+        The time rate of the state.
+    """
+    Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
+    return backstepping_rate_vector(
+        matrices, numbers, x, Phi, Phi_dot, v, v_dd, F_e, F_hd
+    )
+
+
+def adaptive_errors(
+    matrices: Array,
+    numbers: Array,
+    centres: Array,
+    widths: Array,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns backstepping_error_vector() with Gaussian networks.
+
+    Args:
+        matrices: The gains, of BacksteppingGains.AsArrays().
+        numbers: The gains, of BacksteppingGains.AsArrays().
+        centres: Of the basis functions in m (N, n).
+        widths: Of the basis functions in m (n).
+        x: The state as pack_state() makes it.
+        r: Position of the tool in m (n).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
+
+    Returns:
+        [s; z].
+    """
+    Phi, _ = gaussian_functions(r, v, centres, widths)
+    return backstepping_error_vector(matrices, numbers, x, Phi, v, v_dd, F_e, F_hd)

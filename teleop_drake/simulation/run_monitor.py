@@ -1,11 +1,11 @@
 """What watches a run: it records, and ends what cannot go on."""
 
-import contextlib
 import math
 import signal
 import threading
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
@@ -19,6 +19,62 @@ from teleop_drake.signals import NamedSignals
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLimit:
+    """What speed of the tool ends a run.
+
+    Attributes:
+        speed: In m/s.
+        name: How to call it.
+    """
+
+    speed: float
+    name: str
+
+    def Reason(self, speed: float) -> str:
+        """Returns why a run ended.
+
+        Args:
+            speed: Of the tool, in m/s.
+        """
+        return f"the tool's speed, {speed:.4g} m/s, exceeds {self.name}"
+
+
+class Interruption:
+    """Lets Ctrl-C end a run with the step, instead of anywhere in Python.
+
+    Machine code that calls Python, as numba's does for each array that it returns,
+    does not expect an exception there, and KeyboardInterrupt would become another.
+    A second Ctrl-C is a KeyboardInterrupt at once, for systems that never return.
+
+    Attributes:
+        has_come: Whether there was a first Ctrl-C.
+    """
+
+    def __init__(self) -> None:
+        self.has_come = False
+        self._is_watching = False
+
+    def __enter__(self) -> "Interruption":
+        handler = signal.default_int_handler
+        self._is_watching = (
+            # Only there are signals handled, or their handlers set.
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGINT) is handler
+        )
+        if self._is_watching:
+            signal.signal(signal.SIGINT, self._Note)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._is_watching:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _Note(self, signal_number: int, frame: FrameType | None) -> None:
+        self.has_come = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Recorder:
@@ -63,8 +119,7 @@ class RunMonitor:
     Attributes:
         recorder: What it records with.
         failure: Why the run cannot go on; empty while it can.
-        is_interrupted: Whether it is to end because of Ctrl-C.
-        speed_limit: Of the tool, in m/s.
+        interruption: Ends it because of Ctrl-C.
     """
 
     def __init__(
@@ -72,16 +127,14 @@ class RunMonitor:
         diagram: Diagram,
         root_context: Context,
         *,
-        speed_limit: float,
-        limit_name: str,
+        speed_limit: SpeedLimit,
         progress: Callable[[float], None] | None,
     ):
         self.recorder = Recorder(diagram, root_context)
         self.failure = ""
-        self.is_interrupted = False
-        self.speed_limit = speed_limit
+        self.interruption = Interruption()
+        self._speed_limit = speed_limit
         self._diagram = diagram
-        self._limit_name = limit_name
         self._progress = progress
         self._last_report = clock.monotonic()
         self._velocity = self.recorder.names.index("tool_velocity")
@@ -91,10 +144,8 @@ class RunMonitor:
         now = self.recorder.Sample()
         time = root_context.get_time()
         speed = math.hypot(*now[self._velocity])
-        if not speed <= self.speed_limit:
-            self.failure = (
-                f"the tool's speed, {speed:.4g} m/s, exceeds {self._limit_name}"
-            )
+        if not speed <= self._speed_limit.speed:
+            self.failure = self._speed_limit.Reason(speed)
             if not math.isfinite(speed):
                 self.recorder.DropLast()
             return EventStatus.ReachedTermination(self._diagram, self.failure)
@@ -104,33 +155,6 @@ class RunMonitor:
         ):
             self._last_report = clock.monotonic()
             self._progress(time)
-        if self.is_interrupted:
+        if self.interruption.has_come:
             return EventStatus.ReachedTermination(self._diagram, "interrupted")
         return EventStatus.DidNothing()
-
-    @contextlib.contextmanager
-    def InterruptAtSteps(self) -> Iterator[None]:
-        """Lets Ctrl-C end the run with the step, instead of anywhere in Python.
-
-        Machine code that calls Python, as numba's does for each array that it returns,
-        does not expect an exception there, and KeyboardInterrupt would become another.
-        A second Ctrl-C is a KeyboardInterrupt at once, for systems that never return.
-        """
-        handler = signal.default_int_handler
-        if (
-            # Only there are signals handled, or their handlers set.
-            threading.current_thread() is not threading.main_thread()
-            or signal.getsignal(signal.SIGINT) is not handler
-        ):
-            yield
-            return
-
-        def Note(signal_number: int, frame: FrameType | None) -> None:
-            self.is_interrupted = True
-            signal.signal(signal.SIGINT, handler)
-
-        signal.signal(signal.SIGINT, Note)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, handler)

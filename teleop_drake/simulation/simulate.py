@@ -1,11 +1,11 @@
 """Runs a scenario and records it."""
 
 import time as clock
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network_delay import NetworkDelay
@@ -21,10 +21,13 @@ from teleop_drake.scenario import (
     TrackingScenario,
 )
 from teleop_drake.simulation.failures import FirstLine, IsDivergence, NamingBlocks
-from teleop_drake.simulation.run_monitor import RunMonitor
+from teleop_drake.simulation.outcome import Outcome
+from teleop_drake.simulation.run_monitor import RunMonitor, SpeedLimit
 from teleop_drake.simulation.simulator import MakeSimulator
 from teleop_drake.tasks.tracking import MakeNetworkTracking
 from teleop_drake.teleoperator import MakeTeleoperator
+
+ENGINES = ("drake", "compiled", "auto")
 
 
 def MakeDiagram(scenario: AnyScenario) -> Diagram:
@@ -43,6 +46,7 @@ def simulate(
     *,
     teleoperator: Diagram | None = None,
     progress: Callable[[float], None] | None = None,
+    engine: str = "drake",
 ) -> Recording:
     """Simulates a scenario from its start and records all signals of the loop.
 
@@ -82,15 +86,22 @@ def simulate(
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with systems of your own; None makes the scenario's.
         progress: Called now and then with the simulated time in s.
+        engine: What runs it: `drake`, or `compiled`, machine code, which is compiled
+            once for each structure of a diagram and then runs many times as fast. What
+            cannot be compiled is run by Drake, and a warning says why; with `auto`
+            nothing does.
 
     Returns:
         The recording.
 
     Raises:
         ScenarioError: If the scenario is not valid, or would take too many steps.
+        KernelDisagrees: If the machine code does not compute what the diagram does.
         ValueError: If the teleoperator is not one for this scenario, or what it
-            puts out is not finite at the start.
+            puts out is not finite at the start, or there is no such engine.
     """
+    if engine not in ENGINES:
+        raise ValueError(f"engine: {engine!r}; allowed: {', '.join(ENGINES)}")
     if teleoperator is None:
         diagram = MakeDiagram(scenario)  # Validates the scenario.
     else:
@@ -100,27 +111,31 @@ def simulate(
     CheckSteps(scenario)
 
     if isinstance(scenario, TrackingScenario):
-        speed_limit = scenario.divergence_speed
-        limit_name = f"{speed_limit:g} m/s"
+        speed = scenario.divergence_speed
+        speed_limit = SpeedLimit(speed=speed, name=f"{speed:g} m/s")
     else:
         ratio = scenario.divergence_speed_ratio
-        speed_limit = ratio * float(np.linalg.norm(scenario.surgeon.velocity))
-        limit_name = f"{ratio:g} times the commanded speed"
-    simulator = MakeSimulator(diagram, scenario.simulator)
-    monitor = RunMonitor(
-        diagram,
-        simulator.get_mutable_context(),
-        speed_limit=speed_limit,
-        limit_name=limit_name,
-        progress=progress,
-    )
-    run = _Simulate(diagram, simulator, scenario.duration, monitor)
-    times, signals = run.monitor.recorder.Finish()
+        speed_limit = SpeedLimit(
+            speed=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
+            name=f"{ratio:g} times the commanded speed",
+        )
+    what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
+    run = None
+    if engine != "drake":
+        from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
+
+        try:
+            run = RunCompiled(*what)
+        except CannotCompile as error:
+            if engine == "compiled":
+                warnings.warn(f"run in Drake's Simulator: {error}", stacklevel=2)
+    if run is None:
+        run = _RunInDrake(*what)
     if run.termination == "diverged":
-        times, signals = _WithFiniteEnd(times, signals, run.reason)
-    if run.monitor.failure:
-        _EndAtSpeed(run.monitor.speed_limit, times, signals)
-    return _MakeRecording(scenario, run, times, signals)
+        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
+    if run.is_too_fast:
+        _EndAtSpeed(speed_limit.speed, run.times, run.signals)
+    return _MakeRecording(scenario, run)
 
 
 def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
@@ -139,99 +154,87 @@ def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
         )
 
 
-@dataclass(kw_only=True)
-class _Simulation:
-    """What came out of a simulation.
-
-    Attributes:
-        diagram: What was simulated.
-        monitor: What watched it.
-        simulator: What simulated it.
-        wall_time: Real time that it took, in s.
-        termination: As in Recording, and so is the reason.
-        reason: Why it did not complete.
-    """
-
-    diagram: Diagram
-    monitor: RunMonitor
-    simulator: Simulator
-    wall_time: float
-    termination: str
-    reason: str
-
-
-def _Simulate(
-    diagram: Diagram, simulator: Simulator, duration: float, monitor: RunMonitor
-) -> _Simulation:
-    """Simulates a diagram under the eyes of a monitor."""
+def _RunInDrake(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    speed_limit: SpeedLimit,
+    progress: Callable[[float], None] | None,
+) -> Outcome:
+    """Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
+    simulator = MakeSimulator(diagram, config)
+    monitor = RunMonitor(
+        diagram,
+        simulator.get_mutable_context(),
+        speed_limit=speed_limit,
+        progress=progress,
+    )
     simulator.set_monitor(monitor.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
-    with monitor.InterruptAtSteps():
+    with monitor.interruption as interruption:
         with NamingBlocks():
             simulator.Initialize()
         try:
             with NamingBlocks():
-                if not (monitor.failure or monitor.is_interrupted):
+                if not (monitor.failure or interruption.has_come):
                     simulator.AdvanceTo(duration)
         except KeyboardInterrupt:
-            monitor.is_interrupted = True
+            interruption.has_come = True
         except Exception as error:
             if not (
-                monitor.is_interrupted or IsDivergence(error, simulator.get_context())
+                interruption.has_come or IsDivergence(error, simulator.get_context())
             ):
                 raise
             termination, reason = "diverged", FirstLine(error)
-    if monitor.is_interrupted:  # However it ended: more runs may be to come.
+    if interruption.has_come:  # However it ended: more runs may be to come.
         termination, reason = "interrupted", "interrupted by the user"
     elif monitor.failure:
         termination, reason = "diverged", monitor.failure
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
-    return _Simulation(
-        diagram=diagram,
-        monitor=monitor,
-        simulator=simulator,
+    times, signals = monitor.recorder.Finish()
+    integrator, root_context = simulator.get_integrator(), simulator.get_context()
+    return Outcome(
+        times=times,
+        signals=signals,
+        steps=integrator.get_num_steps_taken(),
+        derivative_evaluations=integrator.get_num_derivative_evaluations(),
         wall_time=wall_time,
         termination=termination,
         reason=reason,
+        is_too_fast=bool(monitor.failure),
+        channels={
+            system.get_name(): system.Statistics(
+                system.GetMyContextFromRoot(root_context)
+            )
+            for system in diagram.GetSystems()
+            if isinstance(system, NetworkDelay)
+        },
     )
 
 
-def _MakeRecording(
-    scenario: AnyScenario,
-    run: _Simulation,
-    times: np.ndarray,
-    signals: dict[str, np.ndarray],
-) -> Recording:
+def _MakeRecording(scenario: AnyScenario, run: Outcome) -> Recording:
     """Makes the recording of a run."""
-    integrator = run.simulator.get_integrator()
-    root_context = run.simulator.get_context()
     return Recording(
         scenario=scenario,
-        time=times,
-        signals=signals,
+        time=run.times,
+        signals=run.signals,
         events=(
-            _FindEvents(scenario, times, signals)
+            _FindEvents(scenario, run.times, run.signals)
             if isinstance(scenario, Scenario)
             else []
         ),
         solver=SolverStatistics(
             scheme=scenario.simulator.integration_scheme,
             accuracy=scenario.simulator.accuracy,
-            steps=integrator.get_num_steps_taken(),
-            derivative_evaluations=integrator.get_num_derivative_evaluations(),
+            steps=run.steps,
+            derivative_evaluations=run.derivative_evaluations,
             wall_time_s=run.wall_time,
-            real_time_factor=float(times[-1]) / run.wall_time,
+            real_time_factor=float(run.times[-1]) / run.wall_time,
         ),
-        channels={
-            system.get_name(): system.Statistics(
-                system.GetMyContextFromRoot(root_context)
-            )
-            for system in run.diagram.GetSystems()
-            if isinstance(system, NetworkDelay)
-        },
+        channels=run.channels,
         termination=run.termination,
         reason=run.reason,
     )

@@ -16,7 +16,7 @@ from teleop_drake.simulation.stepping import LongestStep, Stepping
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
 # better than a microsecond.
-_EVENT_ACCURACY = 1e-4
+EVENT_ACCURACY = 1e-4
 
 _ENDS = (EventStatus.Severity.kReachedTermination, EventStatus.Severity.kFailed)
 
@@ -106,7 +106,7 @@ class TeleoperatorSimulator(Simulator):
         self._stepping = Stepping(self._diagram, longest_step)
         context = self.get_mutable_context()
         if context.get_accuracy() is None:
-            context.SetAccuracy(_EVENT_ACCURACY)
+            context.SetAccuracy(EVENT_ACCURACY)
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:

@@ -181,6 +181,8 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
         "first_scenario": ScenarioToYaml(plan.scenario),
         "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
     }
+    if plan.engine != "drake":
+        parameters["engine"] = plan.engine
     if plan.traces:
         parameters["traces"] = plan.traces
     return dict(json.loads(json.dumps(parameters)))

@@ -57,6 +57,7 @@ class SweepPlan:
         points: Key to value for each run; the last key varies fastest.
         scenario: The first point that is valid.
         traces: The files of measured delays that runs read, and a hash of each.
+        engine: As simulate() takes it.
     """
 
     source: "Source"
@@ -65,6 +66,7 @@ class SweepPlan:
     points: list[dict[str, Any]]
     scenario: AnyScenario
     traces: dict[str, str]
+    engine: str
 
 
 def PlanSweep(
@@ -72,6 +74,7 @@ def PlanSweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
+    engine: str = "drake",
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
@@ -79,6 +82,7 @@ def PlanSweep(
         scenario: As Sweep takes it, and so are the others.
         grid: Values by key.
         overrides: For all runs.
+        engine: As simulate() takes it.
 
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
@@ -120,6 +124,7 @@ def PlanSweep(
         ],
         scenario=first,
         traces=traces,
+        engine=engine,
     )
 
 

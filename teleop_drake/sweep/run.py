@@ -29,6 +29,7 @@ def Sweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
+    engine: str = "drake",
     executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -52,6 +53,7 @@ def Sweep(
         grid: Values by key. A key is the dotted path of a field as LoadScenario takes
             it, or one of ALIASES. The last key varies fastest.
         overrides: For all runs, as LoadScenario takes them.
+        engine: As simulate() takes it.
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
             open. None makes WorkerProcesses.
@@ -73,7 +75,7 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    plan = PlanSweep(scenario, grid, overrides=overrides)
+    plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
     return RunSweep(
         plan,
         executor=executor,
@@ -155,7 +157,7 @@ def _Simulate(
 
     def Submit(run: int) -> None:
         overrides = [*plan.overrides, *PointOverrides(plan.points[run])]
-        future = executor.submit(_SimulateOne, plan.source, overrides)
+        future = executor.submit(_SimulateOne, plan.source, overrides, plan.engine)
         pending[run] = future
         future.add_done_callback(lambda future: finished.put((run, future)))
 
@@ -189,10 +191,10 @@ def _Simulate(
             future.cancel()
 
 
-def _SimulateOne(source: Source, overrides: list[str]) -> dict[str, Any]:
+def _SimulateOne(source: Source, overrides: list[str], engine: str) -> dict[str, Any]:
     """Simulates one run, in a worker, and returns its record."""
     try:
-        return _Outcome(simulate(source.Load(overrides)))
+        return _Outcome(simulate(source.Load(overrides), engine=engine))
     except (Exception, SystemExit) as error:
         # Some violated contracts of Drake end in SystemExit.
         return _Failure(error)

@@ -8,9 +8,12 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
+    adaptive_errors,
+    adaptive_rate,
     backstepping_error_vector,
     backstepping_rate_vector,
     initial_state,
@@ -98,6 +101,35 @@ class AdaptiveBackstepping(LeafSystem):
         self.DeclareVectorOutputPort("auxiliary_error", n, self._CalcAuxiliaryError)
         self.DeclareVectorOutputPort(
             "control_force_error", n, self._CalcControlForceError
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n, N = self._n, self._network.num_functions
+        matrices, numbers = self._gains
+        taken = (
+            "matrices", "numbers", "centres", "widths", "state", "tool_position",
+            "tool_velocity", "velocity_command", "environment_force", "haptic_force",
+        )  # fmt: skip
+        W1, Psi, W3 = n, n + n * N, n + n * N + n * n
+        return Kernel(
+            parameters={
+                "matrices": matrices,
+                "numbers": numbers,
+                "centres": self._network.centres,
+                "widths": self._network.widths,
+            },
+            rate=(adaptive_rate, *taken),
+            outputs={
+                "control_force": ("state", 0, n),
+                "weights_1": ("state", W1, Psi),
+                "psi": ("state", Psi, W3),
+                "weights_3": ("state", W3, W3 + n * N),
+                "errors": (adaptive_errors, *taken),
+                "auxiliary_error": ("errors", 0, n),
+                "control_force_error": ("errors", n, 2 * n),
+            },
+            sizes={"errors": 2 * n},
         )
 
     def DoCalcTimeDerivatives(

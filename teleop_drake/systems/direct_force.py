@@ -2,6 +2,8 @@
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from teleop_drake.kernel import Kernel
+
 
 class DirectForce(LeafSystem):
     """Applies the haptic force as it arrives: no controller at the slave.
@@ -51,6 +53,14 @@ class DirectForce(LeafSystem):
             num_axes,
             self._CalcControlForce,
             prerequisites_of_calc={self._haptic_force.ticket()},
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        unused = ("velocity_command", "tool_position", "tool_velocity")
+        return Kernel(
+            outputs={"control_force": "haptic_force"},
+            unused=(*unused, "environment_force"),
         )
 
     def _CalcControlForce(self, context: Context, control_force: BasicVector) -> None:

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -18,7 +18,10 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
+from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
+
+Array = NDArray[np.float64]
 
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12
@@ -101,6 +104,7 @@ class Surgeon(LeafSystem):
             else contact_position
         )
         self._jump_times = [] if stop_time is None else [stop_time]
+        self._stop_time = stop_time
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
         self._p = self.DeclareVectorInputPort("felt_position", n)
         self._mode = self.DeclareDiscreteState(2)
@@ -143,6 +147,35 @@ class Surgeon(LeafSystem):
         """When the outputs jump in any case, s."""
         return self._jump_times
 
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        transitions = {}
+        if math.isfinite(self._surface):
+            transitions["perceives_contact"] = Transition(
+                guard=(past_surface, "mode", "felt_position", "surface"),
+                mode=(with_contact, "mode"),
+            )
+        if self._stop_time is not None:
+            transitions["stops"] = Transition(
+                mode=(with_stop, "mode"), offset=self._stop_time
+            )
+        return Kernel(
+            parameters={
+                "velocity": self._velocity,
+                "contact_force": self._contact_force,
+                "surface": np.array([self._surface]),
+            },
+            outputs={
+                "velocity_command": (velocity_command, "mode", "velocity"),
+                "force_command": (
+                    force_command, "mode", "haptic_force", "contact_force"
+                ),
+                "mode": (mode_vector, "mode"),
+            },
+            transitions=transitions,
+            unused=("felt_position",),
+        )  # fmt: skip
+
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [contact perceived, stopped]."""
         return context.get_discrete_state_vector().CopyToVector()
@@ -184,3 +217,24 @@ class Surgeon(LeafSystem):
 
     def _Stop(self, context: Context, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)
+
+
+def mode_vector(state: Array) -> Array:
+    """Returns operator_mode() as a vector."""
+    return np.array([operator_mode(state)])
+
+
+def past_surface(state: Array, felt_position: Array, surface: Array) -> Array:
+    """Returns how far behind the surface the tool is felt, m; negative once known."""
+    past = felt_position[:1] - surface
+    return past if operator_mode(state) == 0 else np.full(1, -1.0)
+
+
+def with_contact(state: Array) -> Array:
+    """Returns the state after contact was perceived."""
+    return np.array([1.0, state[1]])
+
+
+def with_stop(state: Array) -> Array:
+    """Returns the state after the stop."""
+    return np.array([state[0], 1.0])

@@ -120,6 +120,21 @@ class ToolInterface(LeafSystem):
             state | {self._control_force.ticket(), self._environment_force.ticket()},
         )
 
+    @property
+    def plant(self) -> MultibodyPlant:
+        """The plant."""
+        return self._plant
+
+    @property
+    def tool_index(self) -> int:
+        """Index of the body whose origin is T."""
+        return self._tool_index
+
+    @property
+    def num_task_axes(self) -> int:
+        """Number n of task axes."""
+        return self._n
+
     def _CalcKinematics(self, context: Context, output: BasicVector) -> None:
         x = self._plant_state.Eval(context)
         plant, plant_context = self._plant, self._plant_context

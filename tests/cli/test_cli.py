@@ -286,7 +286,7 @@ def interrupted(monkeypatch):
     """Makes simulate() return what it had when Ctrl-C came."""
     simulate = teleop_drake.simulation.simulate
 
-    def interrupted_simulate(scenario, progress=None):
+    def interrupted_simulate(scenario, progress=None, engine="drake"):
         recording = simulate(scenario)
         return replace(
             recording, termination="interrupted", reason="interrupted by the user"
@@ -314,7 +314,7 @@ def test_interrupted_comparison_keeps_what_there_is(interrupted, capsys):
 
 
 def test_interrupted_elsewhere(monkeypatch, capsys):
-    def interrupt(scenario, progress=None):
+    def interrupt(scenario, progress=None, engine="drake"):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
@@ -407,7 +407,7 @@ def test_progress(monkeypatch, capsys):
     simulate = teleop_drake.simulation.simulate
     now = 0.0
 
-    def slow_simulate(scenario, progress):
+    def slow_simulate(scenario, progress, engine):
         nonlocal now
         for simulated, real in [(0.1, 1.0), (0.2, 3.0), (0.25, 4.0), (0.28, 14.0)]:
             now = real
@@ -539,3 +539,12 @@ def test_what_show_prints_can_be_compared_at_a_short_delay(tmp_path, capsys):
     assert main(["show", "one_dof", *short]) == 0
     assert "max_step_size: 0.05" in capsys.readouterr().out
     assert main(["compare", str(tmp_path / "mine.yaml"), *short, "--quiet"]) == 0
+
+
+def test_an_engine_that_cannot_run_it_says_why(capsys):
+    override = "simulator.integration_scheme=runge_kutta3"
+    options = ["--set", override, "--engine", "compiled", "--json", "-"]
+    assert main(["run", "one_dof", *SHORT, *options]) == 0
+    assert "run in Drake's Simulator: compiled runs use runge_kutta5" in (
+        capsys.readouterr().err
+    )

@@ -9,6 +9,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
 
+from teleop_drake.compiler import machine_code
 from teleop_drake.compiler.check import Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.machine_code import CompileEvaluate
@@ -21,6 +22,7 @@ pytest.importorskip("numba")
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    machine_code._Evaluate.cache_clear()
     return tmp_path / "teleop-drake" / "kernels"
 
 
@@ -43,7 +45,10 @@ def check_machine_code(diagram):
 def test_numbers_are_data_and_structure_is_code(cache):
     first = check_machine_code(decay(3.0))
     assert sum(first.stats.cache_misses.values()) == 1
+    assert check_machine_code(decay(4.0)) is first
+    machine_code._Evaluate.cache_clear()  # As in another process.
     other = check_machine_code(decay(4.0))
+    assert other is not first
     assert sum(other.stats.cache_misses.values()) == 0
     assert len(list(cache.rglob("evaluate_*.py"))) == 1
 
@@ -69,7 +74,7 @@ def test_several_processes_may_compile_at_once(cache):
 def test_a_vector_of_another_size_is_an_error_of_the_code():
     text = """
 def evaluate(t, x, m, p, q, y, dx, everything):
-    put(y, 0, 2, x)
+    put(y[0:2], x)
 """
     compiled = CompileEvaluate(text, {"put": put})
     x, q = np.zeros(3), np.zeros(0, int)

@@ -319,7 +319,7 @@ def test_bad_combinations_are_rows(threads):
 
 
 def test_any_exception_is_a_row(threads, monkeypatch):
-    def Simulate(scenario):
+    def Simulate(scenario, engine):
         if scenario.robot.mass == 2:
             raise SystemExit("a contract of Drake\nis violated")
         if scenario.robot.mass == 3:

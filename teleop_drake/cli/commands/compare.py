@@ -4,7 +4,13 @@ import argparse
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.options import AddRunOptions, AddScenarioOptions, Load, LoadToRun
+from teleop_drake.cli.options import (
+    AddEngineOption,
+    AddRunOptions,
+    AddScenarioOptions,
+    Load,
+    LoadToRun,
+)
 from teleop_drake.cli.output import CheckJson, PrepareFolder, WriteJson
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
@@ -22,6 +28,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="the controllers, the baseline first; `all`: every architecture "
         "(default: the thesis's two)",
     )
+    AddEngineOption(parser)
     AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
@@ -63,7 +70,7 @@ def Execute(args: argparse.Namespace) -> int:
 
     recordings: dict[str, Recording] = {}
     for (kind, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
-        recordings[kind] = Simulate(scenario, args.quiet)
+        recordings[kind] = Simulate(scenario, args.quiet, args.engine)
         recordings[kind].Save(path)
         if recordings[kind].termination == "interrupted":
             break

@@ -3,7 +3,12 @@
 import argparse
 
 from teleop_drake.cli.exit_codes import INTERRUPTED
-from teleop_drake.cli.options import AddRunOptions, AddScenarioOptions, LoadToRun
+from teleop_drake.cli.options import (
+    AddEngineOption,
+    AddRunOptions,
+    AddScenarioOptions,
+    LoadToRun,
+)
 from teleop_drake.cli.output import (
     CheckJson,
     PrepareFolder,
@@ -18,6 +23,7 @@ from teleop_drake.cli.tables import Headline, Table
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     AddScenarioOptions(parser)
+    AddEngineOption(parser)
     AddRunOptions(
         parser,
         json_help="write the metrics as JSON; `-`: to stdout, and nothing else there",
@@ -37,7 +43,7 @@ def Execute(args: argparse.Namespace) -> int:
 
     from teleop_drake.tasks.metrics import RunSummary
 
-    recording = Simulate(scenario, args.quiet)
+    recording = Simulate(scenario, args.quiet, args.engine)
     record = RunSummary(recording)
     if args.out is not None:
         from teleop_drake.figures.runs import PlotRun, SaveFigure

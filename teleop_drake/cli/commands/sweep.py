@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
-from teleop_drake.cli.options import OVERRIDES, AddRunOptions, AddScenarioOptions
+from teleop_drake.cli.options import (
+    OVERRIDES,
+    AddEngineOption,
+    AddRunOptions,
+    AddScenarioOptions,
+)
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
 
@@ -65,6 +70,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="do only what is missing in --out"
     )
+    AddEngineOption(parser)
     AddRunOptions(
         parser,
         json_help="write a list with the records of all runs as JSON; `-`: to stdout, "
@@ -85,7 +91,7 @@ def Execute(args: argparse.Namespace) -> int:
     num_finished = num_runs = 0
     try:
         grid, overrides = Grid(args)
-        plan = PlanSweep(args.scenario, grid, overrides=overrides)
+        plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
         metrics = []
         if args.metrics is not None:
             names = [name.strip() for name in args.metrics.split(",")]

@@ -1,0 +1,123 @@
+"""Runs a diagram as machine code."""
+
+import functools
+import importlib.util
+import time as clock
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.compiler.check import CheckNear
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.flatten import OutputOf
+from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.signals import NamedSignals
+from teleop_drake.simulation.outcome import Outcome
+from teleop_drake.simulation.run_monitor import Interruption, SpeedLimit
+from teleop_drake.simulation.simulator import EVENT_ACCURACY
+
+
+class CannotCompile(Exception):
+    """A run that has to be Drake's; the message says why."""
+
+
+def RunCompiled(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    speed_limit: SpeedLimit,
+    progress: Callable[[float], None] | None,
+) -> Outcome:
+    """Runs a diagram as machine code.
+
+    Args:
+        diagram: What to run.
+        config: How accurately.
+        duration: How long, s.
+        speed_limit: When to end early.
+        progress: Called now and then with the simulated time in s.
+
+    Raises:
+        CannotCompile: If a block, the solver that is asked for, or the machine has no
+            machine code.
+        KernelDisagrees: If the machine code does not compute what the diagram does.
+    """
+    if not _HasNumba():
+        raise CannotCompile("numba is not installed; the extra `fast` has it")
+    if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
+        raise CannotCompile(
+            "compiled runs use runge_kutta5 with error control, not "
+            f"{config.integration_scheme}"
+        )
+    context = diagram.CreateDefaultContext()
+    context.SetAccuracy(EVENT_ACCURACY)
+    diagram.ExecuteInitializationEvents(context)
+    start = clock.monotonic()
+    try:
+        run = CompiledRun(
+            diagram,
+            context,
+            accuracy=config.accuracy,
+            max_step=config.max_step_size,
+        )
+    except UnsupportedSystem as error:
+        raise CannotCompile(str(error)) from error
+    CheckNear(run.evaluator, diagram, context)
+    return _Run(run, diagram, duration, speed_limit, progress, start)
+
+
+def _Run(
+    run: CompiledRun,
+    diagram: Diagram,
+    duration: float,
+    speed_limit: SpeedLimit,
+    progress: Callable[[float], None] | None,
+    start: float,
+) -> Outcome:
+    places = _Signals(run, diagram)
+    pieces: list[tuple[np.ndarray, np.ndarray]] = []
+    termination, reason, is_too_fast = "completed", "", False
+    with Interruption() as interruption:
+        while run.time < duration and termination == "completed":
+            times, rows = run.Advance(duration)
+            speeds = np.linalg.norm(rows[:, places["tool_velocity"]], axis=1)
+            too_fast = np.flatnonzero(~(speeds <= speed_limit.speed))
+            if too_fast.size > 0:
+                end = int(too_fast[0])
+                is_too_fast = bool(np.isfinite(speeds[end]))
+                termination, reason = "diverged", speed_limit.Reason(speeds[end])
+                times, rows = times[: end + is_too_fast], rows[: end + is_too_fast]
+            elif run.failure:
+                termination, reason = "diverged", run.failure
+            elif interruption.has_come:
+                termination, reason = "interrupted", "interrupted by the user"
+            pieces.append((times, rows))
+            if progress is not None:
+                progress(run.time)
+    times, rows = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    return Outcome(
+        times=times,
+        signals={name: rows[:, place] for name, place in places.items()},
+        steps=run.num_steps,
+        derivative_evaluations=run.num_evaluations,
+        wall_time=clock.monotonic() - start,
+        termination=termination,
+        reason=reason,
+        is_too_fast=is_too_fast,
+    )
+
+
+@functools.cache
+def _HasNumba() -> bool:
+    return all(importlib.util.find_spec(name) for name in ("numba", "scipy"))
+
+
+def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:
+    """Returns where the outputs of the diagram's systems are in a row, by name."""
+    places, blocks = run.evaluator.program.signals, run.evaluator.blocks
+    return {
+        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
+        for name, port in NamedSignals(diagram.GetSystems()).items()
+    }

@@ -1,0 +1,34 @@
+"""What comes out of a run, whatever it was run with."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from teleop_drake.channels.packet_statistics import PacketStatistics
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """What came out of a run.
+
+    Attributes:
+        times: The ends of the steps in s (N,).
+        signals: By name (N, k).
+        steps: Number of steps taken.
+        derivative_evaluations: Number of evaluations of the time derivatives.
+        wall_time: Real time that it took, in s.
+        termination: As in Recording, and so is the reason.
+        reason: Why it did not complete.
+        is_too_fast: Whether it ended because the tool was faster than allowed.
+        channels: As in Recording.
+    """
+
+    times: np.ndarray
+    signals: dict[str, np.ndarray]
+    steps: int
+    derivative_evaluations: int
+    wall_time: float
+    termination: str
+    reason: str
+    is_too_fast: bool
+    channels: dict[str, PacketStatistics] = field(default_factory=dict)

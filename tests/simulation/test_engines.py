@@ -1,0 +1,93 @@
+"""Compiled runs against those of Drake's Simulator."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunSummary
+
+
+def tight(name, *overrides):
+    return LoadScenario(
+        name,
+        ["simulator.accuracy=1e-10", "simulator.max_step_size=0.01", *overrides],
+    )
+
+
+def assert_same_run(scenario, *, tolerance=1e-6):
+    """Compares all signals as shares of their ranges, except next to jumps."""
+    drake = simulate(scenario)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compiled = simulate(scenario, engine="compiled")
+    assert compiled.termination == drake.termination
+    assert list(compiled.signals) == list(drake.signals)
+    assert [event.name for event in compiled.events] == [
+        event.name for event in drake.events
+    ]
+    for ours, theirs in zip(compiled.events, drake.events, strict=True):
+        assert ours.time == pytest.approx(theirs.time, abs=1e-6)
+    jumps = np.concatenate(
+        [run.time[:-1][np.diff(run.time) == 0] for run in (drake, compiled)]
+    )
+    times = np.linspace(0, compiled.time[-1], 1999)[1:-1]
+    distance = np.abs(times[:, np.newaxis] - jumps).min(axis=1)
+    times = times[distance > 1e-5]
+    for name in drake.signals:
+        ours, theirs = (run.Interpolate(name, times) for run in (compiled, drake))
+        scale = max(np.ptp(theirs), 1e-12)
+        error = np.abs(ours - theirs).max(axis=1) / scale
+        assert np.quantile(error, 0.99) < tolerance, name
+    return compiled
+
+
+def test_a_puncture_compiles():
+    pytest.importorskip("numba")
+    scenario = tight("one_dof", "duration=9", "controller.kind=direct_force")
+    run = assert_same_run(scenario)
+    assert run.EventTimes("puncture")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", ["direct_force", "adaptive_backstepping"])
+@pytest.mark.parametrize(
+    "name", ["one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined"]
+)
+def test_the_thesis_compiles(name, controller):
+    pytest.importorskip("numba")
+    duration = 16 if name == "one_dof" else 2
+    assert_same_run(
+        tight(name, f"duration={duration}", f"controller.kind={controller}"),
+        tolerance=1e-5,
+    )
+
+
+def test_a_run_that_is_too_fast_ends_at_its_limit():
+    pytest.importorskip("numba")
+    scenario = LoadScenario(
+        "one_dof",
+        ["duration=9", "controller.kind=direct_force", "divergence_speed_ratio=1.3"],
+    )
+    drake, compiled = simulate(scenario), simulate(scenario, engine="compiled")
+    assert compiled.termination == drake.termination == "diverged"
+    assert compiled.time[-1] == pytest.approx(drake.time[-1], abs=1e-4)
+    assert RunSummary(compiled)["metrics"]["diverged"]
+
+
+def test_what_cannot_be_compiled_says_why():
+    scenario = LoadScenario(
+        "one_dof", ["duration=0.05", "simulator.integration_scheme=runge_kutta3"]
+    )
+    with pytest.warns(UserWarning, match="runge_kutta5"):
+        simulate(scenario, engine="compiled")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(scenario, engine="auto")
+
+
+def test_an_unknown_engine_is_refused():
+    with pytest.raises(ValueError, match="engine: 'steam'; allowed: drake, compiled"):
+        simulate(LoadScenario("one_dof"), engine="steam")
