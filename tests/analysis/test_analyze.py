@@ -137,7 +137,10 @@ def test_files(capsys):
         ("two_dof_puncture --vary position=1,2", "position = 2: [2.0, 0.0] is 2 m fr"),
         ("one_dof --vary position=-1,2", "position = -1: must be on the tool's path"),
         ("network_tracking_linear", "scenario = 'network_tracking_linear': must be a"),
-        ("one_dof --vary robot.model=1:2:2", "robot.model = 1.0: must be text"),
+        (
+            "one_dof --vary robot.model=1:2:2",
+            "robot.model = 1.0: must be one of slider, ",
+        ),
         ("one_dof --vary surgeon=0:1:2", "surgeon = 0.0: must be a mapping with the"),
         (
             "one_dof --set forward_channel={kind: network, sample_period: 0.01, "

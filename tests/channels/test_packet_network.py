@@ -1,4 +1,4 @@
-"""Tests of delays that vary and of networks that delay, lose and reorder packets."""
+"""Networks that delay, lose and reorder packets."""
 
 import math
 
@@ -8,8 +8,6 @@ from scipy import stats
 
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.packet_statistics import packet_statistics
-from teleop_drake.channels.receiver import Receiver, check_receiver
 
 COUNT = 20_000
 H = 0.001
@@ -39,25 +37,6 @@ def runs(lost):
 
 
 # Delays.
-
-
-def test_profile_adds_its_parts():
-    times, values = [1000.0, 1000.5, 1002.0], [0.02, 0.05, 0.03]
-    profile = DelayProfile(
-        delay=0.1,
-        drift=-0.001,
-        sinusoid=Sinusoid(amplitude=0.01, frequency=3.0, phase=0.4),
-        trace=(times, values),
-    )
-    assert profile.duration == 2.0
-    for t in np.linspace(0, 2, 41):
-        expected = 0.1 - 0.001 * t + 0.01 * math.sin(3 * t + 0.4)
-        expected += np.interp(1000 + t, times, values)
-        assert profile(t) == pytest.approx(expected, abs=1e-13)
-    assert profile.minimum == pytest.approx(0.1 - 0.002 - 0.01 + 0.02)
-    assert profile.max_slope == pytest.approx(-0.001 + 0.03 + 0.03 / 0.5)
-    with pytest.raises(ValueError, match=r"t = 2.1: must be at most 2 s"):
-        profile(2.1)
 
 
 def test_packets_follow_the_profile():
@@ -233,64 +212,6 @@ def test_more_loss_loses_the_same_packets_and_more():
     assert np.all(many[few])
 
 
-# Statistics.
-
-
-@pytest.mark.parametrize(
-    "receiver",
-    [Receiver(), Receiver(policy="playout", depth=0.02)],
-    ids=lambda receiver: receiver.policy,
-)
-def test_statistics_against_counting(receiver):
-    network = make(**BUSY, h=0.01, seed=4)
-    end = 7.003
-    result = packet_statistics(network, receiver, end)
-    sent = 701
-    arrivals = network.Arrivals(sent)
-    received = [k for k in range(sent) if arrivals[k] <= end]
-    d = np.array([arrivals[k] - k * 0.01 for k in received])
-    assert result.sent == sent
-    assert result.received == len(received)
-    assert result.lost == sum(math.isinf(a) for a in arrivals)
-    assert result.loss_rate == result.lost / sent
-    assert result.reordered == sum(
-        any(arrivals[j] < arrivals[k] for j in received if j > k) for k in received
-    )
-    assert result.reordered > 50
-    late = sum(d > MEAN + receiver.depth) if receiver.policy == "playout" else 0
-    assert result.late == late
-    assert result.delay_mean == pytest.approx(d.mean())
-    for key, percent in (
-        ("minimum", 0),
-        ("median", 50),
-        ("p95", 95),
-        ("p99", 99),
-        ("maximum", 100),
-    ):
-        value = getattr(result, f"delay_{key}")
-        assert value == pytest.approx(np.percentile(d, percent))
-    shown = [network.Shown(k, receiver) for k in range(sent)]
-    grid = np.arange(min(shown), end, 1e-4) + 5e-5
-    ages = [t - max(k for k in received if shown[k] <= t) * 0.01 for t in grid]
-    assert result.age_mean == pytest.approx(np.mean(ages), rel=1e-3)
-    assert result.age_maximum == pytest.approx(np.max(ages), abs=2e-4)
-
-
-def test_age_of_information_of_a_constant_delay():
-    result = packet_statistics(make(h=0.01), Receiver(), 10.1)
-    assert result.age_mean == pytest.approx(MEAN + 0.005)
-    assert result.age_maximum == pytest.approx(MEAN + 0.01)
-    assert (result.sent, result.received, result.lost) == (1010, 1001, 0)
-
-
-def test_statistics_of_nothing():
-    loss = Loss(kind="independent", probability=1.0)
-    result = packet_statistics(make(loss=loss), Receiver(), 1.0)
-    assert (result.sent, result.received, result.loss_rate) == (1000, 0, 1.0)
-    assert result.delay_mean is result.delay_p99 is result.age_mean is None
-    assert packet_statistics(make(), Receiver(), 0.0).sent == 0
-
-
 # What is refused.
 
 TRACE = ([0.0, 1.0], [0.1, 0.2])
@@ -370,34 +291,3 @@ TRACE = ([0.0, 1.0], [0.1, 0.2])
 def test_bad_parameters(arguments, message):
     with pytest.raises(ValueError, match=message):
         make(**arguments)
-
-
-@pytest.mark.parametrize(
-    ("receiver", "message"),
-    [
-        (Receiver(policy="oldest"), "receiver.policy = 'oldest': must be one of"),
-        (Receiver(policy="playout", depth=-1), "receiver.depth = -1: must be"),
-        (Receiver(depth=0.1), "receiver.depth = 0.1: must be 0 where"),
-    ],
-)
-def test_bad_receivers(receiver, message):
-    with pytest.raises(ValueError, match=message):
-        check_receiver(receiver)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"delay": 0.0}, "delay = 0.0: must be .* never less than 1e-06 s"),
-        ({"drift": 1.0}, "drift = 1.0: must be such that dT/dt, up to 1, is less"),
-        (
-            {"sinusoid": Sinusoid(amplitude=0.05, frequency=20.5)},
-            "sinusoid.amplitude = 0.05: must be such that dT/dt, up to 1.025",
-        ),
-        ({"trace": ([0, 1, 1.01], [0.1, 0.1, 0.2])}, "trace = .*: must .* up to 10"),
-    ],
-)
-def test_what_cannot_be_continuous(arguments, message):
-    profile = DelayProfile(**({"delay": 0.1} | arguments))
-    with pytest.raises(ValueError, match=message):
-        profile.CheckContinuous(1e-6)

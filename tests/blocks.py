@@ -1,0 +1,65 @@
+"""Blocks by themselves: what comes out of one, and what it depends on."""
+
+import numpy as np
+
+
+class Block:
+    """A block in a Context of its own, with values at its inputs and in its state.
+
+    Args:
+        system: The block.
+        inputs: Values by port.
+        state: Its continuous state; None leaves the initial one.
+    """
+
+    def __init__(self, system, inputs, state=None):
+        self.system = system
+        self.context = system.CreateDefaultContext()
+        for name, value in inputs.items():
+            system.GetInputPort(name).FixValue(self.context, np.array(value))
+        if state is not None:
+            self.context.SetContinuousState(state)
+
+    def __getitem__(self, name):
+        """Returns an output."""
+        return self.system.GetOutputPort(name).Eval(self.context)
+
+    def Rate(self):
+        """Returns the derivatives of the continuous state."""
+        return self.system.EvalTimeDerivatives(self.context).CopyToVector()
+
+
+def Feedthrough(system):
+    """Returns what depends directly on what: {output: {inputs}}, if it does on any."""
+    pairs = {}
+    for i in range(system.num_input_ports()):
+        for j in range(system.num_output_ports()):
+            if system.HasDirectFeedthrough(i, j):
+                output = system.get_output_port(j).get_name()
+                pairs.setdefault(output, set()).add(system.get_input_port(i).get_name())
+    return pairs
+
+
+def RandomInputs(system, seed):
+    """Returns a value for each input port."""
+    random = np.random.default_rng(seed)
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    return {port.get_name(): random.normal(size=port.size()) for port in ports}
+
+
+def AssertFeedthroughIsReal(system, seed=0):
+    """Changes each input in turn: only the outputs that may change do, and all do."""
+    inputs = RandomInputs(system, seed)
+    state = None
+    if size := system.num_continuous_states():
+        state = np.random.default_rng(seed + 1).normal(size=size)
+    expected = Feedthrough(system)
+    before = Block(system, inputs, state)
+    found = {}
+    for name, value in inputs.items():
+        after = Block(system, inputs | {name: value + 1.0}, state)
+        for i in range(system.num_output_ports()):
+            output = system.get_output_port(i).get_name()
+            if not np.array_equal(before[output], after[output]):
+                found.setdefault(output, set()).add(name)
+    assert found == expected
