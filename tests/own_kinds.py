@@ -1,10 +1,12 @@
-"""A control law of a user's own, as a module that scenarios name."""
+"""Kinds of a user's own, in a module that scenarios name: a control law, a robot."""
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import LeafSystem
+import numpy as np
+from pydrake.systems.framework import BasicVector, LeafSystem
 
 from teleop_drake.architectures import ControlLawConfig
+from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import CheckNumber
 
 
@@ -45,3 +47,59 @@ class BrakedForce(ControlLawConfig):
 
     def MakeControlLaw(self, facts, path):
         return BrakedForceLaw(num_axes=facts.num_axes, damping=self.damping)
+
+
+@dataclass(kw_only=True, eq=False)
+class PuckConfig(RobotConfig):
+    """A puck on air: a mass on n axes, without a MultibodyPlant."""
+
+    # kg, > 0.
+    mass: float = 1.0
+
+    def Check(self, path):
+        super().Check(path)
+        CheckNumber(f"{path}.mass", self.mass, "kg", above=0)
+
+    def MakeRobot(self):
+        return Puck(self.start, self.mass)
+
+
+class Puck(LeafSystem):
+    """m dv/dt = F_c - F_e."""
+
+    def __init__(self, start, mass):
+        super().__init__()
+        n = len(start)
+        self._mass = mass
+        self._forces = [
+            self.DeclareVectorInputPort(name, n)
+            for name in ("control_force", "environment_force")
+        ]
+        self.DeclareContinuousState(BasicVector([*start, *[0.0] * n]), n, n, 0)
+        state = {self.xc_ticket()}
+        for name, begin in (("tool_position", 0), ("tool_velocity", n)):
+            self.DeclareVectorOutputPort(
+                name,
+                n,
+                lambda context, output, begin=begin: output.SetFromVector(
+                    self._State(context)[begin : begin + n]
+                ),
+                state,
+            )
+        self.DeclareVectorOutputPort(
+            "tool_acceleration",
+            n,
+            lambda context, output: output.SetFromVector(self._Acceleration(context)),
+            {port.ticket() for port in self._forces},
+        )
+
+    def _State(self, context):
+        return context.get_continuous_state_vector().CopyToVector()
+
+    def _Acceleration(self, context):
+        control_force, environment_force = (port.Eval(context) for port in self._forces)
+        return (control_force - environment_force) / self._mass
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        v = np.split(self._State(context), 2)[1]
+        derivatives.SetFromVector(np.concatenate([v, self._Acceleration(context)]))

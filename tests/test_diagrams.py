@@ -63,6 +63,7 @@ def test_there_are_the_levels_of_building():
     assert [script.stem for script in SCRIPTS] == [
         "one_dof_by_hand",
         "own_architecture",
+        "own_arm",
         "own_channel",
         "own_controller",
         "two_dof_arm",
@@ -124,6 +125,15 @@ def test_the_own_channel_smooths_what_comes_back(run):
     wide, medium, narrow = (float(re.findall(r"\d+\.\d+", x)[0]) for x in lines)
     assert wide == pytest.approx(0.472, rel=0.02)
     assert wide < medium < narrow
+
+
+def test_the_own_arm_has_three_axes(run):
+    _, lines = run(DIRECTORY / "own_arm.py")
+    *mass, force = map(float, re.findall(r"\d+\.\d+", " ".join(lines)))
+    assert len(mass) == 3
+    metrics = RunMetrics(simulate(LoadScenario(DIRECTORY / "own_arm.yaml")))
+    expected = metrics["collision"]["initial_impact_force"]
+    assert force == pytest.approx(expected, abs=1e-3)
 
 
 def _Name(node):

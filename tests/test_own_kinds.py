@@ -19,6 +19,7 @@ from teleop_drake.teleoperator import MakeTeleoperator
 DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 CHANNEL = "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 50}"
 LAW = ["controller.kind=own_kinds:BrakedForce", "controller.parameters.damping=0.4"]
+ROBOT = ["robot={model: own_kinds:PuckConfig, start: [0], mass: 0.8}"]
 SHORT = "duration=0.5"
 
 
@@ -37,7 +38,9 @@ def Options(*overrides):
     return [x for override in overrides for x in ("--set", override)]
 
 
-@pytest.mark.parametrize("own", [[CHANNEL], LAW, [CHANNEL, *LAW]], ids=len)
+@pytest.mark.parametrize(
+    "own", [[CHANNEL], LAW, [CHANNEL, *LAW], [*ROBOT, *LAW]], ids=str
+)
 def test_commands(own, capsys):
     options = Options(*own, SHORT)
     summary = json.loads(Run(capsys, "run", "one_dof", *options, "--json", "-"))
@@ -87,6 +90,25 @@ def test_the_law_is_the_own_one():
         "controller"
     )
     assert law.HasSubsystemNamed("braked_force")
+
+
+def test_a_robot_without_a_plant(capsys):
+    """It works wherever nothing derives from its inertia, which it does not tell."""
+    direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)
+    recording = simulate(LoadScenario("one_dof", direct[1::2]))
+    slider = "robot={model: slider, start: [0], mass: 0.8, damping: 0}"
+    expected = simulate(LoadScenario("one_dof", [slider, *direct[3::2]]))
+    np.testing.assert_allclose(
+        recording["tool_position"], expected["tool_position"], atol=1e-9
+    )
+    Run(capsys, *("sweep", "one_dof", *direct, "--delay", "0.05,0.1"), "--jobs", "1")
+    options = [*direct, "--set", "controller.initial_psi=1"]
+    assert "wave" in Run(
+        capsys, "compare", "one_dof", *options, "--controllers", "wave_variables"
+    )
+    smith = "controller.kind=smith_predictor"
+    with pytest.raises(ScenarioError, match="robot does not tell its inertia"):
+        MakeTeleoperator(LoadScenario("one_dof", [*ROBOT, smith]))
 
 
 def test_systems_in_place_of_the_channels():

@@ -364,6 +364,12 @@ class _Linearizer:
         for rates in np.eye(n):
             plant.Set(np.concatenate([q, rates]))
             columns.append(self._Eval("robot", "tool_velocity"))
+        reached = self._Eval("robot", "tool_position")
+        if not np.allclose(reached, point.position, rtol=0, atol=1e-6):
+            raise ValueError(
+                f"robot: its tool must be at {point.position.tolist()} with the joint "
+                f"positions that its config gives, and is at {reached.tolist()}"
+            )
         self._jacobian = np.array(columns).T
         plant.Set(np.concatenate([q, np.linalg.solve(self._jacobian, point.velocity)]))
 

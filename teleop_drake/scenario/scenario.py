@@ -165,7 +165,7 @@ class _ScenarioBase:
 
     def _Remember(self, tree: dict[str, Any]) -> None:
         """Remembers that this is valid, unless that depends on a file."""
-        if not any(_Files(config) for config in _Kinds(self)):
+        if not ScenarioFiles(cast(AnyScenario, self)):
             self._valid = repr(tree)
 
 
@@ -357,21 +357,42 @@ def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
     """
     tree = ParseFile(path, text)
     tree.setdefault("name", path.stem)
-    scenario = FromTree(tree, _SchemaOf(tree))
-    for config in _Kinds(scenario):
-        for name, file in _Files(config).items():
-            setattr(config, name, str(path.parent / file))
-    return ToTree(scenario)
+    ResolveFiles(tree, path.parent)
+    return ToTree(FromTree(tree, _SchemaOf(tree)))
 
 
-def _Kinds(scenario: _ScenarioBase) -> list[KindConfig]:
-    """Returns the configs of a scenario that are of a kind."""
-    values = [getattr(scenario, item.name) for item in dataclasses.fields(scenario)]
-    return [value for value in values if isinstance(value, KindConfig)]
+def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
+    """Makes the paths of files in a scenario file relative to its folder.
+
+    Args:
+        tree: What is in the scenario file; it is changed.
+        folder: Where the scenario file is.
+
+    Raises:
+        ScenarioError: If a key is unknown or a value has the wrong type.
+    """
+    for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
+        section, key = dotted.split(".")
+        tree[section][key] = str(folder / file)
 
 
-def _Files(config: KindConfig) -> dict[str, str]:
+def ScenarioFiles(scenario: AnyScenario) -> dict[str, str]:
+    """Returns the files that a scenario names, by their dotted fields.
+
+    Args:
+        scenario: Any, its values unchecked.
+    """
+    return {
+        f"{item.name}.{key}": file
+        for item in dataclasses.fields(scenario)
+        for key, file in _Files(getattr(scenario, item.name)).items()
+    }
+
+
+def _Files(config: Any) -> dict[str, str]:
     """Returns the fields of a config that name a file, and the file's path."""
+    if not isinstance(config, KindConfig):
+        return {}
     files = {name: getattr(config, name) for name in config.file_fields}
     return {name: file for name, file in files.items() if file is not None}
 

@@ -24,8 +24,8 @@ from teleop_drake.scenario import (
     Scenario,
     ScenarioError,
     ScenarioNames,
-    TrackingScenario,
 )
+from teleop_drake.scenario.scenario import ResolveFiles, ScenarioFiles
 from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
 from teleop_drake.sweep.result import SweepError
 
@@ -56,7 +56,7 @@ class SweepPlan:
         axes: Keys of the grid and their values.
         points: Key to value for each run; the last key varies fastest.
         scenario: The first point that is valid.
-        traces: The files of measured delays that runs read, and a hash of each.
+        traces: The files that scenarios of the runs name, and a hash of each.
         engine: As simulate() takes it.
     """
 
@@ -106,7 +106,7 @@ def PlanSweep(
         loaded = LoadScenario(scenario, point)
         CheckSteps(loaded)
         _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
-        traces.update(_HashTraces(loaded, traces))
+        traces.update(_HashFiles(loaded, traces))
         return loaded
 
     first = _CheckValues(Load, overrides, axes)
@@ -165,7 +165,7 @@ def ParseValues(text: str) -> list[Any]:
 class Source:
     """A scenario file that can be sent to another machine.
 
-    What it names in turn, a measured trace, has to be there.
+    What it names in turn, a measured trace or a robot's model, has to be there.
 
     Attributes:
         name: A built-in name, or the file's.
@@ -198,23 +198,15 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
     if os.fspath(scenario) in ScenarioNames():
         return Source(name=path.name, text=None)
     tree = ParseFile(path, ReadText(path))
-    for key in ("forward_channel", "return_channel"):
-        channel = tree.get(key) or {}
-        if channel.get("trace") is not None:
-            # Relative to a file that will be elsewhere.
-            channel["trace"] = str(path.parent.resolve() / channel["trace"])
+    ResolveFiles(tree, path.parent.resolve())  # The scenario file will be elsewhere.
     return Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
 
 
-def _HashTraces(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
-    """Returns the traces of a valid scenario that are not known yet, with a hash."""
-    if isinstance(scenario, TrackingScenario):
-        return {}
-    channels = (scenario.forward_channel, scenario.return_channel)
-    files = {getattr(channel, "trace", None) for channel in channels}
+def _HashFiles(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
+    """Returns the files that a valid scenario names, as far as not known, hashed."""
     return {
         file: hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        for file in sorted(filter(None, files))
+        for file in sorted(set(ScenarioFiles(scenario).values()))
         if file not in known
     }
 
