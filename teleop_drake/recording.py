@@ -10,7 +10,12 @@ import numpy as np
 from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.interpolation import interpolate
-from teleop_drake.scenario import ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.scenario import (
+    AsTeleoperation,
+    Scenario,
+    ScenarioFromYaml,
+    ScenarioToYaml,
+)
 
 
 @dataclass(kw_only=True)
@@ -78,6 +83,15 @@ class Recording:
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal."""
         return self.signals[name]
+
+    @property
+    def teleoperation(self) -> Scenario:
+        """The scenario of a run that was a teleoperation.
+
+        Raises:
+            ScenarioError: If it was another task.
+        """
+        return AsTeleoperation(self.scenario)
 
     @property
     def commands(self) -> np.ndarray:

@@ -24,7 +24,9 @@ class States:
 
     def Get(self) -> Array:
         """Returns their values."""
-        return self.context.get_continuous_state_vector().CopyToVector()[self.indices]
+        state = self.context.get_continuous_state_vector()
+        values: Array = state.CopyToVector()[self.indices]
+        return values
 
     def Set(self, values: Array) -> None:
         """Gives them values."""
@@ -34,8 +36,9 @@ class States:
 
     def GetRates(self) -> Array:
         """Returns their time derivatives."""
-        rates = self.system.EvalTimeDerivatives(self.context).CopyToVector()
-        return rates[self.indices]
+        rates = self.system.EvalTimeDerivatives(self.context)
+        values: Array = rates.CopyToVector()[self.indices]
+        return values
 
 
 class InnerDelay:
@@ -48,11 +51,13 @@ class InnerDelay:
 
     def GetInput(self) -> Array:
         """Returns what goes into the delay now."""
-        return self._system.get_input_port().Eval(self._context)
+        value: Array = self._system.get_input_port().Eval(self._context)
+        return value
 
     def Get(self) -> Array:
         """Returns what it delivers now."""
-        return self._system.get_output_port().Eval(self._context)
+        value: Array = self._system.get_output_port().Eval(self._context)
+        return value
 
     def Set(self, value: Array) -> None:
         """Lets it deliver a value."""
@@ -71,7 +76,8 @@ class FixedInput:
 
     def Get(self) -> Array:
         """Returns the value at the ports."""
-        return self.ports[0].Eval(self.contexts[0])
+        value: Array = self.ports[0].Eval(self.contexts[0])
+        return value
 
     def Set(self, value: Array) -> None:
         """Fixes the ports at a value."""

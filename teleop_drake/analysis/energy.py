@@ -188,7 +188,8 @@ def AddChannelEnergy(
         The system, whose output ports are energy and power.
     """
     n = num_axes
-    meter = builder.AddNamedSystem("channel_energy", ChannelEnergy(num_axes=n))
+    meter = ChannelEnergy(num_axes=n)
+    builder.AddNamedSystem("channel_energy", meter)
     for i, (port, name) in enumerate(
         (
             (forward_sent, "master_force"),
@@ -228,7 +229,8 @@ def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
     )
     F_c = controller.GetOutputPort("control_force")
     n = F_c.size()
-    meter = builder.AddNamedSystem("two_port_energy", ChannelEnergy(num_axes=n))
+    meter = ChannelEnergy(num_axes=n)
+    builder.AddNamedSystem("two_port_energy", meter)
     if master.HasOutputPort("felt_velocity"):
         F_h, v_felt = map(master.GetOutputPort, ("force_command", "felt_velocity"))
     else:

@@ -273,7 +273,8 @@ class _Linearizer:
 
     def _Eval(self, system: str, port: str) -> Array:
         output = self._systems[system].GetOutputPort(port)
-        return output.Eval(self._Context(self._systems[system]))
+        value: Array = output.Eval(self._Context(self._systems[system]))
+        return value
 
     def _PacketSizes(self) -> tuple[int, int]:
         forward, back = self._forward_packet.ports[0], self._return_packet.ports[0]

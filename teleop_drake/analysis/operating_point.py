@@ -145,7 +145,8 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
 
     estimates = ("control_force", "weights_1", "psi", "weights_3")
     is_adaptive = all(name in recording.signals for name in estimates)
-    point = _MakePoint(recording.scenario, At("tool_position"), At("tool_velocity"))
+    scenario = recording.teleoperation
+    point = _MakePoint(scenario, At("tool_position"), At("tool_velocity"))
     return replace(
         point,
         forward_packet=At("forward_packet_received"),

@@ -122,7 +122,8 @@ class FourChannelMaster(LeafSystem):
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [x_m; v_m] or [x_m; v_m; v_f]."""
-        return context.get_continuous_state_vector().CopyToVector()
+        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
+        return state
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState

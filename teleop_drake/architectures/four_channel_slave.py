@@ -113,7 +113,8 @@ class FourChannelSlave(LeafSystem):
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns v_f, which is empty without accelerations."""
-        return context.get_continuous_state_vector().CopyToVector()
+        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
+        return state
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState

@@ -99,11 +99,15 @@ class PassivityMaster(LeafSystem):
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""
-        return self._scale * context.get_continuous_state_vector().CopyToVector()
+        state = context.get_continuous_state_vector().CopyToVector()
+        energies: np.ndarray = self._scale * state
+        return energies
 
     def _Budget(self, context: Context) -> np.ndarray:
         n = self._n
-        return self._packet.Eval(context)[2 * n :] - self._Energies(context)[n:]
+        E_received = self._packet.Eval(context)[2 * n :]
+        E: np.ndarray = E_received - self._Energies(context)[n:]
+        return E
 
     def _Mobility(self, context: Context) -> np.ndarray:
         F_h = self._F_h.Eval(context)
@@ -114,7 +118,8 @@ class PassivityMaster(LeafSystem):
 
     def _Velocity(self, context: Context) -> np.ndarray:
         v = self._packet.Eval(context)[self._n : 2 * self._n]
-        return v + self._Mobility(context) * self._F_h.Eval(context)
+        v_m: np.ndarray = v + self._Mobility(context) * self._F_h.Eval(context)
+        return v_m
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState

@@ -100,12 +100,15 @@ class PassivitySlave(LeafSystem):
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""
-        return self._E_0 * context.get_continuous_state_vector().CopyToVector()
+        state = context.get_continuous_state_vector().CopyToVector()
+        energies: np.ndarray = self._E_0 * state
+        return energies
 
     def _Budget(self, context: Context) -> np.ndarray:
         n = self._n
         E_received = self._packet.Eval(context)[n:]
-        return self._E_0 + E_received - self._Energies(context)[n:]
+        E: np.ndarray = self._E_0 + E_received - self._Energies(context)[n:]
+        return E
 
     def _Damping(self, context: Context) -> np.ndarray:
         F = self._packet.Eval(context)[: self._n]
@@ -114,7 +117,8 @@ class PassivitySlave(LeafSystem):
 
     def _Force(self, context: Context) -> np.ndarray:
         F = self._packet.Eval(context)[: self._n]
-        return F - self._Damping(context) * self._v.Eval(context)
+        F_c: np.ndarray = F - self._Damping(context) * self._v.Eval(context)
+        return F_c
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState

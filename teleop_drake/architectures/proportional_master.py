@@ -90,7 +90,8 @@ class ProportionalMaster(LeafSystem):
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [x_m; v_m]."""
-        return context.get_continuous_state_vector().CopyToVector()
+        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
+        return state
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState

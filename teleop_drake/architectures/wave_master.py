@@ -119,9 +119,12 @@ class WaveMaster(LeafSystem):
         )
 
     def _Wave(self, context: Context) -> np.ndarray:
+        wave: np.ndarray
         if self._bandwidth:
-            return context.get_continuous_state_vector().CopyToVector()[self._n :]
-        return self._f * self._packet.Eval(context)[: self._n]
+            wave = context.get_continuous_state_vector().CopyToVector()[self._n :]
+        else:
+            wave = self._f * self._packet.Eval(context)[: self._n]
+        return wave
 
     def _Velocity(self, context: Context) -> np.ndarray:
         return master_velocity(

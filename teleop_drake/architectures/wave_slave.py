@@ -113,7 +113,7 @@ class WaveSlave(LeafSystem):
 
     def _Wave(self, context: Context) -> np.ndarray:
         if self._bandwidth:
-            u = context.get_continuous_state_vector().CopyToVector()
+            u: np.ndarray = context.get_continuous_state_vector().CopyToVector()
         else:
             u = self._f * self._packet.Eval(context)[: self._n]
         if self._rate == 0:

@@ -153,11 +153,12 @@ class DelayLine(LeafSystem):
         return math.inf
 
     def _GetHistory(self, context: Context) -> SampleHistory:
-        return context.get_abstract_state(self._history).get_value()
+        history: SampleHistory = context.get_abstract_state(self._history).get_value()
+        return history
 
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
-        key = context.get_discrete_state_vector().GetAtIndex(0)
+        key: float = context.get_discrete_state_vector().GetAtIndex(0)
         return key == history.times[-1]
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
@@ -221,7 +222,8 @@ class DelayLine(LeafSystem):
             i = bisect_right(times, key) - 1
         elif i == 0:
             return None
-        return history.values[i]
+        value: NDArray[np.float64] = history.values[i]
+        return value
 
 
 def check_channel(

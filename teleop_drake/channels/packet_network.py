@@ -293,13 +293,16 @@ class PacketNetwork:
         if jitter.kind == "none" or jitter.std == 0:
             return [0.0] * _BLOCK
         random = self._Random("jitter", block)
+        values: list[float]
         excess = mean - jitter.minimum
         if jitter.kind == "gamma":
             shape, scale = (excess / jitter.std) ** 2, jitter.std**2 / excess
-            return (random.gamma(shape, scale, _BLOCK) - excess).tolist()
+            values = (random.gamma(shape, scale, _BLOCK) - excess).tolist()
+            return values
         u = np.maximum(random.random(_BLOCK), 2.0**-53)
         if jitter.kind == "uniform":
-            return (_SQRT_3 * jitter.std * (2 * u - 1)).tolist()
+            values = (_SQRT_3 * jitter.std * (2 * u - 1)).tolist()
+            return values
         # The inverse of the cumulative distribution above the minimum.
         above = _NORMAL.cdf(excess / jitter.std)
         return [

@@ -107,7 +107,7 @@ class SampledDelay(LeafSystem):
         """
         if self._period == math.inf:
             return math.inf
-        time = context.get_time()
+        time: float = context.get_time()
         k = max(math.floor((time - self._offset) / self._period), 0)
         while (tick := self._offset + k * self._period) <= time:
             k += 1

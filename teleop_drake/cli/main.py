@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = MakeParser().parse_args(argv)
         _ImportDrake()
-        exit_code = args.command(args)
+        exit_code: int = args.command(args)
         sys.stdout.flush()
         return exit_code
     except (Exception, KeyboardInterrupt) as e:

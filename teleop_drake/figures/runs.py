@@ -383,8 +383,8 @@ def _Borders(
     borders: dict[float, list[str]] = {}
     for run in runs:
         for border, name in (
-            (run.scenario.puncture_position, "puncture"),
-            (run.scenario.contact_surface, "contact"),
+            (run.teleoperation.puncture_position, "puncture"),
+            (run.teleoperation.contact_surface, "contact"),
         ):
             if border is None or not x_range[0] <= border <= x_range[1]:
                 continue

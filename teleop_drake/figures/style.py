@@ -82,7 +82,7 @@ def AxisLabel(key: str) -> str:
 def CellEdges(centres: np.ndarray) -> np.ndarray:
     """Returns the borders (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
-        return centres[0] + np.array([-0.5, 0.5])
+        return np.asarray(centres[0] + np.array([-0.5, 0.5]))
     inner = (centres[1:] + centres[:-1]) / 2
     first, last = 2 * centres[0] - inner[0], 2 * centres[-1] - inner[-1]
     return np.concatenate([[first], inner, [last]])

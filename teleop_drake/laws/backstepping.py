@@ -148,7 +148,7 @@ class BacksteppingGains:
     @property
     def num_axes(self) -> int:
         """Number n of task axes."""
-        return self.Lambda.shape[0]
+        return len(self.Lambda)
 
     def AsArrays(self) -> tuple[Array, Array]:
         """Returns the gains as two arrays, for compiled laws.
@@ -324,7 +324,8 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     R = U_m.T @ update @ Vt_m.T
     eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)
     S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
-    return update - U_m @ S_minus @ Vt_m
+    projected: Array = update - U_m @ S_minus @ Vt_m
+    return projected
 
 
 def backstepping_rate(

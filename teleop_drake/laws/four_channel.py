@@ -98,7 +98,7 @@ def slave_force(
     C1, C3, C5 = factors
     n = p.size
     x_m, v_m, F_h = packet[:n], packet[n : 2 * n], packet[2 * n : 3 * n]
-    F = C3 * F_h - C5 * F_e
+    F: Array = C3 * F_h - C5 * F_e
     F += K_c @ (C1 * (x_m - start) - (p - start))
     F += B_c @ (C1 * v_m - v) + C1 * B @ v_m
     if packet.size > 3 * n:

@@ -85,7 +85,8 @@ def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) ->
         ValueError: As EquidistantLattice.
     """
     low, high, counts = _lattice_axes(lower, upper, count)
-    return (high - low) / np.maximum(np.array(counts) - 1, 1)
+    spacing: Array = (high - low) / np.maximum(np.array(counts) - 1, 1)
+    return spacing
 
 
 def gaussian_functions(
@@ -155,12 +156,12 @@ class GaussianNetwork:
     @property
     def num_inputs(self) -> int:
         """Size m of the input u."""
-        return self._centres.shape[1]
+        return int(self._centres.shape[1])
 
     @property
     def num_functions(self) -> int:
         """Number N of basis functions."""
-        return self._centres.shape[0]
+        return len(self._centres)
 
     def evaluate(self, u: Array) -> Array:
         """Returns Phi(u).
@@ -183,4 +184,7 @@ class GaussianNetwork:
         Returns:
             (Phi, Phi_dot), both (N); Phi_dot in 1/s.
         """
-        return self._functions(u, u_dot, self._centres, self._widths)
+        values: tuple[Array, Array] = self._functions(
+            u, u_dot, self._centres, self._widths
+        )
+        return values

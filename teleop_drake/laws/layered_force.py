@@ -102,7 +102,7 @@ def layer_row(layers: Array, regions: NDArray[np.int64], region: int, x: float) 
         x: Position of the tool in m; a start belongs to the layer that begins there.
     """
     row = np.searchsorted(layers[:, 0], x, side="right") - 1
-    return min(max(row, regions[region, 0]), regions[region, 1])
+    return int(min(max(row, regions[region, 0]), regions[region, 1]))
 
 
 def layer_table(layers: Sequence[Layer]) -> Array:

@@ -160,9 +160,11 @@ def coupled_disturbance(K: Array, r: Array, v: Array) -> Array:
         v: Velocity [x', z'] in m/s.
     """
     (x, z), (x_dot, z_dot) = r, v
-    return K @ np.array(
+    terms = np.array(
         [
             x + x_dot * z + 2 * z_dot * x + z * z,
             z + z_dot * x + 2 * z * x_dot + x * x,
         ]
     )
+    force: Array = K @ terms
+    return force

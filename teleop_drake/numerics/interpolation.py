@@ -229,7 +229,8 @@ class IntervalPolynomial:
         Args:
             t: The time.
         """
-        return self._evaluate(self._polynomials, t)
+        value: Array = self._evaluate(self._polynomials, t)
+        return value
 
 
 def find_crossing(

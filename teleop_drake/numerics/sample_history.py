@@ -117,10 +117,10 @@ class SampleHistory:
             time: In s.
         """
         if len(self.times) == 1:
-            return self.values[0]
+            return np.asarray(self.values[0])
         i = min(max(self._Interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
-            return self.values[i + 1]  # Just behind a jump.
+            return np.asarray(self.values[i + 1])  # Just behind a jump.
         return self.EvalInterval(i, time)
 
     def EvalInterval(self, i: int, time: float) -> NDArray[np.float64]:

@@ -85,6 +85,7 @@ __all__ = [
     "CONTROLLERS",
     "TRACKING_CONTROLLERS",
     "AnyScenario",
+    "AsTeleoperation",
     "ChannelConfig",
     "CheckSteps",
     "ControllerConfig",
@@ -273,7 +274,7 @@ def ScenarioNames() -> list[str]:
 def LoadScenario(
     name_or_path: str | os.PathLike[str],
     overrides: Mapping[str, Any] | Iterable[str] = (),
-) -> Any:
+) -> AnyScenario:
     """Loads a scenario, applies overrides and validates the result.
 
     Args:
@@ -285,8 +286,7 @@ def LoadScenario(
             "surgeon.velocity.0"). Later ones win.
 
     Returns:
-        A TrackingScenario if the file has a key `trajectory`, else a Scenario; Any to
-        a type checker, which cannot know.
+        A TrackingScenario if the file has a key `trajectory`, else a Scenario.
 
     Raises:
         ScenarioError: if the file cannot be read or anything in it is not allowed.
@@ -298,6 +298,20 @@ def LoadScenario(
     scenario = FromTree(tree, _SchemaOf(tree))
     _CheckScenario(scenario)
     scenario._Remember(ToTree(scenario))
+    return scenario
+
+
+def AsTeleoperation(scenario: AnyScenario) -> Scenario:
+    """Returns the scenario, which must be a teleoperation.
+
+    Args:
+        scenario: What LoadScenario() returned.
+
+    Raises:
+        ScenarioError: If it is another task.
+    """
+    if not isinstance(scenario, Scenario):
+        Refuse("scenario", scenario.name, "a teleoperation")
     return scenario
 
 
@@ -358,7 +372,8 @@ def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
     tree = ParseFile(path, text)
     tree.setdefault("name", path.stem)
     ResolveFiles(tree, path.parent)
-    return ToTree(FromTree(tree, _SchemaOf(tree)))
+    complete: dict[str, Any] = ToTree(FromTree(tree, _SchemaOf(tree)))
+    return complete
 
 
 def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -97,7 +97,7 @@ class WorkerProcesses(Executor):
             ) from None
         if not is_good:
             raise result
-        return result
+        return cast(_T, result)
 
     def _Start(self) -> "_Worker":
         with self._lock:

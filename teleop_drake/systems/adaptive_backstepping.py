@@ -170,7 +170,7 @@ class AdaptiveBackstepping(LeafSystem):
 
     def _CalcErrors(self, context: Context) -> np.ndarray:
         """Returns [s; z]."""
-        return self._errors(
+        errors: np.ndarray = self._errors(
             *self._gains,
             context.get_continuous_state_vector().CopyToVector(),
             self._network.evaluate(self._r.Eval(context)),
@@ -179,6 +179,7 @@ class AdaptiveBackstepping(LeafSystem):
             self._F_e.Eval(context),
             self._F_hd.Eval(context),
         )
+        return errors
 
     def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._CalcErrors(context)[: self._n])

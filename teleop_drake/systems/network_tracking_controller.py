@@ -159,7 +159,7 @@ class NetworkTrackingController(LeafSystem):
         derivatives.SetFromVector(rate.ravel())
 
     def _GetWeights(self, context: Context) -> np.ndarray:
-        x = context.get_continuous_state_vector().CopyToVector()
+        x: np.ndarray = context.get_continuous_state_vector().CopyToVector()
         return x.reshape(self._gains.num_axes, -1)
 
     def _CalcDynamics(self, context: Context, output: Value[object]) -> None:

@@ -178,7 +178,8 @@ class Surgeon(LeafSystem):
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [contact perceived, stopped]."""
-        return context.get_discrete_state_vector().CopyToVector()
+        state: np.ndarray = context.get_discrete_state_vector().CopyToVector()
+        return state
 
     def _AwaitsContact(self, context: Context) -> bool:
         return operator_mode(self._GetState(context)) == 0
@@ -204,7 +205,8 @@ class Surgeon(LeafSystem):
         return self._witnesses if is_located else []
 
     def _CalcPastSurface(self, context: Context) -> float:
-        return self._p.Eval(context).item(0) - self._surface
+        x: float = self._p.Eval(context).item(0)
+        return x - self._surface
 
     def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)

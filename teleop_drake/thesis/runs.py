@@ -1,6 +1,5 @@
 """The simulations behind the figures and the ledger, each done once."""
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from types import TracebackType
@@ -12,6 +11,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.sweep.workers import WorkerProcesses
 
 _Overrides = Mapping[str, Any]
+_Parts = dict[str, Any]
 
 
 class ThesisRuns:
@@ -42,7 +42,7 @@ class ThesisRuns:
         self._progress = progress
         self._executor = WorkerProcesses(jobs) if jobs > 1 else None
         self._requests: dict[tuple[str, str], tuple[str, AnyScenario]] = {}
-        self._futures: dict[str, Future[Recording]] = {}
+        self._futures: dict[str, Future[_Parts]] = {}
         self._recordings: dict[str, Recording] = {}
 
     def __enter__(self) -> Self:
@@ -80,17 +80,18 @@ class ThesisRuns:
             self._Start(key, name, overrides)
             try:
                 if self._executor is None:
-                    recording = _Simulate(name, overrides)
+                    recording = simulate(scenario)
                     self._Report(name, overrides, recording)
                 else:
-                    recording = self._futures.pop(key).result()
+                    parts = self._futures.pop(key).result()
+                    recording = Recording(scenario=scenario, **parts)
             except Exception as error:
                 raise RuntimeError(
                     f"the run {_Title(name, overrides)} failed: {error}"
                 ) from error
             if recording.termination == "interrupted":
                 raise KeyboardInterrupt
-            self._recordings[key] = dataclasses.replace(recording, scenario=scenario)
+            self._recordings[key] = recording
         return self._recordings[key]
 
     def Prefetch(self, requests: Iterable[tuple[str, _Overrides]]) -> None:
@@ -126,10 +127,12 @@ class ThesisRuns:
             return
         future = self._executor.submit(_SimulateForTransport, name, dict(overrides))
         self._futures[key] = future
+        _, scenario = self._Resolve(name, overrides)
 
-        def Report(done: Future[Recording]) -> None:
+        def Report(done: Future[_Parts]) -> None:
             if not done.cancelled() and done.exception() is None:
-                self._Report(name, overrides, done.result())
+                recording = Recording(scenario=scenario, **done.result())
+                self._Report(name, overrides, recording)
 
         future.add_done_callback(Report)
 
@@ -145,11 +148,8 @@ def _Title(name: str, overrides: _Overrides) -> str:
     return ", ".join([name, *(f"{path}={x}" for path, x in overrides.items())])
 
 
-def _Simulate(name: str, overrides: _Overrides) -> Recording:
-    return simulate(LoadScenario(name, overrides))
-
-
-def _SimulateForTransport(name: str, overrides: _Overrides) -> Recording:
-    """Simulates without the scenario in the result, which does not pickle."""
-    recording = _Simulate(name, overrides)
-    return dataclasses.replace(recording, scenario=None)
+def _SimulateForTransport(name: str, overrides: _Overrides) -> _Parts:
+    """Returns the fields of a recording but its scenario, which does not pickle."""
+    parts = vars(simulate(LoadScenario(name, overrides))).copy()
+    del parts["scenario"]
+    return parts

@@ -281,7 +281,7 @@ def _OnTheBone(both: Both, case: str, *, position: str) -> list[Row]:
     d_way, a_way = (PathError(run.recording) for run in both)
     d_rise, a_rise = (RiseTime(run.recording) for run in both)
     adaptive = both.adaptive.recording
-    contact_force = float(adaptive.scenario.surgeon.contact_force[0])
+    contact_force = float(np.asarray(adaptive.teleoperation.surgeon.contact_force)[0])
     final_force = float(adaptive["environment_force"][-1, 0])
     final_speed = float(np.linalg.norm(adaptive["tool_velocity"][-1]))
     return [
@@ -321,7 +321,7 @@ def _DirectUnstable(both: Both, case: str, place: str) -> Row:
     recording = both.direct.recording
     # From when the constant force has arrived at the slave.
     switch = FirstEvent(recording, "surgeon_force")
-    begin = switch + recording.scenario.forward_channel.delay
+    begin = switch + recording.teleoperation.forward_channel.delay
     end = float(recording.time[-1])
     speed = np.abs(recording["tool_velocity"])
     early, late = (

@@ -47,7 +47,7 @@ def LargestJump(recording: Recording) -> float:
 def ImpactForces(recording: Recording) -> list[float]:
     """Returns the largest force of each contact that begins and ends, and the last."""
     time, F = recording.time, recording["environment_force"][:, 0]
-    surface = recording.scenario.contact_surface
+    surface = recording.teleoperation.contact_surface
     touches = recording["tool_position"][:, 0] >= surface
     begins = np.flatnonzero(np.diff(touches.astype(int)) == 1) + 1
     ends = [*begins[1:], len(time)]
@@ -62,8 +62,8 @@ def During(recording: Recording, begin: float, end: float) -> np.ndarray:
 def Amplitude(recording: Recording, begin: float, end: float) -> np.ndarray:
     """Returns the largest |v - v_d| per axis between two times."""
     v = recording["tool_velocity"][During(recording, begin, end)]
-    v_d = np.asarray(recording.scenario.surgeon.velocity)
-    return np.abs(v - v_d).max(axis=0, initial=0.0)
+    v_d = np.asarray(recording.teleoperation.surgeon.velocity)
+    return np.asarray(np.abs(v - v_d).max(axis=0, initial=0.0))
 
 
 def FirstEvent(recording: Recording, name: str) -> float:
@@ -73,7 +73,7 @@ def FirstEvent(recording: Recording, name: str) -> float:
 
 def RiseTime(recording: Recording) -> float:
     """Returns when v_x first reaches 90 % of v_d, in s."""
-    v_d = float(np.asarray(recording.scenario.surgeon.velocity)[0])
+    v_d = float(np.asarray(recording.teleoperation.surgeon.velocity)[0])
     reached = np.flatnonzero(recording["tool_velocity"][:, 0] >= 0.9 * v_d)
     return float(recording.time[reached[0]]) if len(reached) else math.inf
 
@@ -84,14 +84,14 @@ def PathError(recording: Recording) -> np.ndarray:
     The position asked for is where v_d leads from the start on as it arrives at the
     slave; the way is that from the start to the bone.
     """
-    scenario = recording.scenario
+    scenario = recording.teleoperation
     surface = scenario.contact_surface
     assert surface is not None
     before = recording.time <= FirstEvent(recording, "contact")
     arrived = np.maximum(recording.time[before] - scenario.forward_channel.delay, 0.0)
     asked = scenario.robot.start + np.outer(arrived, scenario.surgeon.velocity)
     error = np.abs(recording["tool_position"][before] - asked).max(axis=0)
-    return error / (surface - float(scenario.robot.start[0]))
+    return np.asarray(error) / (surface - float(scenario.robot.start[0]))
 
 
 def ForceRate(recording: Recording) -> np.ndarray:
@@ -100,15 +100,14 @@ def ForceRate(recording: Recording) -> np.ndarray:
     Args:
         recording: A run with the signals environment_layer and tool_acceleration.
     """
-    layers = recording.scenario.environment.layers
+    layers = recording.teleoperation.environment.layers
     index = recording["environment_layer"][:, 0].astype(int)
     k, d = (
         np.array([*(getattr(layer, name) for layer in layers), 0.0])[index]
         for name in ("stiffness", "damping")
     )
-    return (
-        k * recording["tool_velocity"][:, 0] + d * recording["tool_acceleration"][:, 0]
-    )
+    v, a = recording["tool_velocity"][:, 0], recording["tool_acceleration"][:, 0]
+    return np.asarray(k * v + d * a)
 
 
 def BasisFunctions(recording: Recording) -> np.ndarray:
@@ -133,7 +132,7 @@ def NetworkOutput(recording: Recording, weights: str) -> np.ndarray:
     """
     Phi = BasisFunctions(recording)
     W = recording[weights].reshape(len(Phi), -1, Phi.shape[1])
-    return np.einsum("tnk,tk->tn", W, Phi)
+    return np.asarray(np.einsum("tnk,tk->tn", W, Phi))
 
 
 def Rms(recording: Recording, values: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from teleop_drake.figures.style import (
     FormatAxes,
 )
 from teleop_drake.laws.layered_force import layer_force, layer_index
-from teleop_drake.scenario import EnvironmentConfig, LoadScenario
+from teleop_drake.scenario import AsTeleoperation, EnvironmentConfig, LoadScenario
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.thesis.figures.figure import LEGEND_HEIGHT, ROW_HEIGHT, ThesisFigure
 from teleop_drake.thesis.runs import ThesisRuns
@@ -24,12 +24,12 @@ from teleop_drake.thesis.runs import ThesisRuns
 
 def _MakeLoop(runs: ThesisRuns) -> Diagram:
     """Returns the diagram of the loop; no run is needed."""
-    return MakeTeleoperator(LoadScenario("one_dof"))
+    return MakeTeleoperator(AsTeleoperation(LoadScenario("one_dof")))
 
 
 def _PlotStiffness(runs: ThesisRuns) -> Figure:
     """Plots the springs of one axis at the scale of each; no run is needed."""
-    scenario = LoadScenario("one_dof")
+    scenario = AsTeleoperation(LoadScenario("one_dof"))
     surface = scenario.contact_surface
     assert surface is not None
     figure = Figure(figsize=(WIDTH, ROW_HEIGHT + LEGEND_HEIGHT), layout="constrained")

@@ -67,7 +67,7 @@ def EstimateResidual(recording: Recording) -> Residual:
     are what they leave, delta_2 = d_3 + Psi^-1 G1 delta_1 (4.40). Steps with a jump of
     s or F_e in them are left out.
     """
-    config = recording.scenario.controller
+    config = recording.teleoperation.controller
     n = recording.scenario.num_axes
     G1, G2, P = (GainMatrix(gain, n) for gain in (config.G1, config.G2, config.P))
     h = np.diff(recording.time)
@@ -75,10 +75,11 @@ def EstimateResidual(recording: Recording) -> Residual:
     kept = (h > _SHORTEST_STEP) & (np.diff(layer) == 0)
 
     def Middle(samples: np.ndarray) -> np.ndarray:
-        return ((samples[1:] + samples[:-1]) / 2)[kept]
+        middle: np.ndarray = ((samples[1:] + samples[:-1]) / 2)[kept]
+        return middle
 
     def Rate(samples: np.ndarray) -> np.ndarray:
-        return np.diff(samples, axis=0)[kept] / h[kept, np.newaxis]
+        return np.asarray(np.diff(samples, axis=0)[kept] / h[kept, np.newaxis])
 
     F_e, s, z = (
         recording[name]
@@ -89,7 +90,7 @@ def EstimateResidual(recording: Recording) -> Residual:
 
     def Rest(known: np.ndarray, rate: np.ndarray) -> np.ndarray:
         solution = np.linalg.lstsq(weight * known, weight * rate, rcond=None)[0]
-        return rate - known @ solution
+        return np.asarray(rate - known @ solution)
 
     dF = Middle(recording["control_force"] - F_e)
     delta_1 = Rest(np.hstack([dF, Phi]), Rate(s))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from teleop_drake.figures.style import COLORS, FONT_SIZE, WIDTH, FormatAxes
 from teleop_drake.robots import SliderConfig
-from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.requests import DIRECT
 from teleop_drake.thesis.runs import ThesisRuns
@@ -120,7 +120,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
             table=([], []),
         )
     runs.Prefetch(REQUESTS)
-    scenario = LoadScenario("one_dof", DIRECT)
+    scenario = AsTeleoperation(LoadScenario("one_dof", DIRECT))
     plain = _SolvePlainly(scenario)
     located = _SolveWithBordersLocated(runs)
     return Study(
