@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.laws.four_channel import master_packet, master_rate
-from teleop_drake.validation import CheckGain
+from teleop_drake.validation import CheckGain, Refuse
 
 
 class FourChannelMaster(LeafSystem):
@@ -83,7 +83,7 @@ class FourChannelMaster(LeafSystem):
         self.set_name("four_channel_master")
         self._start = np.array(start, dtype=float)
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
-            raise ValueError(f"start: {start!r}; allowed: finite numbers (m)")
+            Refuse("start", start, "finite numbers (m)")
         n = self._n = self._start.size
         self._M = CheckGain("mass", mass, n)
         self._K = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)

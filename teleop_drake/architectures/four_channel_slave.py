@@ -15,7 +15,7 @@ from teleop_drake.laws.four_channel import (
     slave_force,
     slave_packet,
 )
-from teleop_drake.validation import CheckGain
+from teleop_drake.validation import CheckGain, Refuse
 
 
 class FourChannelSlave(LeafSystem):
@@ -82,7 +82,7 @@ class FourChannelSlave(LeafSystem):
         self.set_name("four_channel_slave")
         self._start = np.array(start, dtype=float)
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
-            raise ValueError(f"start: {start!r}; allowed: finite numbers (m)")
+            Refuse("start", start, "finite numbers (m)")
         n = self._n = self._start.size
         self._M = CheckGain("mass", mass, n, may_be_zero=True)
         self._B = CheckGain("damping", damping, n, may_be_zero=True)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.laws.proportional import coupling_force, master_rate
-from teleop_drake.validation import CheckGain
+from teleop_drake.validation import CheckGain, Refuse
 
 
 class ProportionalMaster(LeafSystem):
@@ -66,7 +66,7 @@ class ProportionalMaster(LeafSystem):
         self.set_name("proportional_master")
         start = np.array(start, dtype=float)
         if start.ndim != 1 or not np.all(np.isfinite(start)):
-            raise ValueError(f"start: {start.tolist()}; allowed: finite numbers (m)")
+            Refuse("start", start, "finite numbers (m)")
         n = self._n = start.size
         self._M = CheckGain("mass", mass, n)
         self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)

@@ -17,7 +17,7 @@ from teleop_drake.laws.wave_variables import (
     reflected_wave,
     wave_root,
 )
-from teleop_drake.validation import CheckGain
+from teleop_drake.validation import CheckGain, Refuse
 
 
 class WaveMaster(LeafSystem):
@@ -81,7 +81,7 @@ class WaveMaster(LeafSystem):
         n = self._n = self._S.shape[0]
         self._D = CheckGain("damping", damping, n, may_be_zero=True)
         if start.shape != (n,):
-            raise ValueError(f"start: {start.tolist()}; allowed: {n} numbers (m)")
+            Refuse("start", start, f"{n} finite numbers (m)")
         CheckWavePath(scaling, bandwidth)
         self._f, self._bandwidth = scaling, bandwidth
         self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)

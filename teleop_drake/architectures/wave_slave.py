@@ -17,6 +17,7 @@ from teleop_drake.laws.wave_variables import (
     slave_force,
     wave_root,
 )
+from teleop_drake.validation import Refuse
 
 
 class WaveSlave(LeafSystem):
@@ -79,9 +80,7 @@ class WaveSlave(LeafSystem):
         CheckWavePath(scaling, bandwidth)
         self._f, self._bandwidth = scaling, bandwidth
         if not 0 <= drift_correction < np.inf:
-            raise ValueError(
-                f"drift_correction: {drift_correction}; allowed: a number >= 0 (1/s)"
-            )
+            Refuse("drift_correction", drift_correction, "a number >= 0 (1/s)")
         self._rate = drift_correction
         self._packet = self.DeclareVectorInputPort("forward_packet", 2 * n)
         self._p = self.DeclareVectorInputPort("tool_position", n)

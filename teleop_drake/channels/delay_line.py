@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.validation import CheckNumber, Refuse
 
 # Drake stretches a step by up to one per cent to end it on an event.
 _STRETCH = 0.011
@@ -71,16 +72,14 @@ class DelayLine(LeafSystem):
         max_sample_interval: float | None,
     ):
         LeafSystem.__init__(self)
-        check_channel(delay=shortest_delay, size=size, initial_value=initial_value)
+        CheckChannel(delay=shortest_delay, size=size, initial_value=initial_value)
         if max_sample_interval is None:
             max_sample_interval = min(shortest_delay, _DEFAULT_SAMPLE_INTERVAL)
         if not (0 < max_sample_interval <= shortest_delay) and (
             max_sample_interval != math.inf
         ):
-            raise ValueError(
-                f"max_sample_interval: {max_sample_interval}; allowed: more than 0, at "
-                f"most the delay, {shortest_delay} s, or infinity"
-            )
+            allowed = f"more than 0, at most the delay, {shortest_delay} s, or infinity"
+            Refuse("max_sample_interval", max_sample_interval, allowed)
         self._shortest_delay = float(shortest_delay)
         self._initial_value = (
             [0.0] * size if initial_value is None else [float(x) for x in initial_value]
@@ -226,21 +225,20 @@ class DelayLine(LeafSystem):
         return value
 
 
-def check_channel(
+def CheckChannel(
     *, delay: float, size: int, initial_value: Sequence[float] | None
 ) -> None:
-    """Raises ValueError on parameters that no kind of channel can have.
+    """Refuses parameters that no kind of channel can have.
 
     Args:
         delay: Delay in s, finite and >= 0.
         size: Width of the signal, >= 1.
         initial_value: None or a vector of that size.
+
+    Raises:
+        ScenarioError: If one of them is refused.
     """
-    if not (math.isfinite(delay) and delay >= 0):
-        raise ValueError(f"delay: {delay}; allowed: a finite number >= 0 (s)")
-    if size < 1:
-        raise ValueError(f"size: {size}; allowed: an integer >= 1")
+    CheckNumber("delay", delay, "s", minimum=0)
+    CheckNumber("size", size, minimum=1)
     if initial_value is not None and len(initial_value) != size:
-        raise ValueError(
-            f"initial_value: {len(initial_value)} elements; allowed: {size}"
-        )
+        Refuse("initial_value", initial_value, f"{size} numbers or null")

@@ -9,7 +9,7 @@ from typing import Any
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from teleop_drake.channels.delay_line import check_channel
+from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.packet_statistics import PacketStatistics, packet_statistics
 from teleop_drake.channels.receiver import Receiver, check_receiver
@@ -121,7 +121,7 @@ class NetworkDelay(LeafSystem):
         initial_value: Sequence[float] | None = None,
     ):
         LeafSystem.__init__(self)
-        check_channel(
+        CheckChannel(
             delay=network.profile.delay, size=size, initial_value=initial_value
         )
         self._network = network

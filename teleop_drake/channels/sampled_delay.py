@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from teleop_drake.channels.delay_line import check_channel
+from teleop_drake.channels.delay_line import CheckChannel
+from teleop_drake.validation import CheckNumber, Refuse
 
 
 class SampledDelay(LeafSystem):
@@ -55,15 +56,10 @@ class SampledDelay(LeafSystem):
         initial_value: Sequence[float] | None = None,
     ):
         LeafSystem.__init__(self)
-        check_channel(delay=delay, size=size, initial_value=initial_value)
-        if not (math.isfinite(sample_period) and sample_period > 0):
-            raise ValueError(
-                f"sample_period: {sample_period}; allowed: a finite number > 0 (s)"
-            )
+        CheckChannel(delay=delay, size=size, initial_value=initial_value)
+        CheckNumber("sample_period", sample_period, "s", above=0)
         if 0 < delay < sample_period:
-            raise ValueError(
-                f"sample_period: {sample_period}; allowed: at most the delay, {delay} s"
-            )
+            Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
         self._size = size
         self._period = sample_period if delay > 0 else math.inf
         self._offset = 0.0

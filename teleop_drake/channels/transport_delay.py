@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from teleop_drake.channels.delay_line import DelayLine, check_channel
+from teleop_drake.channels.delay_line import CheckChannel, DelayLine
 from teleop_drake.kernel import Delay, Kernel
 
 
@@ -69,7 +69,7 @@ class TransportDelay(DelayLine):
         initial_value: Sequence[float] | None = None,
         max_sample_interval: float | None = None,
     ):
-        check_channel(delay=delay, size=size, initial_value=initial_value)
+        CheckChannel(delay=delay, size=size, initial_value=initial_value)
         self._delay = float(delay)
         if delay > 0:
             DelayLine.__init__(

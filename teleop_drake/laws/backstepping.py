@@ -47,6 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.laws.gaussian_network import gaussian_functions
+from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 Array = NDArray[np.float64]
 
@@ -106,44 +107,26 @@ class BacksteppingGains:
             value = getattr(self, field.name)
             if field.type is not float:
                 value = np.array(value, dtype=float)
-                if value.shape != (n, n):
-                    raise ValueError(
-                        f"{field.name} must be a square matrix of the size of Lambda, "
-                        f"({n}, {n}), got shape {value.shape}"
-                    )
+                if value.shape != (n, n) or not np.isfinite(value).all():
+                    allowed = f"a finite {n} x {n} matrix, the size of Lambda"
+                    Refuse(field.name, value, allowed)
                 value.setflags(write=False)
                 object.__setattr__(self, field.name, value)
-            if not np.isfinite(value).all():
-                raise ValueError(f"{field.name} must be finite, got {value}")
         for name in ("G2", "P"):
-            matrix = getattr(self, name)
-            if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0.0):
-                raise ValueError(f"{name} must be symmetric, got {matrix.tolist()}")
-        for name in ("Lambda", "P", "G2"):
-            matrix = getattr(self, name)
-            if _min_eigenvalue(matrix) <= 0.0:
-                raise ValueError(
-                    f"{name} must be positive definite, got {matrix.tolist()}"
-                )
+            CheckGain(name, getattr(self, name), n)
+        if _min_eigenvalue(self.Lambda) <= 0.0:
+            Refuse("Lambda", self.Lambda, "positive definite")
         if _min_eigenvalue(self.P @ self.G1) <= 0.0:
-            raise ValueError(
-                "G1 must make P G1 positive definite (s^T P G1 s > 0), "
-                f"got G1 {self.G1.tolist()} with P {self.P.tolist()}"
-            )
+            allowed = "such that P G1 is positive definite (s^T P G1 s > 0)"
+            Refuse("G1", self.G1, allowed)
         for name in ("beta1", "beta2", "beta3", "nu1", "nu3"):
-            value = getattr(self, name)
-            if value < 0.0:
-                raise ValueError(f"{name} must be >= 0, got {value}")
-        if not 0.0 <= self.Upsilon <= 1.0:
-            raise ValueError(f"Upsilon must be in [0, 1], got {self.Upsilon}")
-        if self.Psi_min <= 0.0:
-            raise ValueError(f"Psi_min must be > 0, got {self.Psi_min}")
+            CheckNumber(name, getattr(self, name), minimum=0)
+        CheckNumber("Upsilon", self.Upsilon, minimum=0, maximum=1)
+        CheckNumber("Psi_min", self.Psi_min, above=0)
         sigma = np.linalg.svd(self.Psi0, compute_uv=False)[-1]
         if sigma <= self.Psi_min or np.linalg.det(self.Psi0) <= 0.0:
-            raise ValueError(
-                "Psi0 must have a positive determinant and singular values greater "
-                f"than Psi_min ({self.Psi_min}), got {self.Psi0.tolist()}"
-            )
+            allowed = "of positive determinant, its singular values greater than "
+            Refuse("Psi0", self.Psi0, f"{allowed}Psi_min, {self.Psi_min:g}")
 
     @property
     def num_axes(self) -> int:

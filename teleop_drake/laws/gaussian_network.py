@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.numerics.compiled import compiled
+from teleop_drake.validation import CheckNumber, Refuse
 
 Array = NDArray[np.float64]
 
@@ -21,21 +22,15 @@ def _lattice_axes(
     low = np.array(lower, dtype=float, ndmin=1)
     high = np.array(upper, dtype=float, ndmin=1)
     if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
-        raise ValueError(
-            f"lower and upper must be vectors of one size, got {lower!r} and {upper!r}"
-        )
+        Refuse("lower, upper", [lower, upper], "vectors of one size")
     if len(count) != low.size:
-        raise ValueError(
-            f"count must have one entry per axis ({low.size}), got {list(count)}"
-        )
+        Refuse("count", count, f"{low.size} whole numbers, one for each axis")
     if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
-        raise ValueError(
-            "lower must be less than upper on every axis and both finite, "
-            f"got lower {low.tolist()} and upper {high.tolist()}"
-        )
+        allowed = "finite, lower less than upper on every axis"
+        Refuse("lower, upper", np.array([low, high]), allowed)
     counts = [int(c) for c in count]
     if any(c < 1 or c != given for c, given in zip(counts, count, strict=True)):
-        raise ValueError(f"count must be integers >= 1, got {list(count)}")
+        Refuse("count", count, "whole numbers >= 1")
     return low, high, counts
 
 
@@ -82,7 +77,7 @@ def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) ->
         Spacing (m), in the unit of the network's input.
 
     Raises:
-        ValueError: As EquidistantLattice.
+        ValueError: If EquidistantLattice() refuses the lattice.
     """
     low, high, counts = _lattice_axes(lower, upper, count)
     spacing: Array = (high - low) / np.maximum(np.array(counts) - 1, 1)
@@ -124,7 +119,8 @@ class GaussianNetwork:
             `lattice_spacing` for what this means on an axis with one centre.
 
     Raises:
-        ValueError: As EquidistantLattice, or if `width` is not positive and finite.
+        ValueError: If `width` is not positive and finite, or EquidistantLattice()
+            refuses the lattice.
     """
 
     def __init__(
@@ -135,8 +131,7 @@ class GaussianNetwork:
         count: Sequence[int],
         width: float,
     ):
-        if not (np.isfinite(width) and width > 0):
-            raise ValueError(f"width must be positive and finite, got {width}")
+        CheckNumber("width", width, above=0)
         self._centres = EquidistantLattice(lower, upper, count)
         self._widths = width * lattice_spacing(lower, upper, count)
         self._centres.setflags(write=False)

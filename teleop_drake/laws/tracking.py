@@ -26,6 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.validation import CheckNumber, Refuse
+
 Array = NDArray[np.float64]
 
 
@@ -59,16 +61,11 @@ class TrackingGains:
                 or not np.isfinite(matrix).all()
                 or np.linalg.eigvalsh(matrix + matrix.T)[0] <= 0
             ):
-                raise ValueError(
-                    f"{name} must be a positive definite {n} x {n} matrix, "
-                    f"got {matrix.tolist()}"
-                )
+                Refuse(name, matrix, f"a positive definite {n} x {n} matrix")
             matrix.setflags(write=False)
             object.__setattr__(self, name, matrix)
         for name in ("beta", "nu"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and >= 0, got {value}")
+            CheckNumber(name, getattr(self, name), minimum=0)
 
     @property
     def num_axes(self) -> int:

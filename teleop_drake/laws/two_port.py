@@ -25,6 +25,8 @@ Trans. Robot. Autom. 9 (1993).
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.validation import CheckNumber
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -96,8 +98,7 @@ def scattering_norm(matrix: ArrayLike, *, impedance: float = 1.0) -> Array:
     Raises:
         ValueError: If the impedance is not a finite number > 0.
     """
-    if not 0 < impedance < np.inf:
-        raise ValueError(f"impedance: {impedance}; allowed: a finite number > 0")
+    CheckNumber("impedance", impedance, above=0)
     # The off-diagonal entries of a hybrid matrix have no unit.
     scale = np.sqrt(np.array([1 / impedance, impedance]))
     p = np.asarray(matrix, dtype=complex) * scale[:, None] * scale

@@ -21,6 +21,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.validation import CheckGain, Refuse
+
 Array = NDArray[np.float64]
 
 
@@ -34,13 +36,9 @@ def wave_root(impedance: ArrayLike) -> Array:
         ValueError: If it is not.
     """
     b = np.array(impedance, dtype=float)
-    if b.ndim != 2 or b.shape[0] != b.shape[1] or not np.all(np.isfinite(b)):
-        raise ValueError(f"impedance: {b.tolist()}; allowed: an n x n matrix (N s/m)")
-    values, vectors = np.linalg.eigh(b)
-    if not np.allclose(b, b.T, rtol=1e-9, atol=0) or not values[0] > 0:
-        raise ValueError(
-            f"impedance: {b.tolist()}; allowed: symmetric positive definite (N s/m)"
-        )
+    if b.ndim != 2:
+        Refuse("impedance", b, "an n x n matrix (N s/m)")
+    values, vectors = np.linalg.eigh(CheckGain("impedance", b, len(b)))
     return np.asarray(vectors @ np.diag(np.sqrt(2 * values)) @ vectors.T)
 
 
@@ -148,5 +146,5 @@ def passive_scaling(max_slope: float) -> float:
         ValueError: If max_slope >= 1.
     """
     if not max_slope < 1:
-        raise ValueError(f"max_slope: {max_slope}; allowed: a number < 1 (s/s)")
+        Refuse("max_slope", max_slope, "a number < 1 (s/s)")
     return math.sqrt(1 - max(max_slope, 0.0))

@@ -29,6 +29,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.validation import CheckNumber, Refuse
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -75,12 +77,9 @@ def characteristic_roots(
     A, B, C, D = (np.atleast_2d(np.array(x, dtype=float)) for x in (A, B, C, D))
     n, m = len(A), len(D)
     if A.shape != (n, n) or B.shape != (n, m) or C.shape != (m, n) or D.shape != (m, m):
-        raise ValueError(
-            f"A, B, C, D: shapes {A.shape}, {B.shape}, {C.shape}, {D.shape}; allowed: "
-            "(n, n), (n, m), (m, n), (m, m)"
-        )
-    if not 0 <= delay < np.inf:
-        raise ValueError(f"delay: {delay}; allowed: a finite number >= 0 (s)")
+        shapes = [A.shape, B.shape, C.shape, D.shape]
+        Refuse("shapes of A, B, C, D", shapes, "(n, n), (n, m), (m, n), (m, m)")
+    CheckNumber("delay", delay, "s", minimum=0)
     if delay == 0 or m == 0:
         closed = A + B @ np.linalg.solve(np.eye(m) - D, C)
         return _rightmost(np.linalg.eigvals(closed).astype(complex), count)

@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ def closed_loop_matrix(loop: StateSpace) -> Array:
     """
     feedthrough = np.eye(len(loop.D)) + loop.D
     if len(loop.D) and np.linalg.cond(feedthrough) > 1e12:
-        raise ValueError("loop: I + D is singular; allowed: a well-posed loop")
+        Refuse("loop.D", loop.D, "such that I + D is not singular")
     return loop.A - loop.B @ np.linalg.solve(feedthrough, loop.C)
 
 

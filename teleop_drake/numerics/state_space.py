@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.validation import Refuse
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -40,15 +42,13 @@ class StateSpace:
         for name in ("A", "B", "C", "D"):
             matrix = np.array(getattr(self, name), dtype=float)
             if matrix.ndim != 2 or not np.isfinite(matrix).all():
-                raise ValueError(f"{name}: must be a finite matrix")
+                Refuse(name, matrix, "a finite matrix")
             matrix.setflags(write=False)
             object.__setattr__(self, name, matrix)
         n, (p, m) = len(self.A), self.D.shape
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
             if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"{name}: shape {getattr(self, name).shape}; allowed: {shape}"
-                )
+                Refuse(f"shape of {name}", getattr(self, name).shape, str(shape))
 
     @property
     def num_states(self) -> int:

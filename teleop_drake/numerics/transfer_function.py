@@ -3,15 +3,17 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.validation import CheckNumber, Refuse
+
 Array = NDArray[np.float64]
 
 
 def _coefficients(name: str, values: ArrayLike) -> Array:
     coefficients = np.array(values, dtype=float)
     if coefficients.ndim != 1 or coefficients.size == 0:
-        raise ValueError(f"{name} must be a vector of coefficients, got {values!r}")
+        Refuse(name, values, "a vector of coefficients")
     if not np.isfinite(coefficients).all():
-        raise ValueError(f"{name} must be finite, got {coefficients.tolist()}")
+        Refuse(name, values, "finite")
     return coefficients
 
 
@@ -45,17 +47,12 @@ def realize_transfer_function(
     num = np.trim_zeros(_coefficients("numerator", numerator), "f")
     den = _coefficients("denominator", denominator)
     if den[0] == 0.0:
-        raise ValueError(
-            f"denominator must start with a nonzero coefficient, got {den.tolist()}"
-        )
+        Refuse("denominator", den, "a vector whose first coefficient is not zero")
     order = den.size - 1
     if num.size > den.size:
-        raise ValueError(
-            "numerator must not have a higher degree than the denominator (H(s) must "
-            f"be proper), got degrees {num.size - 1} and {order}"
-        )
-    if num_axes < 1:
-        raise ValueError(f"num_axes must be >= 1, got {num_axes}")
+        allowed = f"of degree {order} at most, that of the denominator (H(s) is proper)"
+        Refuse("numerator", num, allowed)
+    CheckNumber("num_axes", num_axes, minimum=1)
     num = np.pad(num, (den.size - num.size, 0)) / den[0]
     den = den / den[0]
 
@@ -86,7 +83,7 @@ def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> fl
     num = _coefficients("numerator", numerator)[::-1]
     den = _coefficients("denominator", denominator)[::-1]
     if not den.any():
-        raise ValueError("denominator must not be zero")
+        Refuse("denominator", den, "other than zero")
     num_poles = int(np.flatnonzero(den)[0])
     den = den[num_poles:]
     # Long division in ascending powers: num / den = series_0 + series_1 s + ...

@@ -22,6 +22,7 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.numerics.compiled import compiled
+from teleop_drake.validation import Refuse
 
 
 class AdaptiveBackstepping(LeafSystem):
@@ -73,10 +74,8 @@ class AdaptiveBackstepping(LeafSystem):
         LeafSystem.__init__(self)
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
-            raise ValueError(
-                f"network must have one input per task axis ({n}), got a network of "
-                f"{network.num_inputs} inputs"
-            )
+            allowed = f"{n}, one for each task axis"
+            Refuse("network.num_inputs", network.num_inputs, allowed)
         self.set_name("adaptive_backstepping")
         self._n = n
         self._gains = gains.AsArrays()

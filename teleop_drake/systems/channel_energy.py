@@ -9,6 +9,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.laws.channel_energy import energy_rates, port_power
+from teleop_drake.validation import CheckNumber
 
 
 class ChannelEnergy(LeafSystem):
@@ -61,8 +62,7 @@ class ChannelEnergy(LeafSystem):
 
     def __init__(self, *, num_axes: int):
         LeafSystem.__init__(self)
-        if num_axes < 1:
-            raise ValueError(f"num_axes must be >= 1, got {num_axes}")
+        CheckNumber("num_axes", num_axes, minimum=1)
         self.set_name("channel_energy")
         self._master_force = self.DeclareVectorInputPort("master_force", num_axes)
         self._master_velocity = self.DeclareVectorInputPort("master_velocity", num_axes)

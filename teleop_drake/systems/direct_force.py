@@ -3,6 +3,7 @@
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.kernel import Kernel
+from teleop_drake.validation import CheckNumber
 
 
 class DirectForce(LeafSystem):
@@ -37,8 +38,7 @@ class DirectForce(LeafSystem):
 
     def __init__(self, *, num_axes: int):
         LeafSystem.__init__(self)
-        if num_axes < 1:
-            raise ValueError(f"num_axes must be >= 1, got {num_axes}")
+        CheckNumber("num_axes", num_axes, minimum=1)
         self.set_name("direct_force")
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", num_axes)
         for name in (

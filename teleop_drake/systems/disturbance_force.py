@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
+from teleop_drake.validation import CheckChoice, Refuse
 
 _LAWS = {"linear": linear_disturbance, "coupled": coupled_disturbance}
 
@@ -36,12 +37,11 @@ class DisturbanceForce(LeafSystem):
     def __init__(self, *, kind: str, gain: ArrayLike):
         LeafSystem.__init__(self)
         K = np.array(gain, dtype=float)
-        if kind not in _LAWS:
-            raise ValueError(f"kind must be one of {', '.join(_LAWS)}, got {kind!r}")
+        CheckChoice("kind", kind, _LAWS)
         if K.ndim != 2 or K.shape[0] != K.shape[1] or not np.isfinite(K).all():
-            raise ValueError(f"gain must be a square, finite matrix, got {gain!r}")
+            Refuse("gain", gain, "a square, finite matrix")
         if kind == "coupled" and len(K) != 2:
-            raise ValueError(f"gain must be 2 x 2 for kind coupled, got {gain!r}")
+            Refuse("gain", gain, "2 x 2 for kind coupled")
         self._law = _LAWS[kind]
         self._gain = K
         self.set_name("disturbance_force")

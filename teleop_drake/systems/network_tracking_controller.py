@@ -20,6 +20,7 @@ from teleop_drake.laws.tracking import (
     tracking_force,
     weights_rate,
 )
+from teleop_drake.validation import Refuse
 
 
 class NetworkTrackingController(LeafSystem):
@@ -77,10 +78,8 @@ class NetworkTrackingController(LeafSystem):
         LeafSystem.__init__(self)
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
-            raise ValueError(
-                f"network must have one input per task axis ({n}), got a network of "
-                f"{network.num_inputs} inputs"
-            )
+            allowed = f"{n}, one for each task axis"
+            Refuse("network.num_inputs", network.num_inputs, allowed)
         self._gains = gains
         self._network = network
         self._plant = plant

@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.numerics.compiled import compiled
+from teleop_drake.validation import Refuse
 
 
 class ToolInterface(LeafSystem):
@@ -70,14 +71,12 @@ class ToolInterface(LeafSystem):
         """
         super().__init__()
         if not 1 <= num_task_axes <= 3:
-            raise ValueError(f"num_task_axes: {num_task_axes} is not 1, 2 or 3")
+            Refuse("num_task_axes", num_task_axes, "1, 2 or 3")
         nv = plant.num_velocities()
         # Otherwise tau in the order of the velocities would drive the wrong motors.
         if not np.array_equal(plant.MakeActuationMatrix(), np.eye(nv)):
-            raise ValueError(
-                "plant: its actuators must be one for each joint, in the order of "
-                "its generalized velocities"
-            )
+            allowed = "one for each joint, in the order of its generalized velocities"
+            Refuse("plant.num_actuators", plant.num_actuators(), allowed)
         self._plant = plant
         # The body and its frame are looked up each time: to keep one would keep the
         # plant, which keeps this, where Python's garbage collector does not see it.

@@ -104,13 +104,13 @@ def test_cloned_context_continues_identically():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"delay": -1.0}, "delay: -1.0"),
-        ({"delay": math.nan}, "delay: nan"),
-        ({"sample_period": 0.2}, "sample_period: 0.2; allowed: at most the delay"),
-        ({"sample_period": 0.0}, "sample_period: 0.0"),
-        ({"sample_period": math.nan}, "sample_period: nan"),
-        ({"size": 0}, "size: 0"),
-        ({"initial_value": [0.0, 0.0]}, "initial_value: 2 elements; allowed: 1"),
+        ({"delay": -1.0}, "delay = -1.0: must"),
+        ({"delay": math.nan}, "delay = nan: must"),
+        ({"sample_period": 0.2}, "sample_period = 0.2: must be at most the delay"),
+        ({"sample_period": 0.0}, "sample_period = 0.0: must"),
+        ({"sample_period": math.nan}, "sample_period = nan: must"),
+        ({"size": 0}, "size = 0: must"),
+        ({"initial_value": [0.0, 0.0]}, "initial_value = .*: must be 1 number"),
     ],
 )
 def test_bad_parameters(arguments, message):

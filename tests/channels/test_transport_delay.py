@@ -255,13 +255,16 @@ def test_history_is_bounded():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"delay": -0.1, "size": 1}, "delay: -0.1"),
-        ({"delay": math.nan, "size": 1}, "delay: nan"),
-        ({"delay": math.inf, "size": 1}, "delay: inf"),
-        ({"delay": 0.1, "size": 0}, "size: 0"),
-        ({"delay": 0.1, "size": 1, "max_sample_interval": 0.2}, "interval: 0.2"),
-        ({"delay": 0.1, "size": 1, "max_sample_interval": math.nan}, "interval: nan"),
-        ({"delay": 0.1, "size": 2, "initial_value": [1.0]}, "initial_value: 1 elem"),
+        ({"delay": -0.1, "size": 1}, "delay = -0.1: must"),
+        ({"delay": math.nan, "size": 1}, "delay = nan: must"),
+        ({"delay": math.inf, "size": 1}, "delay = inf: must"),
+        ({"delay": 0.1, "size": 0}, "size = 0: must"),
+        ({"delay": 0.1, "size": 1, "max_sample_interval": 0.2}, "interval = 0.2: must"),
+        (
+            {"delay": 0.1, "size": 1, "max_sample_interval": math.nan},
+            "interval = nan: must",
+        ),
+        ({"delay": 0.1, "size": 2, "initial_value": [1.0]}, "initial_value = .*: must"),
     ],
 )
 def test_bad_parameters(arguments, message):

@@ -184,9 +184,9 @@ def test_evaluation_far_beyond_the_last_step_is_refused():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"size": 0}, "size: 0"),
-        ({"initial_value": [1.0, 2.0]}, "initial_value: 2 elements"),
-        ({"max_sample_interval": 0.06}, "max_sample_interval: 0.06; allowed"),
+        ({"size": 0}, "size = 0: must"),
+        ({"initial_value": [1.0, 2.0]}, "initial_value = .*: must be 1 number"),
+        ({"max_sample_interval": 0.06}, "max_sample_interval = 0.06: must"),
         ({"profile": DelayProfile(delay=0.0)}, "never less than 1e-06 s"),
         ({"profile": DelayProfile(delay=0.1, drift=1.5)}, "drift = 1.5: must be such"),
     ],

@@ -52,7 +52,7 @@ def test_scattering_norm_with_an_impedance(b):
 
 @pytest.mark.parametrize("b", [0.0, -1.0, np.nan])
 def test_bad_impedance(b):
-    with pytest.raises(ValueError, match="impedance: "):
+    with pytest.raises(ValueError, match="impedance = "):
         scattering_norm(delay_two_port(W, forward_delay=0, return_delay=0), impedance=b)
 
 

@@ -89,7 +89,7 @@ def test_pair_is_not_torn_apart():
 
 @pytest.mark.parametrize("delay", [-0.1, math.nan, math.inf])
 def test_bad_delay(delay):
-    with pytest.raises(ValueError, match="delay: "):
+    with pytest.raises(ValueError, match="delay = "):
         characteristic_roots([[0.0]], [[1.0]], [[1.0]], [[0.0]], delay=delay)
 
 

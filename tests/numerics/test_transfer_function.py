@@ -49,13 +49,13 @@ def test_states_of_one_axis_stand_together():
 @pytest.mark.parametrize(
     ("numerator", "denominator", "num_axes", "message"),
     [
-        ([1, 2, 3], [1, 2], 1, "must be proper.*degrees 2 and 1"),
-        ([1], [0, 1], 1, "denominator must start with a nonzero coefficient"),
-        ([1], [], 1, "denominator must be a vector"),
-        ([[1]], [1], 1, "numerator must be a vector"),
-        ([1], [1, float("nan")], 1, "denominator must be finite"),
-        ([float("inf")], [1, 1], 1, "numerator must be finite"),
-        ([1], [1, 1], 0, "num_axes must be >= 1, got 0"),
+        ([1, 2, 3], [1, 2], 1, "numerator = .*must be of degree 1 at most"),
+        ([1], [0, 1], 1, "denominator = .*whose first coefficient is not zero"),
+        ([1], [], 1, "denominator = .*must be a vector"),
+        ([[1]], [1], 1, "numerator = .*must be a vector"),
+        ([1], [1, float("nan")], 1, "denominator = .*must be finite"),
+        ([float("inf")], [1, 1], 1, "numerator = .*must be finite"),
+        ([1], [1, 1], 0, "num_axes = 0: must be a finite number >= 1"),
     ],
 )
 def test_bad_arguments(numerator, denominator, num_axes, message):

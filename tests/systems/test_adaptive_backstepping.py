@@ -173,5 +173,5 @@ def test_clone_of_the_context_continues_identically():
 def test_network_of_another_size():
     _, gains, _ = _make_block(2)
     network = GaussianNetwork(lower=[0.0], upper=[1.0], count=[5], width=1.0)
-    with pytest.raises(ValueError, match=r"one input per task axis \(2\).*of 1 inputs"):
+    with pytest.raises(ValueError, match=r"network.num_inputs = 1: must be 2, one for"):
         AdaptiveBackstepping(gains=gains, network=network)

@@ -50,7 +50,7 @@ def test_ports_and_feedthrough():
 
 
 def test_num_axes():
-    with pytest.raises(ValueError, match="num_axes must be >= 1"):
+    with pytest.raises(ValueError, match=r"num_axes = .*must be"):
         ChannelEnergy(num_axes=0)
 
 

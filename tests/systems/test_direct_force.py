@@ -36,5 +36,5 @@ def test_ports_and_direct_feedthrough():
 
 
 def test_bad_size():
-    with pytest.raises(ValueError, match="num_axes must be >= 1, got 0"):
+    with pytest.raises(ValueError, match="num_axes = 0: must be a finite number >= 1"):
         DirectForce(num_axes=0)

@@ -103,7 +103,9 @@ def test_weights_start_at_zero(block):
 
 
 def test_size_of_the_network():
-    with pytest.raises(ValueError, match=r"one input per task axis \(2\), got a netw"):
+    with pytest.raises(
+        ValueError, match=r"network.num_inputs = .*: must be 2, one for"
+    ):
         NetworkTrackingController(
             gains=TrackingGains(Lambda=np.eye(2), G1=np.eye(2), beta=5.0, nu=0.1),
             network=GaussianNetwork(lower=[0], upper=[1], count=[3], width=1.0),

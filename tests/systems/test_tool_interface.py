@@ -145,11 +145,13 @@ def test_tool_acceleration_is_the_tool_bodys(dut):
 
 @pytest.mark.parametrize("actuated", [(), (0, 1), (1, 0, 2)])
 def test_actuators_must_be_the_joints_in_order(actuated):
-    with pytest.raises(ValueError, match="plant: its actuators must be one for each"):
+    with pytest.raises(
+        ValueError, match=r"plant.num_actuators = .*must be one for each"
+    ):
         ToolInterface(plant=make_plant(actuated), num_task_axes=2, tool_name="hand")
 
 
 @pytest.mark.parametrize("num_task_axes", [0, 4])
 def test_task_axes_must_be_axes_of_space(num_task_axes):
-    with pytest.raises(ValueError, match=f"num_task_axes: {num_task_axes} is not"):
+    with pytest.raises(ValueError, match=f"num_task_axes = {num_task_axes}: must"):
         ToolInterface(plant=make_plant(), num_task_axes=num_task_axes, tool_name="hand")
