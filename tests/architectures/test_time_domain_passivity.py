@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from runs import Run
 
 from teleop_drake.architectures.passivity_master import PassivityMaster
 from teleop_drake.architectures.passivity_slave import PassivitySlave
-from teleop_drake.laws.passivity import injected_resistance
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
@@ -37,24 +34,6 @@ def ChannelEnergy(recording):
     return Integral(
         recording.time, recording["master_power"] - recording["slave_power"]
     )
-
-
-@given(
-    st.floats(-1, 1), st.floats(-1, 1), st.floats(-1e-3, 1e-3), st.floats(0.001, 0.1)
-)
-def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
-    F, v = np.array([force]), np.array([velocity])
-    r = injected_resistance(F * v, v, np.array([budget]), horizon, 1e300)
-    power = float((F * v - r * v * v)[0])
-    assert r[0] >= 0
-    if r[0] == 0:
-        assert power <= max(budget, 0) / horizon + 1e-15 or v[0] ** 2 == 0
-    else:
-        assert power == pytest.approx(max(budget, 0) / horizon, abs=1e-12)
-        # Damping never turns the force round.
-        assert abs((F - r * v)[0]) <= abs(force) + 1e-12
-    limited = injected_resistance(F * v, v, np.array([budget]), horizon, 0.5)
-    assert limited[0] == min(r[0], 0.5)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.transfer_function import realize_transfer_function
+from teleop_drake.numerics.transfer_function import (
+    low_frequency_resistance,
+    realize_transfer_function,
+)
 
 POINTS = [1.0, -0.3, 2.0 + 1.0j, 40.0j, -7.0 + 0.1j]
 
@@ -61,3 +64,13 @@ def test_states_of_one_axis_stand_together():
 def test_bad_arguments(numerator, denominator, num_axes, message):
     with pytest.raises(ValueError, match=message):
         realize_transfer_function(numerator, denominator, num_axes=num_axes)
+
+
+def test_low_frequency_resistance():
+    # 2/s + 23/(s + 25) = 2/s + 0.92 + O(s).
+    assert low_frequency_resistance([25, 50], [1, 25, 0]) == pytest.approx(0.92)
+    assert low_frequency_resistance([3, 8], [1, 4]) == pytest.approx(2.0)
+    assert low_frequency_resistance([5.0], [1.0]) == 5.0
+    assert low_frequency_resistance([2, 3, 4], [1, 0]) == pytest.approx(3.0)
+    with pytest.raises(ValueError, match="denominator"):
+        low_frequency_resistance([1.0], [0.0])

@@ -1,0 +1,174 @@
+"""The wave line on paper: its power, and what it feels like."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from teleop_drake.laws.wave_variables import (
+    corrected_wave,
+    drift_correcting_wave,
+    filtered_wave_rate,
+    line_power,
+    master_velocity,
+    passive_scaling,
+    reflected_wave,
+    slave_force,
+    wave_root,
+)
+
+numbers = st.floats(-1e3, 1e3)
+vectors = st.lists(numbers, min_size=2, max_size=2).map(np.array)
+
+
+@given(vectors, vectors, st.floats(0.1, 10), st.floats(0.1, 10), st.floats(-0.9, 0.9))
+def test_power_is_the_difference_of_the_waves(first, second, b1, b2, r):
+    b12 = r * math.sqrt(b1 * b2)
+    b = np.array([[b1, b12], [b12, b2]])
+    S = wave_root(b)
+    assert pytest.approx(2 * b) == S @ S
+    scale = 1 + abs(first).max() ** 2 + abs(second).max() ** 2
+    # The slave: v and u are given.
+    F, w = (
+        slave_force(first, second, root=S),
+        reflected_wave(first, second, root=S),
+    )
+    assert F @ first == pytest.approx((second @ second - w @ w) / 2, abs=1e-8 * scale)
+    # Both definitions.
+    assert S @ second == pytest.approx(b @ first + F, abs=1e-9 * scale)
+    assert S @ w == pytest.approx(b @ first - F, abs=1e-9 * scale)
+    # The master: F and w are given.
+    v = master_velocity(first, second, root=S, damping=np.zeros((2, 2)))
+    u = reflected_wave(v, second, root=S)
+    assert first @ v == pytest.approx((u @ u - second @ second) / 2, abs=1e-7 * scale)
+
+
+@given(vectors, vectors)
+def test_a_correction_never_adds_energy(wave, correction):
+    corrected = corrected_wave(wave, correction)
+    assert np.all(np.abs(corrected) <= np.abs(wave))
+    small = 1e-3 * wave * np.sign(correction) * np.sign(wave)
+    expected = np.where(small * wave < 0, wave + small, wave)
+    assert corrected_wave(wave, small) == pytest.approx(expected)
+
+
+def InputImpedance(b, T, omega, load):
+    """F/v at the master's end of a line of round trip T with Z = load(s) behind."""
+    s = 1j * omega
+    S = wave_root([[b]])
+    z = cmath.exp(-s * T / 2)
+
+    def Returned(u):
+        """The wave that comes back to the master, all as phasors."""
+        u = np.array([u * z])
+        # slave_force is affine in v: F(v) = F(0) + v (F(1) - F(0)) = load v.
+        F0 = slave_force(np.zeros(1), u, root=S)[0]
+        F1 = slave_force(np.ones(1), u, root=S)[0]
+        v = 0 if load is None else F0 / (load(s) - (F1 - F0))
+        return reflected_wave(np.array([v]), u, root=S)[0] * z
+
+    gain = Returned(1.0)
+    # u = S v - w and w = gain u, so that v = (1 + gain) u / S.
+    w = gain / (1 + gain) * S[0, 0]
+    # With v = 1 the law must give that force back.
+    F0 = master_velocity(np.zeros(1), np.array([w]), root=S, damping=np.zeros((1, 1)))[
+        0
+    ]
+    F1 = master_velocity(np.ones(1), np.array([w]), root=S, damping=np.zeros((1, 1)))[0]
+    return (1 - F0) / (F1 - F0)
+
+
+B, T = 0.92, 0.2
+
+
+@pytest.mark.parametrize("omega", [0.3, 2.0, 9.0])
+def test_the_line_is_a_transmission_line(omega):
+    s, tau = 1j * omega, T / 2
+    free = InputImpedance(B, T, omega, lambda s: 0.0)
+    assert free == pytest.approx(B * cmath.tanh(s * tau))
+    wall = InputImpedance(B, T, omega, None)
+    assert wall == pytest.approx(B / cmath.tanh(s * tau))
+    matched = InputImpedance(B, T, omega, lambda s: B)
+    assert matched == pytest.approx(B)
+
+
+def test_what_the_line_feels_like_at_low_frequency():
+    omega, k = 1e-3, 7.0
+    s = 1j * omega
+    free = InputImpedance(B, T, omega, lambda s: 0.0)
+    assert free / s == pytest.approx(B * T / 2, rel=1e-6)
+    wall = InputImpedance(B, T, omega, None)
+    assert wall * s == pytest.approx(2 * B / T, rel=1e-6)
+    spring = InputImpedance(B, T, omega, lambda s: k / s)
+    assert spring * s == pytest.approx(2 * B * k / (2 * B + k * T), rel=1e-6)
+
+
+def ScatteringNorm(hybrid):
+    """Largest gain from the waves that enter a two-port to those that leave it.
+
+    With [F_h; -v_s] = H [v_h; F_s]: the norm of diag(1, -1) (H - I) (H + I)^-1
+    (Anderson and Spong 1989, section III).
+    """
+    H = np.array(hybrid)
+    S = np.diag([1, -1]) @ (H - np.eye(2)) @ np.linalg.inv(H + np.eye(2))
+    return np.linalg.norm(S, 2)
+
+
+def LineHybrid(b, z):
+    """The hybrid matrix of the line by the law, with the delay z each way."""
+    S = wave_root([[b]])
+    zero = np.zeros((1, 1))
+
+    def Residuals(v_h, F_s, F_h, v_s, u, w):
+        """What is 0 if these are the line's, all as phasors (1,)."""
+        return np.concatenate(
+            [
+                master_velocity(F_h, w * z, root=S, damping=zero) - v_h,
+                reflected_wave(v_h, w * z, root=S) - u,
+                slave_force(v_s, u * z, root=S) - F_s,
+                reflected_wave(v_s, u * z, root=S) - w,
+            ]
+        )
+
+    # They are linear in all six.
+    columns = np.array([Residuals(*x) for x in np.eye(6)[:, :, None]]).T
+    solution = np.linalg.solve(columns[:, 2:], -columns[:, :2])
+    return [solution[0], -solution[1]]
+
+
+@pytest.mark.parametrize("omega_T", [0.1, 0.7, 1.4, 2.5, 4.0])
+def test_the_plain_delay_is_not_passive_and_the_wave_line_is(omega_T):
+    z = cmath.exp(-1j * omega_T)
+    expected = abs(math.tan(omega_T)) + abs(1 / math.cos(omega_T))
+    assert ScatteringNorm([[0, z], [-z, 0]]) == pytest.approx(expected)
+    assert expected > 1
+    assert ScatteringNorm(LineHybrid(1.0, z)) == pytest.approx(1.0)
+
+
+def test_the_drift_is_corrected_with_the_energy_of_the_wave():
+    S = np.diag([2.0, 4.0])
+    far = drift_correcting_wave(
+        np.array([-0.1, 0.1]), np.array([5.0, 5.0]), np.zeros(2), S, 3.0
+    )
+    assert far == pytest.approx([0.1, 0.1])
+    near = drift_correcting_wave(
+        np.array([-1.0, -1.0]), np.array([0.1, 0.01]), np.zeros(2), S, 3.0
+    )
+    assert near == pytest.approx([-1 + 0.3, -1 + 0.06])
+
+
+def test_a_filtered_wave_follows_and_the_damper_takes_its_share():
+    rate = filtered_wave_rate(np.array([1.0]), np.array([1.5]), 20.0)
+    assert rate == pytest.approx([10.0])
+    power = line_power(np.array([3.0]), np.array([2.0]), np.array([[0.5]]))
+    assert power == pytest.approx([4.0])
+
+
+@pytest.mark.parametrize(("slope", "factor"), [(-1.0, 1.0), (0.0, 1.0), (0.36, 0.8)])
+def test_a_delay_that_grows_stretches_the_wave(slope, factor):
+    assert passive_scaling(slope) == pytest.approx(factor)
+    with pytest.raises(ValueError, match="max_slope"):
+        passive_scaling(1.0)

@@ -1,0 +1,125 @@
+"""The integrator as plain Python, against closed forms; test_engine.py compiles it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.delay_integrator import (
+    DONE,
+    FULL,
+    Delays,
+    Memory,
+    Problem,
+    Transitions,
+    advance,
+)
+
+NO_DELAYS = Delays(
+    times=np.empty(0),
+    signals=np.empty(0, dtype=int),
+    outputs=np.empty(0, dtype=int),
+    sizes=np.empty(0, dtype=int),
+    initial_values=np.empty(0),
+)
+NO_TRANSITIONS = Transitions(
+    guards=np.empty(0, dtype=int),
+    sources=np.empty(0, dtype=int),
+    targets=np.empty(0, dtype=int),
+    sizes=np.empty(0, dtype=int),
+    periods=np.empty(0),
+)
+
+
+def MakeProblem(delays=NO_DELAYS, transitions=NO_TRANSITIONS):
+    return Problem(np.empty(0), np.empty(0, dtype=int), delays, transitions)
+
+
+def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
+    problem = problem or MakeProblem()
+    n, width = len(x), int(problem.delays.sizes.sum())
+    periods = problem.transitions.periods
+    return Memory(
+        clock=np.array([0.0, 1e-3, 0.0]),
+        counts=np.zeros(6, dtype=int),
+        x=np.array(x, dtype=float),
+        m=np.array(m, dtype=float),
+        y=np.zeros(num_signals),
+        stages=np.zeros((7, n)),
+        x_stage=np.zeros(n),
+        x_next=np.zeros(n),
+        dx=np.zeros(n),
+        next_times=periods.copy(),
+        breaks=np.zeros((50, 2)),
+        steps=np.zeros((room, 2)),
+        values=np.zeros((room, 5, width)),
+        row_times=np.zeros(room),
+        rows=np.zeros((room, num_signals)),
+    )
+
+
+def oscillate(t, x, m, p, q, y, dx, everything):
+    dx[0], dx[1] = x[1], -x[0]
+    y[0] = x[0]
+
+
+def test_an_oscillator():
+    memory = MakeMemory([1.0, 0.0])
+    assert advance(oscillate, MakeProblem(), memory, 6.0, 1e-10, 0.5) == DONE
+    num = memory.counts[4]
+    times, rows = memory.row_times[:num], memory.rows[:num, 0]
+    assert times[-1] == 6.0
+    np.testing.assert_allclose(rows, np.cos(times), atol=1e-8)
+
+
+def test_it_goes_on_where_there_was_no_more_room():
+    memory = MakeMemory([1.0, 0.0], room=12)
+    outcome, calls = FULL, 0
+    while outcome == FULL:
+        outcome = advance(oscillate, MakeProblem(), memory, 6.0, 1e-8, 0.2)
+        memory.counts[4] = 0  # The rows are taken away.
+        calls += 1
+    assert outcome == DONE and calls > 2
+    assert memory.x[0] == pytest.approx(math.cos(6.0), abs=1e-6)
+
+
+def decay(t, x, m, p, q, y, dx, everything):
+    y[0] = x[0]
+    dx[0] = -y[1]
+
+
+def test_the_method_of_steps():
+    """dx/dt = -x(t - 1) from x = 1: at t = 2.5 a polynomial of degree 3."""
+    delays = Delays(
+        times=np.array([1.0]),
+        signals=np.array([0]),
+        outputs=np.array([1]),
+        sizes=np.array([1]),
+        initial_values=np.array([1.0]),
+    )
+    problem = MakeProblem(delays=delays)
+    memory = MakeMemory([1.0], num_signals=2, problem=problem)
+    assert advance(decay, problem, memory, 2.5, 1e-9, 0.1) == DONE
+    expected = 1 - 2.5 + 1.5**2 / 2 - 0.5**3 / 6
+    assert memory.x[0] == pytest.approx(expected, abs=1e-9)
+
+
+def relay(t, x, m, p, q, y, dx, everything):
+    """Up at 1 m/s, and down from where x exceeds 1."""
+    dx[0] = 1.0 - 2.0 * m[0]
+    y[0], y[1] = (x[0] - 1.0 if m[0] == 0 else -1.0), 1.0
+
+
+def test_a_transition_is_located():
+    transitions = Transitions(
+        guards=np.array([0]),
+        sources=np.array([1]),
+        targets=np.array([0]),
+        sizes=np.array([1]),
+        periods=np.array([math.inf]),
+    )
+    problem = MakeProblem(transitions=transitions)
+    memory = MakeMemory([0.0], m=[0.0], num_signals=2, problem=problem)
+    assert advance(relay, problem, memory, 1.75, 1e-9, 0.3) == DONE
+    assert memory.m[0] == 1.0
+    assert memory.x[0] == pytest.approx(0.25, abs=1e-9)

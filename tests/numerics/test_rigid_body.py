@@ -1,0 +1,101 @@
+"""The rigid-body pass against closed forms; test_plant_tree.py has random trees."""
+
+import appendix_a
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.rigid_body import (
+    RigidBodyTree,
+    calc_accelerations,
+    calc_kinematics,
+    calc_point_acceleration,
+    calc_point_motion,
+    make_work,
+)
+
+IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+
+
+def Inertia(m, com, rotational):
+    """About the origin of the link's frame: mass, first moment, xx yy zz xy xz yz."""
+    c, square = np.array(com), np.dot(com, com)
+    about = np.diag(rotational) + m * (square * np.eye(3) - np.outer(c, c))
+    off = [about[0, 1], about[0, 2], about[1, 2]]
+    return [m, *(m * c), *np.diag(about), *off]
+
+
+def Tree(*links, gravity=(0.0, 0.0, 0.0)):
+    """A chain of (is_prismatic, offset on the parent, axis, inertia)."""
+    num = len(links)
+    return RigidBodyTree(
+        parents=np.arange(-1, num - 1),
+        is_prismatic=np.array([link[0] for link in links]),
+        frames=np.array([[*IDENTITY, *link[1]] for link in links], dtype=float),
+        axes=np.array([link[2] for link in links], dtype=float),
+        inertias=np.array([link[3] for link in links], dtype=float),
+        rotor_inertias=np.zeros(num),
+        damping=np.zeros(num),
+        gravity=np.array(gravity, dtype=float),
+    )
+
+
+def Arm(gravity=0.0):
+    """The arm of Appendix A, whose gravity is along -y."""
+    a = appendix_a
+    z = (0, 0, 1)
+    return Tree(
+        (0, (0, 0, 0), z, Inertia(a.m1, (a.L2, 0, 0), (0, 0, a.I1))),
+        (0, (a.L1, 0, 0), z, Inertia(a.m2, (a.L4, 0, 0), (0, 0, a.I2))),
+        gravity=(0, -gravity, 0),
+    )
+
+
+@pytest.mark.parametrize("gravity", [0.0, appendix_a.g])
+def test_the_arm_of_appendix_a(gravity):
+    random = np.random.default_rng(1)
+    tree, work, v_dot = Arm(gravity), make_work(2), np.empty(2)
+    for _ in range(10):
+        q, v, tau = random.normal(size=(3, 2))
+        calc_accelerations(tree, q, v, tau, work, v_dot)
+        weight = appendix_a.G(q) * (gravity > 0)
+        M, C = appendix_a.M(q), appendix_a.C(q, v)
+        expected = np.linalg.solve(M, tau - C @ v - weight)
+        np.testing.assert_allclose(v_dot, expected, rtol=1e-9, atol=1e-10)
+
+
+def test_the_tool_of_appendix_a():
+    q, v = np.array([0.4, 1.1]), np.array([0.7, -0.3])
+    tree, work, motion = Arm(), make_work(2), np.empty(12)
+    calc_kinematics(tree, q, v, work)
+    calc_point_motion(tree, 1, np.array([appendix_a.L3, 0.0, 0.0]), work, motion)
+    J = appendix_a.J(q)
+    np.testing.assert_allclose(motion[:2], appendix_a.p_WT(q), rtol=1e-12)
+    np.testing.assert_allclose(motion[3:5], J @ v, rtol=1e-12)
+    np.testing.assert_allclose(motion[6:].reshape(3, 2)[:2], J, rtol=1e-12)
+    np.testing.assert_array_equal(motion[[2, 5, 10, 11]], 0.0)
+
+
+def test_what_turns_evenly_falls_towards_the_axis():
+    """A point at radius r of a link that turns at w has the acceleration -w^2 r."""
+    tree = Tree((0, (0, 0, 0), (0, 0, 1), Inertia(1.0, (0, 0, 0), (1, 1, 1))))
+    work, v_dot, result = make_work(1), np.empty(1), np.empty(3)
+    q, v = np.array([0.3]), np.array([2.0])
+    calc_accelerations(tree, q, v, np.zeros(1), work, v_dot)
+    assert v_dot[0] == pytest.approx(0.0)
+    point = np.array([0.5, 0.0, 0.2])
+    calc_point_acceleration(tree, 0, point, v_dot, work, result)
+    expected = [-2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]
+    np.testing.assert_allclose(result, expected, atol=1e-14)
+
+
+def test_a_slide_falls_with_its_rotor_and_its_damping():
+    """(m + rotor) dv/dt = F - d v - m g, upwards."""
+    tree = Tree(
+        (1, (0, 0, 0), (0, 0, 1), Inertia(2.0, (0, 0, 0), (1, 1, 1))),
+        gravity=(0, 0, -9.81),
+    )
+    tree = tree._replace(rotor_inertias=np.array([0.5]), damping=np.array([0.3]))
+    v_dot = np.empty(1)
+    forces, v = np.array([4.0]), np.array([1.5])
+    calc_accelerations(tree, np.zeros(1), v, forces, make_work(1), v_dot)
+    assert v_dot[0] == pytest.approx((4.0 - 0.45 - 2.0 * 9.81) / 2.5)
