@@ -92,3 +92,30 @@ def test_one_system_a_file(path):
     ]
     expected = "".join(word.title() for word in path.stem.split("_"))
     assert public == ([] if path.stem == "__init__" else [expected])
+
+
+def _TestFile(path: Path) -> Path:
+    relative = path.relative_to(PACKAGE)
+    return Path(__file__).parent / relative.with_name(f"test_{relative.name}")
+
+
+MIRRORED = (
+    "systems",
+    "channels",
+    "environments",
+    "architectures",
+    "robots",
+    "laws",
+    "numerics",
+)
+
+
+def test_every_block_and_every_law_has_its_test_file():
+    missing = [
+        str(path.relative_to(PACKAGE))
+        for path in FILES
+        if path.parent.name in MIRRORED
+        and path.stem != "__init__"
+        and not _TestFile(path).is_file()
+    ]
+    assert missing == []
