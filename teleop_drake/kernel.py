@@ -114,6 +114,11 @@ def names_in(term: Term | None) -> list[str]:
     return [name for item in term if not callable(item) for name in _names(item)]
 
 
+def times(a: Any, b: Any) -> Any:
+    """Returns a times b, element by element."""
+    return a * b
+
+
 def is_part(item: Any) -> bool:
     """Returns whether something is a part, ("name", first, end)."""
     return isinstance(item, tuple) and isinstance(item[0], str)

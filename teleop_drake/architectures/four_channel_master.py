@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckFourChannel
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.four_channel import master_packet, master_rate
 from teleop_drake.validation import CheckGain, Refuse
 
@@ -119,6 +120,32 @@ class FourChannelMaster(LeafSystem):
             self._CalcForwardPacket,
             prerequisites_of_calc={self.xc_ticket(), self._F_h.ticket()},
         )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = self._n
+        return Kernel(
+            parameters={
+                "start": self._start,
+                "mass": self._M,
+                "damping": self._B,
+                "stiffness": self._K,
+                "factors": self._factors,
+                "bandwidth": self._bandwidth,
+            },
+            rate=(
+                master_rate, "state", "haptic_force", "return_packet", "start", "mass",
+                "damping", "stiffness", "factors", "bandwidth",
+            ),
+            outputs={
+                "felt_position": ("return_packet", 0, n),
+                "felt_velocity": ("state", n, 2 * n),
+                "forward_packet": (
+                    master_packet, "state", "haptic_force", "bandwidth"
+                ),
+            },
+            unused=("velocity_command",),
+        )  # fmt: skip
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [x_m; v_m] or [x_m; v_m; v_f]."""

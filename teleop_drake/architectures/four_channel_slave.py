@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckFourChannel
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.four_channel import (
     filtered_acceleration,
     slave_force,
@@ -110,6 +111,35 @@ class FourChannelSlave(LeafSystem):
         self.DeclareVectorOutputPort(
             "return_packet", width, self._CalcReturnPacket, prerequisites_of_calc=sent
         )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        rate = None
+        if self.num_continuous_states() > 0:
+            rate = (filtered_acceleration, "tool_velocity", "state", "bandwidth")
+        return Kernel(
+            parameters={
+                "start": self._start,
+                "mass": self._M,
+                "damping": self._B,
+                "local_damping": self._B_c,
+                "local_stiffness": self._K_c,
+                "factors": self._factors,
+                "bandwidth": self._bandwidth,
+            },
+            rate=rate,
+            outputs={
+                "control_force": (
+                    slave_force, "forward_packet", "tool_position", "tool_velocity",
+                    "environment_force", "start", "mass", "damping", "local_damping",
+                    "local_stiffness", "factors",
+                ),
+                "return_packet": (
+                    slave_packet, "state", "tool_position", "tool_velocity",
+                    "environment_force", "bandwidth",
+                ),
+            },
+        )  # fmt: skip
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns v_f, which is empty without accelerations."""

@@ -9,7 +9,14 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckPassivity
-from teleop_drake.laws.passivity import energy_rates, master_mobility
+from teleop_drake.kernel import Kernel, Name, times
+from teleop_drake.laws.passivity import (
+    energy_budget,
+    energy_rates,
+    injected_velocity,
+    master_mobility,
+    scaled_energy_rates,
+)
 
 
 class PassivityMaster(LeafSystem):
@@ -96,6 +103,39 @@ class PassivityMaster(LeafSystem):
             self.DeclareVectorOutputPort(
                 name, size, calc, prerequisites_of_calc=prerequisites
             )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = self._n
+        v: Name = ("return_packet", n, 2 * n)
+        return Kernel(
+            parameters={
+                "horizon": self._horizon,
+                "maximum": self._maximum,
+                "scale": self._scale,
+                "no_energy": 0.0,
+            },
+            rate=(scaled_energy_rates, "master_power", "scale"),
+            outputs={
+                "felt_position": ("return_packet", 0, n),
+                "felt_velocity": (
+                    injected_velocity, v, "injected_mobility", "haptic_force"
+                ),
+                "stored": (times, ("state", 0, n), "scale"),
+                "forward_packet": ["haptic_force", "stored"],
+                "master_budget": (
+                    energy_budget, "no_energy", ("return_packet", 2 * n, 3 * n),
+                    ("state", n, 2 * n), "scale",
+                ),
+                "master_power": (times, "haptic_force", "felt_velocity"),
+                "injected_mobility": (
+                    master_mobility, "haptic_force", v, "master_budget", "horizon",
+                    "maximum",
+                ),
+            },
+            sizes={"stored": n},
+            unused=("velocity_command",),
+        )  # fmt: skip
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""

@@ -9,7 +9,14 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckPassivity
-from teleop_drake.laws.passivity import energy_rates, slave_damping
+from teleop_drake.kernel import Kernel, Name, times
+from teleop_drake.laws.passivity import (
+    damped_force,
+    energy_budget,
+    energy_rates,
+    scaled_energy_rates,
+    slave_damping,
+)
 
 
 class PassivitySlave(LeafSystem):
@@ -97,6 +104,39 @@ class PassivitySlave(LeafSystem):
             self.DeclareVectorOutputPort(
                 name, size, calc, prerequisites_of_calc=prerequisites
             )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = self._n
+        F: Name = ("forward_packet", 0, n)
+        return Kernel(
+            parameters={
+                "horizon": self._horizon,
+                "maximum": self._maximum,
+                "initial_energy": self._E_0,
+                "minus": -1.0,
+            },
+            rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
+            outputs={
+                "control_force": (
+                    damped_force, F, "injected_damping", "tool_velocity"
+                ),
+                "stored": (times, ("state", 0, n), "initial_energy"),
+                "return_packet": ["tool_position", "tool_velocity", "stored"],
+                "slave_budget": (
+                    energy_budget, "initial_energy", ("forward_packet", n, 2 * n),
+                    ("state", n, 2 * n), "initial_energy",
+                ),
+                "slave_power": (times, "control_force", "tool_velocity"),
+                "incoming_power": (times, "slave_power", "minus"),
+                "injected_damping": (
+                    slave_damping, F, "tool_velocity", "slave_budget", "horizon",
+                    "maximum",
+                ),
+            },
+            sizes={"stored": n, "incoming_power": n},
+            unused=("environment_force",),
+        )  # fmt: skip
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""

@@ -9,6 +9,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate
 from teleop_drake.validation import CheckGain, Refuse
 
@@ -87,6 +88,26 @@ class ProportionalMaster(LeafSystem):
             self.DeclareVectorOutputPort(
                 name, n, calc, prerequisites_of_calc=prerequisites
             )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = self._n
+        return Kernel(
+            parameters={"mass": self._M, "stiffness": self._K, "damping": self._B},
+            rate=(
+                master_rate, "state", "haptic_force", "return_packet", "mass",
+                "stiffness", "damping",
+            ),
+            outputs={
+                "felt_position": "return_packet",
+                "felt_velocity": ("state", n, 2 * n),
+                "forward_packet": ("state", 0, n),
+                "coupling_force": (
+                    coupling_force, ("state", 0, n), "return_packet", "stiffness"
+                ),
+            },
+            unused=("velocity_command",),
+        )  # fmt: skip
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [x_m; v_m]."""

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import slave_force
 from teleop_drake.validation import CheckGain
 
@@ -66,6 +67,20 @@ class ProportionalSlave(LeafSystem):
             self._CopyPosition,
             prerequisites_of_calc={self._p.ticket()},
         )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return Kernel(
+            parameters={"stiffness": self._K, "damping": self._B},
+            outputs={
+                "control_force": (
+                    slave_force, "forward_packet", "tool_position", "tool_velocity",
+                    "stiffness", "damping",
+                ),
+                "return_packet": "tool_position",
+            },
+            unused=("environment_force",),
+        )  # fmt: skip
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(

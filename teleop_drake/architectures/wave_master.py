@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckWavePath
+from teleop_drake.kernel import Kernel, Name, Term, times
 from teleop_drake.laws.wave_variables import (
     filtered_wave_rate,
     line_power,
@@ -116,6 +117,45 @@ class WaveMaster(LeafSystem):
         )
         self.DeclareVectorOutputPort(
             "master_power", n, self._CalcMasterPower, prerequisites_of_calc=both
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = int(self._n)
+        wave: Name = ("state", n, 2 * n) if self._bandwidth else "received"
+        outputs: dict[str, Term] = {
+            "received": (times, ("return_packet", 0, n), "scaling"),
+            "velocity": (master_velocity, "haptic_force", wave, "root", "damping"),
+            "felt_position": ("return_packet", n, 2 * n),
+            "felt_velocity": "velocity",
+            "master_position": ("state", 0, n),
+            "master_power": (line_power, "haptic_force", "velocity", "damping"),
+        }
+        # Where nothing is reflected the arriving wave must not be looked at.
+        seen: Name = "nothing" if self._is_matched else wave
+        outputs |= {
+            "own_velocity": (master_velocity, "haptic_force", seen, "root", "damping"),
+            "reflected": (reflected_wave, "own_velocity", seen, "root"),
+            "forward_packet": ["reflected", ("state", 0, n)],
+        }
+        rate: list[Name] = ["velocity"]
+        if self._bandwidth:
+            outputs["filtered"] = (filtered_wave_rate, wave, "received", "bandwidth")
+            rate.append("filtered")
+        return Kernel(
+            parameters={
+                "scaling": self._f,
+                "bandwidth": self._bandwidth or 0.0,
+                "root": self._S,
+                "damping": self._D,
+                "nothing": np.zeros(n),
+            },
+            rate=rate,
+            outputs=outputs,
+            sizes=dict.fromkeys(
+                ("received", "velocity", "own_velocity", "reflected", "filtered"), n
+            ),
+            unused=("velocity_command",),
         )
 
     def _Wave(self, context: Context) -> np.ndarray:

@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.architectures.checks import CheckWavePath
+from teleop_drake.kernel import Kernel, Term, times
 from teleop_drake.laws.wave_variables import (
     drift_correcting_wave,
     filtered_wave_rate,
@@ -109,6 +110,44 @@ class WaveSlave(LeafSystem):
     def drift_correction(self) -> float:
         """Rate in 1/s at which the tool is pulled to the master's position."""
         return self._rate
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = int(self._n)
+        outputs: dict[str, Term] = {
+            "received": (times, ("forward_packet", 0, n), "scaling")
+        }
+        wave = "state" if self._bandwidth else "received"
+        if self._rate > 0:
+            outputs["corrected"] = (
+                drift_correcting_wave, wave, ("forward_packet", n, 2 * n),
+                "tool_position", "root", "drift_correction",
+            )  # fmt: skip
+            wave = "corrected"
+        outputs |= {
+            "control_force": (slave_force, "tool_velocity", wave, "root"),
+            "reflected": (reflected_wave, "tool_velocity", wave, "root"),
+            "return_packet": ["reflected", "tool_position"],
+            "slave_power": (times, "control_force", "tool_velocity"),
+        }
+        rate: Term | None = None
+        if self._bandwidth:
+            rate = (filtered_wave_rate, "state", "received", "bandwidth")
+        return Kernel(
+            parameters={
+                "scaling": self._f,
+                "bandwidth": self._bandwidth or 0.0,
+                "root": self._S,
+                "drift_correction": self._rate,
+            },
+            rate=rate,
+            outputs=outputs,
+            sizes=dict.fromkeys(
+                ("received", "corrected", "reflected"),
+                n,
+            ),
+            unused=("environment_force",),
+        )
 
     def _Wave(self, context: Context) -> np.ndarray:
         if self._bandwidth:

@@ -20,14 +20,9 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Kernel, Term, times
 
 Array = NDArray[np.float64]
-
-
-def scaled(gain: Array, u: Array) -> Array:
-    """Returns gain times u, element by element."""
-    return gain * u
 
 
 def affine(constant: Array, A: Array, x: Array) -> Array:
@@ -91,7 +86,7 @@ def _Response(system: System, u: float) -> Array:
 def _Gain(system: Gain, context: Context) -> Kernel:
     return Kernel(
         parameters={"gain": _Response(system, 1.0)},
-        outputs=_Output(system, (scaled, "gain", *_Inputs(system))),
+        outputs=_Output(system, (times, "gain", *_Inputs(system))),
     )
 
 

@@ -91,3 +91,47 @@ def slave_damping(
         maximum: Largest alpha in N s/m.
     """
     return injected_resistance(F_hd * v, v, budget, horizon, maximum)
+
+
+def energy_budget(initial: float, received: Array, spent: Array, scale: float) -> Array:
+    """Returns the budget W of a port in J (n).
+
+    Args:
+        initial: E_0, in J.
+        received: E_in of the other port as it arrives, J (n).
+        spent: E_out of this port, in the unit of the scale (n).
+        scale: In J.
+    """
+    return initial + received - scale * spent
+
+
+def scaled_energy_rates(power: Array, scale: float) -> Array:
+    """Returns energy_rates() in 1/s, as shares of an energy (2n).
+
+    Args:
+        power: What flows into the channel at this port, W (n).
+        scale: The energy in J.
+    """
+    return energy_rates(power / scale)
+
+
+def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
+    """Returns the velocity that the operator feels, m/s (n).
+
+    Args:
+        v: Velocity of the tool as it arrives, m/s (n).
+        mobility: beta in m/(N s) (n).
+        F_h: Force that the operator applies, N (n).
+    """
+    return v + mobility * F_h
+
+
+def damped_force(F_hd: Array, damping: Array, v: Array) -> Array:
+    """Returns the control force in N (n).
+
+    Args:
+        F_hd: Haptic force as it arrives, N (n).
+        damping: alpha in N s/m (n).
+        v: Velocity of the tool in m/s (n).
+    """
+    return F_hd - damping * v
