@@ -27,7 +27,7 @@ another, and the time in s.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 Part = tuple[str, int, int]
 Name = str | Part
@@ -54,21 +54,39 @@ class Transition:
     offset: float = 0.0
 
 
+class Packet(NamedTuple):
+    """A sample of a signal that is shown from some time on, until the next one is.
+
+    Attributes:
+        shown: When it is shown, s.
+        sent: When it was taken, s, <= shown.
+        previous: When the one was taken with which it makes a line that goes on from
+            `shown`, s, < sent; -infinity: it is held.
+    """
+
+    shown: float
+    sent: float
+    previous: float = -math.inf
+
+
 @dataclass(frozen=True, kw_only=True)
 class Delay:
-    """A signal that comes out of a block after a constant time.
+    """A signal that comes out of a block later.
 
     Attributes:
         signal: Name of the input port.
         output: Name of the output port.
-        time: The delay in s, > 0.
         initial_value: What comes out at first.
+        time: The delay in s, > 0; not used with packets.
+        packets: Returns the packets that are shown until a time in s, by ascending
+            `shown`; None: the signal itself comes out, `time` later.
     """
 
     signal: str
     output: str
-    time: float
     initial_value: Sequence[float]
+    time: float = math.inf
+    packets: Callable[[float], Sequence[Packet]] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.packet_statistics import PacketStatistics, packet_statistics
 from teleop_drake.channels.receiver import Receiver, check_receiver
+from teleop_drake.kernel import Delay, Kernel, Packet
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ class NetworkDelay(LeafSystem):
         initial = (
             [0.0] * size if initial_value is None else [float(x) for x in initial_value]
         )
+        self._initial_value = initial
         self._signal = self.DeclareVectorInputPort("signal", size)
         self._packets = self.DeclareAbstractState(
             AbstractValue.Make(
@@ -149,6 +151,34 @@ class NetworkDelay(LeafSystem):
             network.sample_period, 0.0, self._Send
         )
         self.DeclarePerStepUnrestrictedUpdateEvent(self._Deliver)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    initial_value=self._initial_value,
+                    packets=self._PacketsUntil,
+                )
+            ]
+        )
+
+    def _PacketsUntil(self, end: float) -> list[Packet]:
+        """Returns the packets that are shown until a time, as _Packets has them."""
+        h, is_line = self._network.sample_period, self._receiver.policy == "extrapolate"
+        packets: list[Packet] = []
+        for k in range(math.floor(end / h) + 1):
+            shown = self._network.Shown(k, self._receiver)
+            if shown > end:
+                # Lost, or never seen; if it is seen by nobody it overtakes nobody.
+                continue
+            while packets and packets[-1].shown >= shown:
+                packets.pop()
+            previous = packets[-1].sent if is_line and packets else -math.inf
+            packets.append(Packet(shown=shown, sent=k * h, previous=previous))
+        return packets
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known.

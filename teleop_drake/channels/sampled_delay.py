@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from teleop_drake.channels.delay_line import CheckChannel
+from teleop_drake.kernel import Delay, Kernel, Packet
 from teleop_drake.validation import CheckNumber, Refuse
 
 
@@ -76,6 +77,7 @@ class SampledDelay(LeafSystem):
         num_periods = math.floor(delay / sample_period + 1e-9)
         offset = max(delay - num_periods * sample_period, 0.0)
         initial = np.zeros(size) if initial_value is None else np.array(initial_value)
+        self._num_periods, self._initial_value = num_periods, initial.tolist()
         self._packets = self.DeclareDiscreteState(np.tile(initial, num_periods + 1))
         self._held = self.DeclareDiscreteState(initial)
         self.DeclareVectorOutputPort(
@@ -94,6 +96,28 @@ class SampledDelay(LeafSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 sample_period, offset, self._Deliver
             )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        if self._period == math.inf:
+            return Kernel(outputs={"delayed_signal": "signal"})
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    initial_value=self._initial_value,
+                    packets=self._Packets,
+                )
+            ]
+        )
+
+    def _Packets(self, end: float) -> list[Packet]:
+        """Returns the packets that are shown until a time."""
+        h = self._period
+        late = self._num_periods * h + self._offset
+        count = max(math.floor((end - late) / h + 1), 0)
+        return [Packet(shown=k * h + late, sent=k * h) for k in range(count)]
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet is delivered (s), infinity without a delay.

@@ -30,6 +30,7 @@ class CompiledRun:
     Args:
         system: The diagram.
         context: Where it starts.
+        end: Until when it can run, s.
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
@@ -43,14 +44,20 @@ class CompiledRun:
     """
 
     def __init__(
-        self, system: System, context: Context, *, accuracy: float, max_step: float
+        self,
+        system: System,
+        context: Context,
+        *,
+        end: float,
+        accuracy: float,
+        max_step: float,
     ):
         self.evaluator = Evaluator(system, context, as_machine_code=True)
         self.failure = ""
         self._accuracy, self._max_step = accuracy, max_step
         program = self.evaluator.program
         self._problem = Problem(
-            *program.parameters, _Delays(program), _Transitions(program)
+            *program.parameters, _Delays(program, end), _Transitions(program)
         )
         x, m, y = self.evaluator.ReadContext(context)
         n = len(x)
@@ -63,7 +70,7 @@ class CompiledRun:
         )
         width = len(self._problem.delays.initial_values)
         self._memory = Memory(
-            clock=np.array([context.get_time(), 0.1 * max_step]),
+            clock=np.array([context.get_time(), 0.1 * max_step, context.get_time()]),
             counts=np.zeros(6, np.int64),
             x=x,
             m=m,
@@ -72,6 +79,7 @@ class CompiledRun:
             x_stage=np.zeros(n),
             x_next=np.zeros(n),
             dx=np.zeros(n),
+            next_packets=self._problem.delays.packet_ranges[:, 0].copy(),
             next_times=next_times,
             breaks=np.zeros((1024, 2)),
             steps=np.zeros((_CHUNK, 2)),
@@ -132,8 +140,18 @@ class CompiledRun:
         """Forgets the polynomials that no delay reaches, and grows what is full."""
         memory, counts = self._memory, self._memory.counts
         num = counts[delay_integrator.POLYNOMIALS]
-        longest = self._problem.delays.times.max(initial=0.0)
-        oldest = int(np.searchsorted(memory.steps[:num, 1], self.time - longest - 1e-9))
+        delays = self._problem.delays
+        reached = self.time
+        for d, time in enumerate(delays.times):
+            if np.isfinite(time):
+                reached = min(reached, self.time - time)
+            elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
+                # Those that are shown later were sent later.
+                _, sent, previous = delays.packets[memory.next_packets[d] - 1]
+                reached = min(reached, previous if np.isfinite(previous) else sent)
+            else:
+                reached = -np.inf
+        oldest = int(np.searchsorted(memory.steps[:num, 1], reached - 1e-9))
         steps, values = memory.steps, memory.values
         if num - oldest > len(steps) // 2:
             steps, values = (
@@ -150,8 +168,11 @@ class CompiledRun:
         self._memory = memory._replace(steps=steps, values=values, breaks=breaks)
 
 
-def _Delays(program: Program) -> Delays:
+def _Delays(program: Program, end: float) -> Delays:
     delays = [delay for delay, _, _ in program.delays]
+    packets = [[] if d.packets is None else d.packets(end) for d in delays]
+    counts = np.array([len(group) for group in packets], np.int64)
+    ends = np.cumsum(counts)
     signals = [part for _, part, _ in program.delays]
     outputs = [part for _, _, part in program.delays]
     return Delays(
@@ -160,6 +181,10 @@ def _Delays(program: Program) -> Delays:
         outputs=np.array([part.start for part in outputs], np.int64),
         sizes=np.array([part.stop - part.start for part in outputs], np.int64),
         initial_values=np.array([x for d in delays for x in d.initial_value], float),
+        packet_ranges=np.column_stack((ends - counts, ends)),
+        packets=np.array([packet for group in packets for packet in group]).reshape(
+            -1, 3
+        ),
     )
 
 

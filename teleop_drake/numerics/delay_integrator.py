@@ -104,11 +104,14 @@ class Delays(NamedTuple):
     """What is delayed; d delays of w numbers in all.
 
     Attributes:
-        times: The delays in s (d), > 0.
+        times: The delays in s (d), > 0; infinity where packets are shown.
         signals: Where in y a delay's signal begins (d).
         outputs: Where in y its output begins (d).
         sizes: Width of the signal (d).
         initial_values: What comes out at first, one after another (w).
+        packet_ranges: First and end of a delay's packets among all (d, 2).
+        packets: When they are shown and sent, and when the one was sent with which they
+            make a line, -infinity without, s (k, 3).
     """
 
     times: Array
@@ -116,6 +119,8 @@ class Delays(NamedTuple):
     outputs: Indices
     sizes: Indices
     initial_values: Array
+    packet_ranges: Indices
+    packets: Array
 
 
 class Transitions(NamedTuple):
@@ -166,6 +171,7 @@ class Memory(NamedTuple):
         x_stage: State at a stage (n).
         x_next: State at the end of the step (n).
         dx: A rate that is not a stage's (n).
+        next_packets: The next packet that will be shown of each delay (d).
         next_times: When each periodic transition happens next, s (k).
         breaks: Time and order of the breaks ahead (b, 2).
         steps: Begin and end of each polynomial in s (c, 2).
@@ -183,6 +189,7 @@ class Memory(NamedTuple):
     x_stage: Array
     x_next: Array
     dx: Array
+    next_packets: Indices
     next_times: Array
     breaks: Array
     steps: Array
@@ -195,41 +202,79 @@ class Memory(NamedTuple):
 STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED = 0, 1, 2, 3, 4, 5
 
 
+def _add_past(
+    s: float,
+    is_after: bool,
+    weight: float,
+    d: int,
+    column: int,
+    delays: Delays,
+    memory: Memory,
+) -> None:
+    """Adds a signal as it was at a time to what comes out of its delay.
+
+    Args:
+        s: The time in s.
+        is_after: Whether a jump at this very time had happened.
+        weight: What to multiply it by.
+        d: Of the delay.
+        column: Where its values begin among those of all.
+        delays: The delays.
+        memory: Has the polynomials.
+    """
+    num = memory.counts[POLYNOMIALS]
+    first, size = delays.outputs[d], delays.sizes[d]
+    # The last polynomial that begins before s, or at s.
+    low, high = -1, num - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        begin = memory.steps[middle, 0]
+        if begin < s - _SAME or (is_after and begin <= s + _SAME):
+            low = middle
+        else:
+            high = middle - 1
+    if low < 0:
+        for i in range(size):
+            memory.y[first + i] += weight * delays.initial_values[column + i]
+        return
+    begin, end = memory.steps[low, 0], memory.steps[low, 1]
+    theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
+    for a in range(5):
+        share = weight
+        for b in range(5):
+            if a != b:
+                share *= (theta - _NODES[b]) / (_NODES[a] - _NODES[b])
+        for i in range(size):
+            memory.y[first + i] += share * memory.values[low, a, column + i]
+
+
 def _fetch(t: float, delays: Delays, memory: Memory) -> None:
     """Puts into y what comes out of the delays.
 
     A jump at the beginning of the step has happened, a later one has not.
     """
     is_after = t <= memory.clock[0]
-    num = memory.counts[POLYNOMIALS]
     column = 0
     for d in range(len(delays.times)):
-        s = t - delays.times[d]
         first, size = delays.outputs[d], delays.sizes[d]
-        # The last polynomial that begins before s, or at s.
-        low, high = -1, num - 1
-        while low < high:
-            middle = (low + high + 1) // 2
-            begin = memory.steps[middle, 0]
-            if begin < s - _SAME or (is_after and begin <= s + _SAME):
-                low = middle
-            else:
-                high = middle - 1
-        if low < 0:
-            for i in range(size):
-                memory.y[first + i] = delays.initial_values[column + i]
+        for i in range(size):
+            memory.y[first + i] = 0.0
+        if delays.times[d] < math.inf:
+            s = t - delays.times[d]
+            _add_past(s, is_after, 1.0, d, column, delays, memory)
+        elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
+            _add_past(-math.inf, False, 1.0, d, column, delays, memory)
         else:
-            begin, end = memory.steps[low, 0], memory.steps[low, 1]
-            theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
-            for i in range(size):
-                memory.y[first + i] = 0.0
-            for a in range(5):
-                weight = 1.0
-                for b in range(5):
-                    if a != b:
-                        weight *= (theta - _NODES[b]) / (_NODES[a] - _NODES[b])
-                for i in range(size):
-                    memory.y[first + i] += weight * memory.values[low, a, column + i]
+            k = memory.next_packets[d] - 1
+            shown, sent = delays.packets[k, 0], delays.packets[k, 1]
+            previous, slope = delays.packets[k, 2], 0.0
+            if previous > -math.inf:
+                slope = (t - shown) / (sent - previous)
+                is_first = previous <= memory.clock[2] + _SAME
+                _add_past(previous, is_first, -slope, d, column, delays, memory)
+            # What was sent at an instant is what was there before its events.
+            is_first = sent <= memory.clock[2] + _SAME
+            _add_past(sent, is_first, 1.0 + slope, d, column, delays, memory)
         column += size
 
 
@@ -402,9 +447,24 @@ def _settle(
         _add_echoes(t, order, problem.delays, memory)
 
 
-def _next_stop(t_end: float, memory: Memory) -> float:
+def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
+    """Shows the packets that are due at a time; returns whether there were any."""
+    has_shown = False
+    for d in range(len(delays.times)):
+        while memory.next_packets[d] < delays.packet_ranges[d, 1] and (
+            delays.packets[memory.next_packets[d], 0] <= t + _SAME
+        ):
+            memory.next_packets[d] += 1
+            has_shown = True
+    return has_shown
+
+
+def _next_stop(t_end: float, delays: Delays, memory: Memory) -> float:
     """Returns where the step has to end at the latest."""
     stop = t_end
+    for d in range(len(delays.times)):
+        if memory.next_packets[d] < delays.packet_ranges[d, 1]:
+            stop = min(stop, delays.packets[memory.next_packets[d], 0])
     for i in range(memory.counts[BREAKS]):
         stop = min(stop, memory.breaks[i, 0])
     for k in range(len(memory.next_times)):
@@ -482,7 +542,7 @@ def advance(
         problem: What belongs to it.
         memory: The state, and room for what is recorded: a row at the end of each step,
             and another one at the same time after a break.
-        t_end: In s.
+        t_end: In s. What happens at this very time has not happened yet.
         accuracy: What a step may be wrong by, in the largest of all states.
         max_step: In s.
 
@@ -497,6 +557,8 @@ def advance(
         counts[IS_STARTED] = 1
         _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
         _record(clock[0], memory)
+        clock[2] = clock[0]
+        _show_packets(clock[0], delays, memory)
         _settle(evaluate, 0, problem, memory)
         _keep_node(0, delays, memory)
     while clock[0] < t_end - _SAME:
@@ -507,7 +569,7 @@ def advance(
         ):
             return FULL
         t = clock[0]
-        stop = _next_stop(t_end, memory)
+        stop = _next_stop(t_end, delays, memory)
         h = min(clock[1], longest)
         # Steps end on a break, and the last two before it are alike.
         if t + 1.01 * h >= stop:
@@ -546,9 +608,11 @@ def advance(
         if not is_at_stop or h * factor > clock[1]:
             clock[1] = h * factor
         order = _take_break(end, memory)
-        if is_due or is_at_stop:
+        if (is_due or is_at_stop) and end < t_end:
             _evaluate_all(evaluate, end, memory.x, problem, memory, memory.stages[0])
             clock[0] = end
+            if _show_packets(end, delays, memory) and order < 0:
+                order = _MAX_ECHO  # A jump, but too many to follow their echoes.
             _settle(evaluate, order, problem, memory)
             _keep_node(0, delays, memory)
         else:

@@ -9,11 +9,13 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.channels.network_delay import NetworkDelay
 from teleop_drake.compiler.check import CheckNear
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.signals import NamedSignals
+from teleop_drake.simulation.failures import FirstLine
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import Interruption, SpeedLimit
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
@@ -59,13 +61,25 @@ def RunCompiled(
         run = CompiledRun(
             diagram,
             context,
+            end=duration,
             accuracy=config.accuracy,
             max_step=config.max_step_size,
         )
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
+    except Exception as error:
+        if not _IsOfNumba(error):
+            raise
+        raise CannotCompile(f"numba: {FirstLine(error)}") from error
     CheckNear(run.evaluator, diagram, context)
-    return _Run(run, diagram, duration, speed_limit, progress, start)
+    outcome = _Run(run, diagram, duration, speed_limit, progress, start)
+    context.SetTime(outcome.times[-1])
+    outcome.channels = {
+        system.get_name(): system.Statistics(system.GetMyContextFromRoot(context))
+        for system in diagram.GetSystems()
+        if isinstance(system, NetworkDelay)
+    }
+    return outcome
 
 
 def _Run(
@@ -112,6 +126,13 @@ def _Run(
 @functools.cache
 def _HasNumba() -> bool:
     return all(importlib.util.find_spec(name) for name in ("numba", "scipy"))
+
+
+def _IsOfNumba(error: Exception) -> bool:
+    """Returns whether a function is not in the part of Python that numba knows."""
+    from numba.core.errors import NumbaError
+
+    return isinstance(error, NumbaError)
 
 
 def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:

@@ -46,7 +46,11 @@ def delayed_decay(delay):
 
 def run(diagram, end, *, accuracy=1e-9, max_step=0.1):
     engine = CompiledRun(
-        diagram, diagram.CreateDefaultContext(), accuracy=accuracy, max_step=max_step
+        diagram,
+        diagram.CreateDefaultContext(),
+        end=end,
+        accuracy=accuracy,
+        max_step=max_step,
     )
     pieces = []
     while engine.time < end and not engine.failure:
