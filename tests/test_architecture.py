@@ -1,6 +1,7 @@
 """The package's data flows one way, and its files import accordingly."""
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -119,3 +120,49 @@ def test_every_block_and_every_law_has_its_test_file():
         and not _TestFile(path).is_file()
     ]
     assert missing == []
+
+
+# What Drake, argparse, PyYAML, ast and concurrent.futures call by these names, and
+# what users of the first version call.
+OTHERS_NAMES = (
+    "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
+    "|[sgc]\\w+_monitor|simulate"
+)
+SNAKE_CASE = r"_*([a-z][a-z0-9]*|[A-Z])(_[a-zA-Z0-9]+)*"
+CAMEL_CASE = r"_?([A-Z][a-z0-9]*)+"
+
+
+def MisnamedFunctions(path: Path, source: str) -> list[str]:
+    """Returns the functions of a file whose names are not those of its folder.
+
+    Functions of numbers are in snake_case: laws, numerics, and what kernels consist
+    of, in compiler/ and beside the block. Properties are in snake_case as well.
+    Everything that touches Drake is in CamelCase.
+    """
+    tree = ast.parse(source)
+    floor = path.relative_to(PACKAGE).parts[0]
+    has_kernel = "Kernel(" in source or floor in ("kernel.py", "compiler")
+    misnamed = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
+            continue
+        is_property = any("property" in ast.unparse(x) for x in node.decorator_list)
+        if floor in ("laws", "numerics") or is_property:
+            allowed = SNAKE_CASE
+        elif (has_kernel and node in tree.body) or floor == "compiler":
+            allowed = f"{SNAKE_CASE}|{CAMEL_CASE}"
+        else:
+            allowed = f"{CAMEL_CASE}|{OTHERS_NAMES}"
+        if not re.fullmatch(allowed, node.name):
+            misnamed.append(node.name)
+    return misnamed
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_names_of_functions(path):
+    assert MisnamedFunctions(path, path.read_text(encoding="utf-8")) == []
+
+
+def test_misnamed_functions_are_found():
+    assert MisnamedFunctions(PACKAGE / "laws" / "a.py", "def GetRoot(): ...")
+    assert MisnamedFunctions(PACKAGE / "sweep" / "a.py", "def get_root(): ...")

@@ -79,8 +79,8 @@ def RootError(model: LoopModel, root: complex, delay: float) -> float:
 
 def _Ends(model: LoopModel) -> tuple[StateSpace, StateSpace, StateSpace]:
     """Returns slave and master side by side, their error and their drift."""
-    ends = StateSpace.BlockDiagonal(model.slave, model.master)
-    error = StateSpace.BlockDiagonal(model.slave_error, model.master_error)
+    ends = StateSpace.block_diagonal(model.slave, model.master)
+    error = StateSpace.block_diagonal(model.slave_error, model.master_error)
 
     def Bound(matrix: Array, estimate: Array) -> Array:
         rounding = ends.num_states * np.finfo(float).eps * np.abs(matrix)
@@ -93,7 +93,7 @@ def _Ends(model: LoopModel) -> tuple[StateSpace, StateSpace, StateSpace]:
         C=Bound(ends.C, error.C),
         D=Bound(ends.D, error.D),
     )
-    drift = StateSpace.BlockDiagonal(model.slave_drift, model.master_drift)
+    drift = StateSpace.block_diagonal(model.slave_drift, model.master_drift)
     return ends, bound, drift
 
 

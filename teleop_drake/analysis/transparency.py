@@ -55,7 +55,7 @@ def AdmittanceMatrix(
     w = np.asarray(frequencies, dtype=float).reshape(-1)
     n = len(model.point.position)
     num_sent, num_returned = model.packet_sizes
-    M, S = (side.FrequencyResponse(w) for side in (model.master, model.slave))
+    M, S = (side.frequency_response(w) for side in (model.master, model.slave))
 
     def Turned(side: ComplexArray, num_packet: int, delay: float) -> ComplexArray:
         """Returns a side with the delays of what it receives before it."""

@@ -166,7 +166,7 @@ class DelayLine(LeafSystem):
         jump = None
         if history.times and self._HasJumped(context, history):
             jump = context.get_discrete_state_vector().value()[1:]
-        longer = history.Record(
+        longer = history.record(
             self.StoreKey(time),
             self._signal.Eval(context),
             jump=jump,
@@ -204,7 +204,7 @@ class DelayLine(LeafSystem):
         times = history.times
         i = bisect_left(times, key)
         if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-            return history.EvalInterval(i - 1, key)
+            return history.eval_interval(i - 1, key)
         if not times or key < times[0]:
             return None
         if key > times[-1] + _STRETCH * self._shortest_delay:
@@ -215,7 +215,7 @@ class DelayLine(LeafSystem):
                 "longest step must not exceed"
             )
         if i == len(times):
-            return history.Eval(key)
+            return history.eval(key)
         # A jump at this very instant has happened once the step has ended here.
         if key <= history.now:
             i = bisect_right(times, key) - 1

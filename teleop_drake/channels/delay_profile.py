@@ -72,7 +72,7 @@ class DelayProfile:
         self._delays: list[float] = []
         if trace is not None:
             times, delays = (np.array(part, dtype=float) for part in trace)
-            _check_trace(times, delays)
+            _CheckTrace(times, delays)
             times -= times[0]
             if duration is not None and times[-1] < duration:
                 Refuse(
@@ -170,7 +170,7 @@ class DelayProfile:
         return result
 
 
-def _check_trace(times: np.ndarray, delays: np.ndarray) -> None:
+def _CheckTrace(times: np.ndarray, delays: np.ndarray) -> None:
     if times.ndim != 1 or times.shape != delays.shape or times.size < 2:
         Refuse("trace", times.size, "at least two times and as many delays")
     if not (np.all(np.isfinite(times)) and np.all(np.isfinite(delays))):

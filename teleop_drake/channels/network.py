@@ -8,8 +8,8 @@ from typing import ClassVar
 from teleop_drake.channels.base import ConstantDelay
 from teleop_drake.channels.network_delay import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.packet_statistics import packet_statistics
-from teleop_drake.channels.receiver import Receiver, check_receiver
+from teleop_drake.channels.packet_statistics import ComputePacketStatistics
+from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
 from teleop_drake.validation import (
@@ -49,7 +49,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
         CheckSamplePeriod(path, self.sample_period, self.delay)
         self.Network(duration, path=path)
         with Within(path):
-            check_receiver(self.receiver)
+            CheckReceiver(self.receiver)
 
     def Network(
         self, duration: float, *, stream: str = "", path: str = "channel"
@@ -126,7 +126,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
                 "newest or playout, because what extrapolates is not a delay",
             )
         network = self.Network(duration, stream=path, path=path)
-        age = packet_statistics(network, self.receiver, duration).age_mean
+        age = ComputePacketStatistics(network, self.receiver, duration).age_mean
         if age is None:
             raise ScenarioError(
                 f"{path}: must deliver a packet within the duration, {duration:g} s, "

@@ -11,8 +11,11 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.channels.packet_statistics import PacketStatistics, packet_statistics
-from teleop_drake.channels.receiver import Receiver, check_receiver
+from teleop_drake.channels.packet_statistics import (
+    ComputePacketStatistics,
+    PacketStatistics,
+)
+from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.kernel import Delay, Kernel, Packet
 
 
@@ -127,7 +130,7 @@ class NetworkDelay(LeafSystem):
         )
         self._network = network
         self._receiver = receiver or Receiver()
-        check_receiver(self._receiver)
+        CheckReceiver(self._receiver)
         initial = (
             [0.0] * size if initial_value is None else [float(x) for x in initial_value]
         )
@@ -201,7 +204,9 @@ class NetworkDelay(LeafSystem):
         Args:
             context: The Context of this block.
         """
-        return packet_statistics(self._network, self._receiver, context.get_time())
+        return ComputePacketStatistics(
+            self._network, self._receiver, context.get_time()
+        )
 
     def _Send(self, context: Context, state: State) -> None:
         # Both updates may happen at once; the second one goes on from the first.

@@ -49,7 +49,7 @@ class PacketStatistics:
     age_maximum: float | None
 
 
-def packet_statistics(
+def ComputePacketStatistics(
     network: PacketNetwork, receiver: Receiver, end_time: float
 ) -> PacketStatistics:
     """Returns what a network and a receiver make of the packets sent before a time.
@@ -71,7 +71,7 @@ def packet_statistics(
     delays = (arrivals - stamps)[received]
     due = stamps + network.profile.delay + receiver.depth + SNAP * h
     is_late = (arrivals > due)[received] & (receiver.policy == "playout")
-    ages = _ages(stamps[received], shown[received], end_time)
+    ages = _Ages(stamps[received], shown[received], end_time)
     percentiles: list[float | None] = [None] * 5
     if delays.size:
         percentiles = np.percentile(delays, [0, 50, 95, 99, 100]).tolist()
@@ -94,7 +94,7 @@ def packet_statistics(
     )
 
 
-def _ages(
+def _Ages(
     stamps: np.ndarray, shown: np.ndarray, end_time: float
 ) -> tuple[float | None, float | None]:
     """Returns the mean and the maximum of the age of what is shown."""

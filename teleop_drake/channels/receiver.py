@@ -26,7 +26,7 @@ class Receiver:
     depth: float = 0.0
 
 
-def check_receiver(receiver: Receiver) -> None:
+def CheckReceiver(receiver: Receiver) -> None:
     """Checks a receiver.
 
     Raises:

@@ -43,7 +43,7 @@ class Parameters:
         text = f"{name}[{first}:{len(store)}]"
         return text if array.ndim == 1 else f"{text}.reshape({array.shape})"
 
-    def AsArrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def as_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Returns the arrays p and q of the source."""
         return np.array(self._numbers, np.float64), np.array(self._integers, np.int64)
 

@@ -107,7 +107,7 @@ class Program:
             **self._parameters.types,
             **{f"f{i}": function for i, function in enumerate(self._functions)},
         }
-        self.parameters = self._parameters.AsArrays()
+        self.parameters = self._parameters.as_arrays()
         self.sizes = self._num_y, num_x, num_m
 
     def _Declare(self, i: int, kernel: Kernel) -> None:

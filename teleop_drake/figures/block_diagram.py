@@ -77,19 +77,19 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
         max_depth = min(max_depth, _MAX_DEPTH)
     numbers: dict[str, int] = {}
 
-    def number(drake_id: str) -> int:
+    def Number(drake_id: str) -> int:
         return numbers.setdefault(drake_id, len(numbers))
 
     text: list[str] = []
     edges: list[_Edge] = []
     for line in system.GetGraphvizString(max_depth=max_depth).splitlines():
         if edge := _EDGE_LINE.match(line):
-            edges.append(_Edge(edge, number))
+            edges.append(_Edge(edge, Number))
             continue
         # The connections of one diagram stand together.
         text += _Connections(edges)
         edges = []
-        line = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{number(m[2])}{m[3]}", line)
+        line = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
         text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", line))
         if line == "rankdir=LR":
             text.append(_STYLE)
@@ -207,18 +207,18 @@ def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
     feedback: set[tuple[int, int]] = set()
     done: set[int] = set()
 
-    def visit(system: int, upstream: tuple[int, ...]) -> None:
+    def Visit(system: int, upstream: tuple[int, ...]) -> None:
         upstream += (system,)
         for successor in successors.get(system, []):
             if successor in upstream:
                 feedback.add((system, successor))
             elif successor not in done:
-                visit(successor, upstream)
+                Visit(successor, upstream)
         done.add(system)
 
     for system in sorted(successors):
         if system not in done:
-            visit(system, ())
+            Visit(system, ())
     return feedback
 
 

@@ -133,7 +133,7 @@ class BacksteppingGains:
         """Number n of task axes."""
         return len(self.Lambda)
 
-    def AsArrays(self) -> tuple[Array, Array]:
+    def as_arrays(self) -> tuple[Array, Array]:
         """Returns the gains as two arrays, for compiled laws.
 
         Returns:
@@ -152,7 +152,7 @@ _GainsTuple = namedtuple(  # type: ignore[misc]
 
 
 def _gains_from_arrays(matrices: Array, numbers: Array) -> Any:
-    """Returns the gains from what BacksteppingGains.AsArrays() made of them.
+    """Returns the gains from what BacksteppingGains.as_arrays() made of them.
 
     Many small arguments would cost a compiled law more than the law itself.
     """
@@ -384,8 +384,8 @@ def backstepping_rate_vector(
     """Returns backstepping_rate() of a state vector, as a vector.
 
     Args:
-        matrices: The gains, of BacksteppingGains.AsArrays().
-        numbers: The gains, of BacksteppingGains.AsArrays().
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
         x: The state as pack_state() makes it.
         Phi: Basis functions at the present input (N).
         Phi_dot: Their time rate in 1/s (N).
@@ -415,8 +415,8 @@ def backstepping_error_vector(
     """Returns auxiliary_error() and control_force_error() as one vector [s; z].
 
     Args:
-        matrices: The gains, of BacksteppingGains.AsArrays().
-        numbers: The gains, of BacksteppingGains.AsArrays().
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
         x: The state as pack_state() makes it.
         Phi: Basis functions at the present input (N).
         v: Velocity of the tool in m/s (n).
@@ -448,8 +448,8 @@ def adaptive_rate(
     """Returns backstepping_rate_vector() with Gaussian networks.
 
     Args:
-        matrices: The gains, of BacksteppingGains.AsArrays().
-        numbers: The gains, of BacksteppingGains.AsArrays().
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
         centres: Of the basis functions in m (N, n).
         widths: Of the basis functions in m (n).
         x: The state as pack_state() makes it.
@@ -483,8 +483,8 @@ def adaptive_errors(
     """Returns backstepping_error_vector() with Gaussian networks.
 
     Args:
-        matrices: The gains, of BacksteppingGains.AsArrays().
-        numbers: The gains, of BacksteppingGains.AsArrays().
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
         centres: Of the basis functions in m (N, n).
         widths: Of the basis functions in m (n).
         x: The state as pack_state() makes it.

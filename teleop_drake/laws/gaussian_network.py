@@ -34,7 +34,7 @@ def _lattice_axes(
     return low, high, counts
 
 
-def EquidistantLattice(
+def equidistant_lattice(
     lower: ArrayLike, upper: ArrayLike, count: Sequence[int]
 ) -> Array:
     """Returns equidistant centres mu_i of the basis functions (3.1).
@@ -63,7 +63,7 @@ def EquidistantLattice(
 
 
 def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) -> Array:
-    """Returns the distance of neighbouring centres of EquidistantLattice, per axis.
+    """Returns the distance of neighbouring centres of equidistant_lattice, per axis.
 
     An axis with count 1 has no neighbours. There the spacing is the axis's whole
     length, as it is with count 2, so that one function covers the whole interval.
@@ -77,7 +77,7 @@ def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) ->
         Spacing (m), in the unit of the network's input.
 
     Raises:
-        ValueError: If EquidistantLattice() refuses the lattice.
+        ValueError: If equidistant_lattice() refuses the lattice.
     """
     low, high, counts = _lattice_axes(lower, upper, count)
     spacing: Array = (high - low) / np.maximum(np.array(counts) - 1, 1)
@@ -119,7 +119,7 @@ class GaussianNetwork:
             `lattice_spacing` for what this means on an axis with one centre.
 
     Raises:
-        ValueError: If `width` is not positive and finite, or EquidistantLattice()
+        ValueError: If `width` is not positive and finite, or equidistant_lattice()
             refuses the lattice.
     """
 
@@ -132,7 +132,7 @@ class GaussianNetwork:
         width: float,
     ):
         CheckNumber("width", width, above=0)
-        self._centres = EquidistantLattice(lower, upper, count)
+        self._centres = equidistant_lattice(lower, upper, count)
         self._widths = width * lattice_spacing(lower, upper, count)
         self._centres.setflags(write=False)
         self._widths.setflags(write=False)

@@ -94,7 +94,7 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
         loop: L, with as many inputs as outputs (m).
         frequencies: w in rad/s (K).
     """
-    response = loop.FrequencyResponse(frequencies)
+    response = loop.frequency_response(frequencies)
     values = np.linalg.eigvals(response).astype(complex)
     order = np.argsort(-np.abs(values), axis=1, kind="stable")
     return np.take_along_axis(values, order, axis=1)
@@ -332,7 +332,7 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     radius = 0.1 * float(modes.min(initial=1.0))
     circle = np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
 
-    def Coefficients(delay: float, count: int = 2) -> Array:
+    def coefficients(delay: float, count: int = 2) -> Array:
         """Returns the first Taylor coefficients at s = 0 of g = det/s^order."""
         s = min(radius, 10 / max(delay, 1e-9)) * circle
         matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
@@ -347,7 +347,7 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     # g(0, T) is a polynomial in T of degree `order` at most.
     unit = 1 / max(radius, 1e-6)
     nodes = unit * np.arange(order + 1)
-    values = np.array([Coefficients(delay)[0] for delay in nodes])
+    values = np.array([coefficients(delay)[0] for delay in nodes])
     polynomial = np.polyfit(nodes / unit, values, order)
     polynomial[np.abs(polynomial) < 1e-9 * np.abs(polynomial).max()] = 0.0
     passages = []
@@ -361,11 +361,11 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
             continue
         slope = float(np.polyval(np.polyder(polynomial), root.real))
         # The root is at -g(0, T)/g_s.
-        direction = -1 if slope * Coefficients(delay)[1] > 0 else 1
+        direction = -1 if slope * coefficients(delay)[1] > 0 else 1
         passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
     if num_without_delay:
         # They leave 0 as the delay leaves it; so where are they with a small one?
-        nearby = Coefficients(0.01 * unit, num_without_delay + 1)
+        nearby = coefficients(0.01 * unit, num_without_delay + 1)
         for s in np.roots(nearby[::-1]):
             direction = 1 if s.real > 0 else -1
             passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))

@@ -223,7 +223,7 @@ class IntervalPolynomial:
             # Python itself is faster with lists.
             self._polynomials = polynomials.tolist()
 
-    def Eval(self, t: float) -> Array:
+    def eval(self, t: float) -> Array:
         """Returns the signal (k) at a time.
 
         Args:
@@ -249,7 +249,7 @@ def find_crossing(
         return end
     polynomial = IntervalPolynomial(times, values, i)
     while begin < (middle := (begin + end) / 2) < end:
-        if is_beyond(polynomial.Eval(middle)):
+        if is_beyond(polynomial.eval(middle)):
             end = middle
         else:
             begin = middle

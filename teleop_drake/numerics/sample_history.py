@@ -27,7 +27,7 @@ class SampleHistory:
         values: The samples (one row each).
         jumps: When those jumps of the signal that are known will be delivered, s.
         now: Up to where in `times` the signal has been delivered, s.
-        polynomials: By the interval, what Eval() has worked out so far. All but that
+        polynomials: By the interval, what eval() has worked out so far. All but that
             at `now` are functions of the samples. That one stays what it was when the
             signal came to the interval: otherwise each new sample would move the
             signal, by as much as its error, at the very time of the sample.
@@ -42,7 +42,7 @@ class SampleHistory:
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
 
-    def Record(
+    def record(
         self,
         key: float,
         value: NDArray[np.float64],
@@ -58,8 +58,8 @@ class SampleHistory:
             value: The sample (k).
             jump: What the events of the last step made of the last sample (k), None
                 if they left it alone.
-            now: As for Append().
-            spacing: As for Append().
+            now: As for append().
+            spacing: As for append().
         """
         if now <= self.now:
             return self
@@ -68,10 +68,10 @@ class SampleHistory:
             return replace(self, now=now)
         history = self
         if jump is not None:
-            history = history.Append(self.times[-1], jump, now=now, spacing=spacing)
-        return history.Append(key, value, now=now, spacing=spacing)
+            history = history.append(self.times[-1], jump, now=now, spacing=spacing)
+        return history.append(key, value, now=now, spacing=spacing)
 
-    def Append(
+    def append(
         self, time: float, value: NDArray[np.float64], *, now: float, spacing: float
     ) -> "SampleHistory":
         """Returns the history with one more sample.
@@ -96,9 +96,9 @@ class SampleHistory:
         while first + _NUM_KEPT < keep and self.times[first + _NUM_KEPT] < now:
             first += 1
         polynomials = {}
-        i = self._Interval(now)
+        i = self._interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
-            polynomials[i - first] = self._Polynomial(i)
+            polynomials[i - first] = self._polynomial(i)
         values = np.empty((keep - first + 1, len(value)))
         values[:-1] = self.values[first:keep]
         values[-1] = value
@@ -110,7 +110,7 @@ class SampleHistory:
         times = (*self.times[first:keep], time)
         return SampleHistory(times, values, jumps, now, polynomials)
 
-    def Eval(self, time: float) -> NDArray[np.float64]:
+    def eval(self, time: float) -> NDArray[np.float64]:
         """Returns the signal (k) at a time between (or just behind) the samples.
 
         Args:
@@ -118,21 +118,21 @@ class SampleHistory:
         """
         if len(self.times) == 1:
             return np.asarray(self.values[0])
-        i = min(max(self._Interval(time), 0), len(self.times) - 2)
+        i = min(max(self._interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
             return np.asarray(self.values[i + 1])  # Just behind a jump.
-        return self.EvalInterval(i, time)
+        return self.eval_interval(i, time)
 
-    def EvalInterval(self, i: int, time: float) -> NDArray[np.float64]:
-        """Returns what Eval() does in the interval between the samples i and i + 1.
+    def eval_interval(self, i: int, time: float) -> NDArray[np.float64]:
+        """Returns what eval() does in the interval between the samples i and i + 1.
 
         Args:
             i: Index of a sample that is older than the next.
             time: In s.
         """
-        return self._Polynomial(i).Eval(time)
+        return self._polynomial(i).eval(time)
 
-    def _Polynomial(self, i: int) -> IntervalPolynomial:
+    def _polynomial(self, i: int) -> IntervalPolynomial:
         """Returns the polynomial between the samples i and i + 1."""
         polynomial = self.polynomials.get(i)
         if polynomial is None:
@@ -140,6 +140,6 @@ class SampleHistory:
             self.polynomials[i] = polynomial
         return polynomial
 
-    def _Interval(self, time: float) -> int:
+    def _interval(self, time: float) -> int:
         """Returns the index of the sample before a time, -1 if there is none."""
         return bisect_left(self.times, time) - 1

@@ -56,7 +56,7 @@ class StateSpace:
         return len(self.A)
 
     @staticmethod
-    def BlockDiagonal(first: "StateSpace", second: "StateSpace") -> "StateSpace":
+    def block_diagonal(first: "StateSpace", second: "StateSpace") -> "StateSpace":
         """Returns two systems side by side, not connected.
 
         Args:
@@ -64,7 +64,7 @@ class StateSpace:
             second: The other one.
         """
 
-        def Stack(one: Array, two: Array) -> Array:
+        def stack(one: Array, two: Array) -> Array:
             corners = (
                 np.zeros((len(one), two.shape[1])),
                 np.zeros((len(two), one.shape[1])),
@@ -72,13 +72,13 @@ class StateSpace:
             return np.block([[one, corners[0]], [corners[1], two]])
 
         return StateSpace(
-            A=Stack(first.A, second.A),
-            B=Stack(first.B, second.B),
-            C=Stack(first.C, second.C),
-            D=Stack(first.D, second.D),
+            A=stack(first.A, second.A),
+            B=stack(first.B, second.B),
+            C=stack(first.C, second.C),
+            D=stack(first.D, second.D),
         )
 
-    def FrequencyResponse(self, frequencies: ArrayLike) -> ComplexArray:
+    def frequency_response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns G(j w) (K, p, m).
 
         Args:

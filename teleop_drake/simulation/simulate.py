@@ -286,12 +286,12 @@ def _FindEvents(
         for i in np.flatnonzero(np.diff(x >= position)):
             is_forward = bool(x[i + 1] >= position)
 
-            def is_beyond(
+            def IsBeyond(
                 p: np.ndarray, border: float = position, forward: bool = is_forward
             ) -> bool:
                 return bool(p[0] >= border) == forward
 
-            time = find_crossing(times, x[:, np.newaxis], int(i), is_beyond)
+            time = find_crossing(times, x[:, np.newaxis], int(i), IsBeyond)
             events.append(Event(name=names[0 if is_forward else 1], time=time))
     mode = signals["surgeon_mode"][:, 0]
     for i in np.flatnonzero(np.diff(mode)):

@@ -78,7 +78,7 @@ class AdaptiveBackstepping(LeafSystem):
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self.set_name("adaptive_backstepping")
         self._n = n
-        self._gains = gains.AsArrays()
+        self._gains = gains.as_arrays()
         self._network = network
         self._rate = compiled(backstepping_rate_vector)
         self._errors = compiled(backstepping_error_vector)

@@ -85,7 +85,7 @@ def test_slider_is_the_equation_of_motion(point, k, d):
 
 def test_master_is_the_haptic_device():
     model = Model("one_dof")
-    G = model.master.FrequencyResponse(W)
+    G = model.master.frequency_response(W)
     np.testing.assert_allclose(G[:, 0, 1], -(25 * S + 50) / (S**2 + 25 * S), rtol=1e-10)
     # The commanded velocity depends on nothing, and nothing on the position.
     assert np.all(G[:, 1] == 0) and np.all(G[:, 0, 0] == 0)
@@ -114,7 +114,7 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form():
             * np.array([Lambda + 0 * S, 1 + 0 * S])
             / (m * S + c + (1 - A) * Z + K * (1 + Lambda * Z))
         )
-        G = model.slave.FrequencyResponse(W)
+        G = model.slave.frequency_response(W)
         np.testing.assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
         np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
 
@@ -184,7 +184,9 @@ def test_estimates_are_those_of_the_point():
     )
     expected = LinearizeLoop(same, point)
     np.testing.assert_allclose(
-        other.slave.FrequencyResponse(W), expected.slave.FrequencyResponse(W), rtol=1e-9
+        other.slave.frequency_response(W),
+        expected.slave.frequency_response(W),
+        rtol=1e-9,
     )
     # F_c = alpha has -Psi^-1 W1 Phi(r): a spring of its own at the robot.
     weights = np.linspace(-1, 1, count)
@@ -305,7 +307,7 @@ def test_predictor_is_its_equation():
     scenario = LoadScenario("one_dof", {"controller.kind": "smith_predictor"})
     model = LinearizeTwoPort(scenario, OperatingPoints(scenario)[0])
     m, c, k = 0.5, 0.6, 0.01
-    G = model.master.FrequencyResponse(W)
+    G = model.master.frequency_response(W)
     v_model = 1 / (m * S + c + k / S)
     one, zero = np.ones_like(S), np.zeros_like(S)
     # From [F_h, p, v_ret, d] to [v_felt, F_h, v_d, v_model].
@@ -329,14 +331,14 @@ def test_idle_passivity_controllers_are_direct_force():
         n = len(model.point.position)
         v = slice(n, 2 * n)
         np.testing.assert_allclose(
-            model.slave.FrequencyResponse(W)[:, v, :n],
-            direct.slave.FrequencyResponse(W)[:, v, :n],
+            model.slave.frequency_response(W)[:, v, :n],
+            direct.slave.frequency_response(W)[:, v, :n],
             rtol=1e-7,
             atol=1e-9,
         )
         np.testing.assert_allclose(
-            model.master.FrequencyResponse(W)[:, :n, v],
-            direct.master.FrequencyResponse(W)[:, :n, v],
+            model.master.frequency_response(W)[:, :n, v],
+            direct.master.frequency_response(W)[:, :n, v],
             rtol=1e-7,
         )
 
@@ -373,7 +375,7 @@ def test_drift_correction_has_no_linear_model():
 
 def test_surgeon_is_in_velocity_mode_also_on_bone():
     model = Model("two_dof_combined", point=2)
-    assert np.abs(model.master.FrequencyResponse([1.0])[0, :2, 2:]).max() > 1
+    assert np.abs(model.master.frequency_response([1.0])[0, :2, 2:]).max() > 1
 
 
 def test_no_difference_crosses_a_border():

@@ -60,7 +60,7 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     s = 1j * w
     expected = (25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k))
     np.testing.assert_allclose(
-        point.loop.FrequencyResponse(w)[:, 0, 0], expected, rtol=1e-9
+        point.loop.frequency_response(w)[:, 0, 0], expected, rtol=1e-9
     )
     # |25 j w + 50|^2 = |j w + 25|^2 |k - m w^2 + j (c + d) w|^2, in w^2.
     spring = np.polyadd(np.polymul([-m, k], [-m, k]), [(c + d) ** 2, 0])
@@ -158,12 +158,12 @@ def test_both_cuts_have_the_same_margins():
     slave, master = point.model.slave, point.model.master
     assert CutLoop(point.model).D.shape == (2, 2)
     w = np.geomspace(0.1, 30, 9)
-    M, S = master.FrequencyResponse(w), slave.FrequencyResponse(w)
+    M, S = master.frequency_response(w), slave.frequency_response(w)
     I = np.eye(4)
     for z in (1.0, np.exp(0.7j)):
         full = np.linalg.det(I - S @ M * z)
         other = np.linalg.det(I - M @ S * z)
-        cut = np.linalg.det(np.eye(2) + point.loop.FrequencyResponse(w) * z)
+        cut = np.linalg.det(np.eye(2) + point.loop.frequency_response(w) * z)
         np.testing.assert_allclose(cut, full, rtol=1e-7)
         np.testing.assert_allclose(other, full, rtol=1e-7)
 

@@ -7,7 +7,7 @@ import pytest
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.packet_statistics import packet_statistics
+from teleop_drake.channels.packet_statistics import ComputePacketStatistics
 from teleop_drake.channels.receiver import Receiver
 
 MEAN = 0.1
@@ -30,7 +30,7 @@ def make(*, h=0.001, **arguments):
 def test_statistics_against_counting(receiver):
     network = make(**BUSY, h=0.01, seed=4)
     end = 7.003
-    result = packet_statistics(network, receiver, end)
+    result = ComputePacketStatistics(network, receiver, end)
     sent = 701
     arrivals = network.Arrivals(sent)
     received = [k for k in range(sent) if arrivals[k] <= end]
@@ -63,7 +63,7 @@ def test_statistics_against_counting(receiver):
 
 
 def test_age_of_information_of_a_constant_delay():
-    result = packet_statistics(make(h=0.01), Receiver(), 10.1)
+    result = ComputePacketStatistics(make(h=0.01), Receiver(), 10.1)
     assert result.age_mean == pytest.approx(MEAN + 0.005)
     assert result.age_maximum == pytest.approx(MEAN + 0.01)
     assert (result.sent, result.received, result.lost) == (1010, 1001, 0)
@@ -71,7 +71,7 @@ def test_age_of_information_of_a_constant_delay():
 
 def test_statistics_of_nothing():
     loss = Loss(kind="independent", probability=1.0)
-    result = packet_statistics(make(loss=loss), Receiver(), 1.0)
+    result = ComputePacketStatistics(make(loss=loss), Receiver(), 1.0)
     assert (result.sent, result.received, result.loss_rate) == (1000, 0, 1.0)
     assert result.delay_mean is result.delay_p99 is result.age_mean is None
-    assert packet_statistics(make(), Receiver(), 0.0).sent == 0
+    assert ComputePacketStatistics(make(), Receiver(), 0.0).sent == 0

@@ -2,13 +2,13 @@
 
 import pytest
 
-from teleop_drake.channels.receiver import RECEIVERS, Receiver, check_receiver
+from teleop_drake.channels.receiver import RECEIVERS, CheckReceiver, Receiver
 
 
 @pytest.mark.parametrize("policy", RECEIVERS)
 def test_each_policy_is_allowed(policy):
-    check_receiver(Receiver(policy=policy))
-    check_receiver(Receiver(policy="playout", depth=0.02))
+    CheckReceiver(Receiver(policy=policy))
+    CheckReceiver(Receiver(policy="playout", depth=0.02))
 
 
 @pytest.mark.parametrize(
@@ -21,4 +21,4 @@ def test_each_policy_is_allowed(policy):
 )
 def test_bad_receivers(receiver, message):
     with pytest.raises(ValueError, match=message):
-        check_receiver(receiver)
+        CheckReceiver(receiver)

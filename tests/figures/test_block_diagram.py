@@ -185,7 +185,7 @@ def test_dot_text_is_the_same_in_every_build_and_process():
             [
                 sys.executable,
                 "-c",
-                "from test_rendering import *; print(end=DiagramDot(MakeLoop()))",
+                "from test_block_diagram import *; print(end=DiagramDot(MakeLoop()))",
             ],
             env=os.environ | {"PYTHONHASHSEED": seed},
             cwd=os.path.dirname(__file__),

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_drake.laws.gaussian_network import (
-    EquidistantLattice,
     GaussianNetwork,
+    equidistant_lattice,
     lattice_spacing,
 )
 
 
 def test_lattice_of_one_axis():
-    centres = EquidistantLattice([0.0], [0.015], [4])
+    centres = equidistant_lattice([0.0], [0.015], [4])
     np.testing.assert_allclose(centres, [[0.0], [0.005], [0.010], [0.015]])
 
 
 def test_last_axis_of_the_lattice_varies_fastest():
-    centres = EquidistantLattice([0.0, 10.0], [1.0, 30.0], [2, 3])
+    centres = equidistant_lattice([0.0, 10.0], [1.0, 30.0], [2, 3])
     np.testing.assert_allclose(
         centres, [[0, 10], [0, 20], [0, 30], [1, 10], [1, 20], [1, 30]]
     )
@@ -31,7 +31,7 @@ def test_last_axis_of_the_lattice_varies_fastest():
 
 def test_axis_with_one_centre():
     np.testing.assert_allclose(
-        EquidistantLattice([0.0, -1.0], [1.0, 5.0], [2, 1]), [[0, 2], [1, 2]]
+        equidistant_lattice([0.0, -1.0], [1.0, 5.0], [2, 1]), [[0, 2], [1, 2]]
     )
     np.testing.assert_allclose(
         lattice_spacing([0.0, -1.0], [1.0, 5.0], [2, 1]), [1.0, 6.0]

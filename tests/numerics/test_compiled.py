@@ -73,7 +73,7 @@ def test_backstepping(n, is_at_limit):
         unpack_state(x, n).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
         signals = rng.normal(size=(4, n))
         Phi, Phi_dot = rng.normal(size=(2, NUM_FUNCTIONS))
-        arrays = gains.AsArrays()
+        arrays = gains.as_arrays()
         assert_same(backstepping_rate_vector, *arrays, x, Phi, Phi_dot, *signals)
         assert_same(backstepping_error_vector, *arrays, x, Phi, *signals)
 

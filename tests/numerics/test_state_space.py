@@ -18,7 +18,7 @@ def test_frequency_response_of_a_known_filter():
     w = np.array([0.0, 0.5, 1.0, 20.0])
     s = 1j * w
     np.testing.assert_allclose(
-        system.FrequencyResponse(w)[:, 0, 0], 1 / (s**2 + 0.2 * s + 1) + 3, rtol=1e-13
+        system.frequency_response(w)[:, 0, 0], 1 / (s**2 + 0.2 * s + 1) + 3, rtol=1e-13
     )
 
 
@@ -51,7 +51,7 @@ def test_minimal_realization_of_a_minimal_system_keeps_it():
     assert minimal.num_states == 2 and len(hidden) == 0
     w = np.geomspace(0.01, 100, 20)
     np.testing.assert_allclose(
-        minimal.FrequencyResponse(w), system.FrequencyResponse(w), rtol=1e-12
+        minimal.frequency_response(w), system.frequency_response(w), rtol=1e-12
     )
 
 

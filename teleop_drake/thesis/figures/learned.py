@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from teleop_drake.figures.style import COLORS, FONT_SIZE, LINES, AxisName
-from teleop_drake.laws.gaussian_network import EquidistantLattice
+from teleop_drake.laws.gaussian_network import equidistant_lattice
 from teleop_drake.thesis.claims.requests import ADAPTIVE
 from teleop_drake.thesis.figures.figure import AddLegendAbove, ThesisFigure, TimeFigure
 from teleop_drake.thesis.runs import ThesisRuns
@@ -83,7 +83,7 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     scenario = recording.scenario
     n = scenario.num_axes
     network = scenario.controller.network
-    centres = EquidistantLattice(network.lower, network.upper, network.count)
+    centres = equidistant_lattice(network.lower, network.upper, network.count)
     weights = recording[signal].reshape(-1, n, len(centres))
     x_values = np.unique(centres[:, 0])
     # Centres on either side of the straight path look alike.
