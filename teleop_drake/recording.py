@@ -3,7 +3,6 @@
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.interpolation import interpolate
 from teleop_drake.scenario import (
+    AnyScenario,
     AsTeleoperation,
     Scenario,
     ScenarioFromYaml,
@@ -71,7 +71,7 @@ class Recording:
         reason: Why it did not complete; empty if it did.
     """
 
-    scenario: Any
+    scenario: AnyScenario
     time: np.ndarray
     signals: dict[str, np.ndarray]
     events: list[Event]

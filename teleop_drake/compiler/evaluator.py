@@ -32,7 +32,8 @@ def KernelOf(system: System, context: Context) -> Kernel:
         UnsupportedSystem: If it offers no kernel.
     """
     if hasattr(system, "Kernel"):
-        return system.Kernel()
+        own: Kernel = system.Kernel()
+        return own
     if isinstance(system, MultibodyPlant):
         return PlantKernel(system, context)
     if isinstance(system, ToolInterface):
@@ -115,7 +116,8 @@ def _FedValue(system: System, name: str, root_context: Context) -> Array:
     """Returns the value of an input that is not connected inside of the diagram."""
     port, context = system.GetInputPort(name), system.GetMyContextFromRoot(root_context)
     if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
-        return port.Eval(context)
+        value: Array = port.Eval(context)
+        return value
     if isinstance(system, MultibodyPlant):  # No motor, no force.
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")
@@ -126,4 +128,5 @@ def _InPython(
 ) -> Callable[..., Any]:
     names: dict[str, Any] = dict(functions)
     exec(text, names)
-    return names["evaluate"]
+    evaluate: Callable[..., Any] = names["evaluate"]
+    return evaluate

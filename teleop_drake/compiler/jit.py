@@ -27,7 +27,8 @@ def jit(function: FunctionType) -> Callable[..., Any]:
     names = dict(function.__globals__)
     for name, helper in helpers(function):
         names[name] = jit(helper)
-    return numba.njit(_with_loops(function, names))
+    dispatcher: Callable[..., Any] = numba.njit(_with_loops(function, names))
+    return dispatcher
 
 
 def helpers(function: FunctionType) -> Iterator[tuple[str, FunctionType]]:
@@ -62,7 +63,8 @@ def _with_loops(function: FunctionType, names: dict[str, Any]) -> Callable[..., 
     names[_PRODUCT], names[_INVERSE] = _product(), _inverse()
     tree = ast.fix_missing_locations(_WithLoops().visit(tree))
     exec(compile(tree, function.__code__.co_filename, "exec"), names)
-    return names[function.__name__]
+    copy: Callable[..., Any] = names[function.__name__]
+    return copy
 
 
 _PRODUCT, _INVERSE = "_product", "_inverse"
@@ -172,4 +174,5 @@ def _inverse() -> Callable[..., Any]:
                         right[j, k] -= factor * right[i, k]
         return right
 
-    return numba.njit(inverse)
+    dispatcher: Callable[..., Any] = numba.njit(inverse)
+    return dispatcher

@@ -53,7 +53,9 @@ def CompileIntegrator(*arguments: Any) -> Callable[..., Any]:
 def _Integrator(signature: Any) -> Callable[..., Any]:
     import numba
 
-    return numba.njit(signature, cache=True)(with_compiled_helpers(advance))
+    law = with_compiled_helpers(advance)
+    dispatcher: Callable[..., Any] = numba.njit(signature, cache=True)(law)
+    return dispatcher
 
 
 def CompileEvaluate(
@@ -88,7 +90,9 @@ def _Evaluate(
     }
     names["__name__"] = __name__  # Without a module numba cannot keep it.
     exec(compile(text, str(file) if is_kept else "<evaluate>", "exec"), names)
-    return numba.njit(_EvaluateSignature(), cache=is_kept)(names["evaluate"])
+    compiler = numba.njit(_EvaluateSignature(), cache=is_kept)
+    dispatcher: Callable[..., Any] = compiler(names["evaluate"])
+    return dispatcher
 
 
 def _CacheFolder() -> Path:

@@ -129,9 +129,9 @@ def _Ends(joint: Joint, poses: dict[int, Any]) -> tuple[Frame, Frame, float]:
 
 def _Axis(plant: MultibodyPlant, joint: Joint) -> np.ndarray:
     if isinstance(joint, RevoluteJoint):
-        return joint.revolute_axis()
+        return np.asarray(joint.revolute_axis())
     if isinstance(joint, PrismaticJoint):
-        return joint.translation_axis()
+        return np.asarray(joint.translation_axis())
     raise UnsupportedSystem(
         plant,
         f"joint {joint.name()} is {joint.type_name()}; supported are weld, revolute "

@@ -262,7 +262,7 @@ def _Part(array: str, part: slice) -> tuple[str, int]:
 
 
 def _NumStates(block: Block) -> int:
-    return block.system.num_continuous_states()
+    return int(block.system.num_continuous_states())
 
 
 def _NumModes(block: Block) -> int:

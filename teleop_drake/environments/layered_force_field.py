@@ -181,10 +181,10 @@ class LayeredForceField(LeafSystem):
         return self._witnesses[self._GetRegion(context)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        return self._EvalX(context) - self._ends[self._GetRegion(context)]
+        return float(self._EvalX(context) - self._ends[self._GetRegion(context)])
 
     def _CalcPastStart(self, context: Context) -> float:
-        return self._EvalX(context) - self._begins[self._GetRegion(context)]
+        return float(self._EvalX(context) - self._begins[self._GetRegion(context)])
 
     def _SetRegion(self, context: Context, state: State) -> None:
         region = layer_index(self._begins, self._EvalX(context))
@@ -217,12 +217,14 @@ def layer_in_region(layers: Array, regions: Regions, mode: Array, p_WT: Array) -
 
 def past_end(ends: Array, mode: Array, p_WT: Array) -> Array:
     """Returns how far the tool is behind the end of its region, m."""
-    return p_WT[:1] - ends[int(mode[0])]
+    past: Array = p_WT[:1] - ends[int(mode[0])]
+    return past
 
 
 def before_begin(begins: Array, mode: Array, p_WT: Array) -> Array:
     """Returns how far the tool is before the begin of its region, m."""
-    return begins[int(mode[0])] - p_WT[:1]
+    before: Array = begins[int(mode[0])] - p_WT[:1]
+    return before
 
 
 def next_region(mode: Array) -> Array:

@@ -297,14 +297,14 @@ def _FinitePart(recording: Recording) -> Recording:
 def _MakePieces(recording: Recording) -> _Pieces:
     time = recording.time
     n = recording["tool_position"].shape[1]
-    layers = recording.scenario.environment.layers
+    layers = recording.teleoperation.environment.layers
     starts = [layer.start for layer in layers]
 
     echoes: list[float] = []
     if "velocity_command" in recording.signals:
         # Where the commands jump once they are delayed.
         jumps = np.append(time[0], time[1:][np.diff(time) == 0])
-        jumps += recording.scenario.forward_channel.delay
+        jumps += recording.teleoperation.forward_channel.delay
         echoes = jumps[jumps < time[-1]].tolist()
     begin, end = _Split(time, echoes)
     p, v = _Motion(recording, begin, end)
@@ -349,7 +349,7 @@ def _ReceivedCommands(
     """Returns [F_hd; v_dd] (M, 8, 2n) at the nodes of the pieces."""
     if "velocity_command" not in recording.signals:
         return _Sample(recording, "forward_packet_received", begin, end)
-    delay = recording.scenario.forward_channel.delay
+    delay = recording.teleoperation.forward_channel.delay
     times = _NodeTimes(begin, end)
     # At a jump Interpolate() returns the value before it; the first node is after it.
     times[:, 0] += 1e-9 * (end - begin)
@@ -376,12 +376,14 @@ def _Split(time: np.ndarray, instants: list[float]) -> tuple[np.ndarray, np.ndar
 
 def _NodeTimes(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Returns the times (M, 8) of the nodes of the pieces."""
-    return ((1 - _NODES) * begin[:, None] + (1 + _NODES) * end[:, None]) / 2
+    times = ((1 - _NODES) * begin[:, None] + (1 + _NODES) * end[:, None]) / 2
+    return np.asarray(times)
 
 
 def _Intervals(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Returns the indices (M,) of the samples that each piece follows."""
-    return np.clip(np.searchsorted(time, (begin + end) / 2) - 1, 0, None)
+    indices = np.searchsorted(time, (begin + end) / 2) - 1
+    return np.asarray(np.clip(indices, 0, None))
 
 
 def _Sample(
