@@ -9,6 +9,7 @@ import functools
 
 import numpy as np
 import pytest
+from grids import Slow
 from independent_solver import solve, thesis_task
 from runs import TASKS, Run
 
@@ -82,7 +83,7 @@ def test_thesis_tasks(name, kind):
 
 
 @pytest.mark.parametrize("delays", [key for key in DELAYS if key != "thesis"])
-@pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("kind", Slow(CONTROLLERS, but=[1]))
+@pytest.mark.parametrize("name", Slow(TASKS, but=[3]))
 def test_other_delays(name, kind, delays):
     Compare(name, kind, DELAYS[delays], DURATIONS[name])

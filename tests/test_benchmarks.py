@@ -13,6 +13,7 @@ from benchmarks.suite import Measure
 from benchmarks.tables import Table
 from benchmarks.tasks import MakeScenario
 from benchmarks.timing import Alternate
+from grids import Slow
 
 from teleop_drake.scenario import CONTROLLERS
 from teleop_drake.simulation import simulate
@@ -20,7 +21,9 @@ from teleop_drake.simulation import simulate
 ADAPTIVE = "adaptive_backstepping"
 
 
-@pytest.mark.parametrize("name", ["comparison", "evaluation", "scaling", "startup"])
+@pytest.mark.parametrize(
+    "name", Slow(["comparison", "evaluation", "scaling", "startup"], but=[0, 1])
+)
 def test_quick_tables_have_finite_numbers(name):
     tables = Measure([name], Options(quick=True))
     assert tables
@@ -33,6 +36,7 @@ def test_quick_tables_have_finite_numbers(name):
         assert all(error < 1e-2 for error in errors), table.name
 
 
+@pytest.mark.slow  # test_sampled_delays_are_about_right() takes the same solver.
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_straightforward_keeps_its_targets(task):
     scenario = contenders.Load(task)
@@ -42,6 +46,7 @@ def test_straightforward_keeps_its_targets(task):
     assert error <= contenders.TARGETS[scenario.num_axes]
 
 
+@pytest.mark.slow
 def test_straightforward_keeps_its_target_while_it_bounces():
     arguments = ("two_dof_combined", "direct_force", 0.1, 3.3)
     oracle = accuracy.Oracle(*arguments)
@@ -68,7 +73,7 @@ def test_the_oracle_has_converged(controller):
 
 
 @pytest.mark.parametrize("kind", ["variable", "sampled", "network"])
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", Slow(CONTROLLERS, but=[1]))
 def test_channels_agree_with_their_oracle(controller, kind):
     # Long enough for the puncture, the contact and the surgeon's switch.
     scenario = MakeScenario("two_dof_combined", controller, kind, 2.8)

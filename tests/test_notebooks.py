@@ -2,10 +2,12 @@
 
 Every cell runs, with deprecation warnings as errors and in a directory with nothing but
 the league table. Where there is a live slider it is moved, and its cell runs again
-without ipywidgets.
+without ipywidgets. The short run of the tests takes the first notebook, and the imports
+of all.
 """
 
 import ast
+import importlib
 import os
 import re
 import shutil
@@ -14,6 +16,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from grids import Slow
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
@@ -75,7 +78,7 @@ def Execute(notebook, directory):
             assert output.get("name") != "stderr", output.text
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", Slow(NOTEBOOKS), ids=lambda path: path.stem)
 def test_runs(path, tmp_path):
     notebook = Read(path)
     for file in path.parent.glob("league_table.*"):
@@ -103,6 +106,17 @@ def test_runs(path, tmp_path):
     assert len(pictures) >= 4
     if path in WITH_SLIDER:
         assert "image/png" in cells[-1].outputs[-1].data
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_they_take_from_the_package_is_there(path):
+    """All that a notebook imports, anywhere in it."""
+    for cell in CodeCells(Read(path)):
+        for node in ast.walk(ast.parse(cell.source)):
+            if isinstance(node, ast.ImportFrom):
+                module = importlib.import_module(node.module)
+                for alias in node.names:
+                    assert hasattr(module, alias.name), (node.module, alias.name)
 
 
 def test_sliders_are_where_they_are_promised():

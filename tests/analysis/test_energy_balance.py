@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import Slow
 from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.analysis.energy import (
@@ -172,7 +173,7 @@ def test_force_that_is_let_go_and_caught_between_packets():
     )
 
 
-@pytest.mark.parametrize("channel", ["transport", "network"])
+@pytest.mark.parametrize("channel", Slow(["transport", "network"]))
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_every_architecture_has_a_balance(kind, channel):
     """The meter in the diagram and the recording agree."""

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from grids import Slow
 from phasors import FeltImpedance
 
 from teleop_drake.analysis.operating_point import OperatingPoints
@@ -103,7 +104,7 @@ def test_the_blocks_alone_say_the_same(kind, omega, round_trip):
 
 
 @pytest.mark.parametrize(
-    "kind", ["adaptive_backstepping", "wave_variables", "proportional_damping"]
+    "kind", Slow(["adaptive_backstepping", "wave_variables", "proportional_damping"])
 )
 def test_runs_say_the_same(kind):
     """Twice the force on the bone, and how much farther the hand goes for it."""

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from grids import Slow
 
 from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import OperatingPointAt
@@ -192,7 +193,9 @@ RUNS = [
 
 
 @pytest.mark.parametrize("share", [0.95, 1.05])
-@pytest.mark.parametrize(("name", "kind", "layer", "duration", "tolerance"), RUNS)
+@pytest.mark.parametrize(
+    ("name", "kind", "layer", "duration", "tolerance"), Slow(RUNS, but=[1, 4, 6])
+)
 def test_runs_on_either_side_of_the_margin(
     name, kind, layer, duration, tolerance, share
 ):
@@ -348,10 +351,12 @@ def test_runs_with_a_predictor_on_either_side_of_its_margin(share):
 @pytest.mark.parametrize("share", [0.9, 1.1])
 @pytest.mark.parametrize(
     ("kind", "overrides"),
-    [
-        ("proportional_damping", {"stiffness": 10.0}),
-        ("four_channel", {"variant": "position_position", "bandwidth": 5.0}),
-    ],
+    Slow(
+        [
+            ("proportional_damping", {"stiffness": 10.0}),
+            ("four_channel", {"variant": "position_position", "bandwidth": 5.0}),
+        ]
+    ),
 )
 def test_runs_of_other_architectures_on_either_side(kind, overrides, share):
     """In free space, with gains that do not derive from the delay."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import Slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
@@ -150,7 +151,7 @@ def test_the_blocks_grow_or_decay_as_the_exact_root_says(margin, is_stable):
     assert np.log(late / early) / 4 == pytest.approx(root.real, abs=0.15)
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3])
 def test_thesis_tasks_are_stable(name, delay):
     scenario = LoadScenario(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import Slow
 from runs import Run
 
 from teleop_drake.architectures.passivity_master import PassivityMaster
@@ -38,15 +39,22 @@ def ChannelEnergy(recording):
 
 @pytest.mark.parametrize(
     ("name", "overrides"),
-    [
-        ("two_dof_combined", ["duration=4.0"]),
-        ("two_dof_combined", ["duration=4.0", f"forward_channel={NETWORK}"]),
-        ("two_dof_puncture", ["duration=4.0", f"return_channel={NETWORK}"]),
-        (
-            "two_dof_collision",
-            ["duration=3.0", "forward_channel.delay=0.3", "return_channel.delay=0.2"],
-        ),
-    ],
+    Slow(
+        [
+            ("two_dof_combined", ["duration=4.0"]),
+            ("two_dof_combined", ["duration=4.0", f"forward_channel={NETWORK}"]),
+            ("two_dof_puncture", ["duration=4.0", f"return_channel={NETWORK}"]),
+            (
+                "two_dof_collision",
+                [
+                    "duration=3.0",
+                    "forward_channel.delay=0.3",
+                    "return_channel.delay=0.2",
+                ],
+            ),
+        ],
+        but=[1, 3],
+    ),
 )
 def test_the_channel_is_passive(name, overrides):
     """E_0 + what went in - what came out >= 0, but for what the maxima let through."""
@@ -87,7 +95,7 @@ def test_the_budgets_hold_the_better_the_shorter_the_horizon():
     assert 0 < worst[1] < 0.5 * worst[0]
 
 
-@pytest.mark.parametrize("delay", [0.2, 0.3])
+@pytest.mark.parametrize("delay", Slow([0.2, 0.3]))
 def test_it_stays_bounded_where_direct_force_diverges(delay):
     delays = [f"{way}_channel.delay={delay}" for way in ("forward", "return")]
     ours = RunMetrics(Passivity("two_dof_combined", *delays))

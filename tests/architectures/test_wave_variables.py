@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from grids import Slow
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
@@ -117,7 +118,7 @@ def LineEnergy(recording):
     )
 
 
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_collision"])
+@pytest.mark.parametrize("name", Slow(["one_dof", "two_dof_collision"]))
 def test_the_energy_of_the_line_is_that_of_the_waves_under_way(name):
     recording = Wave(
         name,
@@ -164,7 +165,7 @@ def test_a_growing_delay_makes_energy_unless_the_waves_are_scaled():
     assert config.forward_scaling == pytest.approx(math.sqrt(0.6))
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
 def test_thesis_tasks_are_stable_whatever_the_delay(name):
     for delay in (0.0, 0.1, 0.4):
         recording = Wave(

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from grids import Slow
 from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 
@@ -30,7 +31,7 @@ def sides(recording, name, time):
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", Slow(TASKS, but=[0, 3]))
 def test_all_signals_of_the_loop(name, kind):
     recording = Run(name, kind)
     n = recording.scenario.num_axes
@@ -490,7 +491,7 @@ def test_solver_statistics():
     )
 
 
-@pytest.mark.parametrize("scheme", ["runge_kutta3", "runge_kutta2", "radau3"])
+@pytest.mark.parametrize("scheme", Slow(["runge_kutta3", "runge_kutta2", "radau3"]))
 def test_other_integrators_agree(scheme):
     other = Run(
         "one_dof",

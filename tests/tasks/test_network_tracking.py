@@ -7,6 +7,7 @@ import appendix_a as arm
 import numpy as np
 import pytest
 import yaml
+from grids import Slow
 from scipy.integrate import solve_ivp, trapezoid
 
 from teleop_drake.figures.runs import PlotRun
@@ -140,7 +141,7 @@ def test_metrics_agree_with_a_second_solver(name):
     assert len(metrics) == 3
 
 
-@CASE
+@pytest.mark.parametrize("name", Slow(CASES))
 def test_converged(name):
     coarse = RunMetrics(Run(name))
     fine = RunMetrics(
