@@ -24,7 +24,8 @@ def jit(function: FunctionType) -> Callable[..., Any]:
     """
     import numba
 
-    names = dict(function.__globals__)
+    # numba looks for the module of what it has kept; a user's may be a notebook.
+    names = dict(function.__globals__) | {"__name__": __name__}
     for name, helper in helpers(function):
         names[name] = jit(helper)
     dispatcher: Callable[..., Any] = numba.njit(_with_loops(function, names))

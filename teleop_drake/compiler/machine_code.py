@@ -148,6 +148,7 @@ def _Key(text: str, functions: Iterable[Callable[..., Any]]) -> str:
 
     for function in functions:
         Add(function)
+    Add(jit.__wrapped__)  # How all of them are compiled.
     content.update(_Versions().encode())
     return content.hexdigest()[:32]
 

@@ -375,9 +375,23 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
 
 
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    if order < _MAX_ECHO:
-        for d in range(len(delays.times)):
-            _add_break(t + delays.times[d], order + 1, memory)
+    """Notes when what happened now comes out of the delays.
+
+    A signal that jumps is a jump again, however often it has been delayed.
+    """
+    num = memory.counts[POLYNOMIALS]
+    column = 0
+    for d in range(len(delays.times)):
+        echo = order + 1
+        for i in range(delays.sizes[d]):
+            if num > 0:
+                before = memory.values[num - 1, 4, column + i]
+                after = memory.y[delays.signals[d] + i]
+                if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
+                    echo = 1
+        if echo <= _MAX_ECHO and delays.times[d] < math.inf:
+            _add_break(t + delays.times[d], echo, memory)
+        column += delays.sizes[d]
 
 
 def _take_break(t: float, memory: Memory) -> int:

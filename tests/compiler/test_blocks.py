@@ -52,11 +52,14 @@ def test_a_variant_has_a_kernel(block):
 @pytest.mark.parametrize("controller", ARCHITECTURES)
 def test_an_architecture_runs_as_machine_code(controller):
     pytest.importorskip("numba")
-    scenario = LoadScenario("one_dof", ["duration=1", f"controller.kind={controller}"])
+    tight = ["simulator.accuracy=1e-11", "simulator.max_step_size=0.005"]
+    scenario = LoadScenario(
+        "one_dof", ["duration=1", f"controller.kind={controller}", *tight]
+    )
     drake = simulate(scenario)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         compiled = simulate(scenario, engine="compiled")
     for name in ("tool_velocity", "control_force", "return_packet_received"):
         ours, theirs = (run[name][-1] for run in (compiled, drake))
-        np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.ptp(drake[name]))
+        np.testing.assert_allclose(ours, theirs, atol=1e-5 * np.ptp(drake[name]))
