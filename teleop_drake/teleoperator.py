@@ -42,7 +42,8 @@ def MakeTeleoperator(
             tool_velocity, output environment_force (n each).
         forward_channel: A channel of your own; input `signal`, output
             `delayed_signal`, both as wide as the forward packet.
-        return_channel: The same, as wide as the return packet.
+        return_channel: A channel of your own with the same ports, as wide as the
+            return packet.
 
     Returns:
         The Diagram, named `teleoperator`. Its default context is the start.
@@ -83,12 +84,14 @@ def AddTeleoperator(
 ) -> None:
     """Adds the teleoperator's six systems and connects them.
 
-    As MakeTeleoperator, for a diagram that has more in it, a meter of energy say; see
-    analysis.energy. `builder.GetSubsystemByName("master")` finds a system.
+    MakeTeleoperator() calls it. Call it yourself for a diagram that has more in it,
+    such as a meter of energy (see analysis.energy). Afterwards
+    `builder.GetSubsystemByName("master")` finds a system. The ports of systems of your
+    own are those that MakeTeleoperator() states.
 
     Args:
         builder: Of the diagram.
-        scenario: As for MakeTeleoperator, likewise the following.
+        scenario: What to build.
         control_law: A control law of your own.
         architecture: Both sides of your own.
         robot: A robot of your own.
@@ -97,9 +100,11 @@ def AddTeleoperator(
         return_channel: A channel of your own.
 
     Raises:
-        ScenarioError: As MakeTeleoperator, likewise the following.
-        ValueError: See there.
-        RuntimeError: See there.
+        ScenarioError: If the scenario is not valid.
+        ValueError: If both a control law and an architecture are given, or a packet
+            does not have the width of its initial value, or an output of a system of
+            yours has the name of another signal of the loop.
+        RuntimeError: If a system of yours lacks a port.
     """
     scenario.Validate()
     robot = robot or scenario.robot.MakeRobot()

@@ -3,7 +3,7 @@
 Two pairs of ends. With the thesis's packets, which carry a force forward and a
 velocity back, the channels themselves have a power at each end (ChannelEnergyBalance,
 AddChannelEnergy). Other architectures send waves, positions or more. For every one
-there is the two-port between the surgeon's hand and the tool, channels and both sides
+there is the two-port between the operator's hand and the tool, channels and both sides
 of the architecture together: F_h . v_felt goes in and F_c . v comes out
 (TwoPortEnergyBalance, AddTwoPortEnergy). What the sides dissipate or store, such as
 the handle of P+d, is then part of the balance. With direct force the two are the same.
@@ -60,9 +60,10 @@ def ChannelEnergyBalance(
 ) -> EnergyBalance:
     """Balances the energy of the channels of a recorded run.
 
-    The same as systems.ChannelEnergy in the diagram, afterwards: between two samples
-    the recording's own interpolation is integrated exactly. What a sampled or network
-    channel delivers jumps between two samples, and is known to a step only.
+    systems.ChannelEnergy computes the same energy in the diagram, during the run. Here
+    the recording's own interpolation between two samples is integrated exactly. What a
+    sampled or network channel delivers jumps between two samples, and is known to a
+    step only.
 
     Args:
         recording: A run of a teleoperation.
@@ -109,12 +110,13 @@ def ChannelEnergyBalance(
 
 
 def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
-    """Balances the energy between the surgeon's hand and the tool of a recorded run.
+    """Balances the energy between the operator's hand and the tool of a recorded run.
 
         power_in = F_h . v_felt,    power_out = F_c . v
 
-    For every architecture. The same as AddTwoPortEnergy in the diagram, afterwards, to
-    0.1 % of the range of the energy, even where forces jump and have kinks.
+    It works for every architecture. AddTwoPortEnergy computes the same energy in the
+    diagram, during the run. Both agree to 0.1 % of the range of the energy, even where
+    forces jump or are not smooth.
 
     Args:
         recording: A run of a teleoperation.
@@ -204,7 +206,7 @@ def AddChannelEnergy(
 
 
 def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
-    """Adds a ChannelEnergy between the surgeon's hand and the tool.
+    """Adds a ChannelEnergy between the operator's hand and the tool.
 
         builder = DiagramBuilder()
         AddTeleoperator(builder, scenario)

@@ -17,12 +17,11 @@ class LoopModel:
 
     Attributes:
         point: The operating point.
-        master: From the return packet received to the forward packet sent. Behind
-            them stand, in the same order, the inputs from delays inside of the master
-            and the outputs to them.
-        slave: From the forward packet received to the return packet sent, and likewise.
-            Its states are [r (n), v (n), the states of the controller that are not
-            frozen].
+        master: From the return packet received to the forward packet sent, followed by
+            one input and one output for each internal delay of the master.
+        slave: From the forward packet received to the return packet sent, followed by
+            one input and one output for each internal delay of the slave. Its states
+            are [r (n), v (n), the states of the controller that are not frozen].
         frozen_weights: Whether the estimates of an adaptive law are held constant.
         idle_passivity: Whether passivity controllers are taken to inject nothing.
         packet_sizes: Entries of the forward and of the return packet.
@@ -56,18 +55,18 @@ class LoopModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoPortModel:
-    """The teleoperator between the surgeon's hand and the environment.
+    """The teleoperator between the operator's hand and the environment.
 
-    The same as LoopModel without haptic device and environment: the force F_h at the
-    hand and the force F_e at the tool are inputs, and the velocity that the hand feels
-    and the tool's are outputs. They stand before the others:
+    It has neither the haptic device nor the environment of LoopModel: the force F_h at
+    the hand and the force F_e at the tool are inputs, and the velocity that the hand
+    feels and the tool's are outputs. They stand before the others:
 
         [v_felt, forward packet, inner] = master(s) [F_h, return packet, inner]
         [v, return packet, inner]       = slave(s) [F_e, forward packet, inner]
 
     Attributes:
         point: The operating point.
-        master: The surgeon's hand and the master side.
+        master: The operator's hand and the master side.
         slave: The slave side and the robot.
         idle_passivity: As in LoopModel.
         packet_sizes: As in LoopModel.

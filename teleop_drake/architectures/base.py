@@ -29,7 +29,7 @@ class Architecture:
     Attributes:
         master_side: In haptic_force (n, N), velocity_command (n, m/s) and
             return_packet (m_r); out felt_position (n, m), felt_velocity (n, m/s) and
-            forward_packet (m_f). The surgeon perceives contact when felt_position
+            forward_packet (m_f). The operator perceives contact when felt_position
             reaches the surface. None: the thesis's; see stations.MakeMasterStation.
         slave_side: In forward_packet (m_f), tool_position (n, m), tool_velocity
             (n, m/s) and environment_force (n, N); out control_force (n, N) and

@@ -44,7 +44,7 @@ class LocalController:
     # is critical; 0 at a station to which no motion comes. Equal at both stations, so
     # that a lasting force arrives as it was sent.
     damping: np.ndarray | float | None = None
-    # N/m, >= 0. Null: M w^2, or 0 likewise.
+    # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
     stiffness: np.ndarray | float | None = None
 
 

@@ -22,9 +22,9 @@ class FourChannelMaster(LeafSystem):
         Z_m = M s + B,   C_m = B_c + K_c / s,   C4 = -c4 (Z_m + C_m)
 
     F_e and V_s are the slave's, as they arrive. The acceleration in C4 is that which
-    the slave sends, or none. Positions count from `start`. With c4 = 1 and C2 = 1 + C6,
-    the slave's likewise, and no delay the operator feels the environment itself,
-    Z_to = Z_e; see FourChannelSlave.
+    the slave sends, or none. Positions count from `start`. The
+    operator feels the environment itself, Z_to = Z_e, if there is no delay, c4 = 1,
+    C2 = 1 + C6 and the slave has c1 = 1 and C3 = 1 + C5.
 
     Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
     IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and

@@ -27,8 +27,9 @@ class FourChannelSlave(LeafSystem):
 
     V_m and F_h are the master's, as they arrive, and Z is a model of the robot. The
     acceleration in C1 is that which the master sends, or none. Positions count from
-    `start`. With an exact model, c1 = 1 and C3 = 1 + C5, the master's likewise
-    (FourChannelMaster, where the sources are), and no delay, V_s = V_m and F_e = F_h.
+    `start`. With an exact model and without delay, V_s = V_m and F_e = F_h if
+    c1 = 1, C3 = 1 + C5 and the master has c4 = 1 and C2 = 1 + C6. FourChannelMaster
+    names the sources.
 
     | port | name              | size  | unit               | is                      |
     |------|-------------------|-------|--------------------|-------------------------|

@@ -39,11 +39,11 @@ class DelayLine(LeafSystem):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State: the samples taken at the integrator's own steps (one abstract value), and
-    of the last step whose events made the signal jump the key and the value after
-    them (discrete, 1 + size; the key is -infinity if there was none). The samples are
-    joined by eight-point polynomials which never reach across a jump and avoid kinks,
-    so a smooth signal is delayed with an error of O(step^8).
+    State: the samples taken at the integrator's own steps (one abstract value), and of
+    the last step whose events made the signal jump the key and the value after them
+    (discrete, 1 + size; the key is -infinity if there was none). The samples are joined
+    by eight-point polynomials which never reach across a jump and avoid non-smooth
+    points, so a smooth signal is delayed with an error of O(step^8).
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 

@@ -24,11 +24,11 @@ class TransportDelay(DelayLine):
     | out  | delayed_signal | size | of signal |
 
     State: the samples taken at the integrator's own steps during the last `delay`
-    seconds (one abstract value), and of the last step whose events made the signal
-    jump the key and the value after them (discrete, 1 + size; the key is -infinity if
-    there was none). The samples are joined by eight-point polynomials which never
-    reach across a jump and avoid kinks, so a smooth signal is delayed with an error
-    of O(step^8).
+    seconds (one abstract value), and of the last step whose events made the signal jump
+    the key and the value after them (discrete, 1 + size; the key is -infinity if there
+    was none). The samples are joined by eight-point polynomials which never reach
+    across a jump and avoid non-smooth points, so a smooth signal is delayed with an
+    error of O(step^8).
 
     Jumps: an input that jumps because of an event (of an unrestricted update) is
     recorded on both sides of the jump, and the output jumps exactly `delay` later.

@@ -116,7 +116,7 @@ def ToolKernel(tool: ToolInterface) -> Kernel:
         tool: The block.
 
     Raises:
-        UnsupportedSystem: As ReadPlantTree().
+        UnsupportedSystem: If ReadPlantTree() cannot read the plant.
     """
     plant, body, num_axes = tool.plant, tool.tool_index, tool.num_task_axes
     read = ReadPlantTree(plant, plant.CreateDefaultContext())
@@ -156,7 +156,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         context: Its context, which has the parameters.
 
     Raises:
-        UnsupportedSystem: As ReadPlantTree().
+        UnsupportedSystem: If ReadPlantTree() cannot read the plant.
     """
     read = ReadPlantTree(plant, context)
     n, num_bodies = plant.num_velocities(), plant.num_bodies()

@@ -80,7 +80,7 @@ def AxisLabel(key: str) -> str:
 
 
 def CellEdges(centres: np.ndarray) -> np.ndarray:
-    """Returns the borders (N + 1) of cells around ascending centres (N)."""
+    """Returns the boundaries (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
         return np.asarray(centres[0] + np.array([-0.5, 0.5]))
     inner = (centres[1:] + centres[:-1]) / 2

@@ -4,7 +4,7 @@ A two-port is its hybrid matrix h(j w), of one axis,
 
     [F_m; -v_s] = [h11, h12; h21, h22] [v_m; F_s]                                (1)
 
-with force F_m and velocity v_m at the surgeon's side (port m), F_s and v_s at the
+with force F_m and velocity v_m at the operator's side (port m), F_s and v_s at the
 environment's (port s). F_m v_m is the power that goes in at m, and -F_s v_s that which
 goes in at s. Ideal transparency is h = [0, 1; -1, 0].
 
@@ -117,7 +117,7 @@ def terminated_port(matrix: ArrayLike, load: ArrayLike) -> ComplexArray:
 
     For a hybrid matrix the load is the environment's admittance v_s/F_s and the result
     the impedance F_m/v_m; for the inverse hybrid one it is the environment's impedance
-    F_s/v_s, and the result the admittance v_m/F_m that the surgeon feels.
+    F_s/v_s, and the result the admittance v_m/F_m that the operator feels.
 
     Args:
         matrix: p(j w) (K, 2, 2).

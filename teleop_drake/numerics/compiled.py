@@ -35,7 +35,7 @@ def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a copy of a function that calls compiled functions.
 
     Args:
-        law: As for compiled().
+        law: A function in the part of Python that numba knows.
     """
     assert isinstance(law, FunctionType)
     names = dict(law.__globals__)

@@ -235,7 +235,7 @@ def unstable_roots(
         loop: L, minimal, such that is_delay_robust(loop).
         max_delay: Up to which delay in s.
         crossings: Those of find_crossings(loop) that count, if they are known.
-        slow: As for unstable_root_count.
+        slow: Below which size in 1/s a root is not told from one at 0.
 
     Returns:
         Delays (K) in s, ascending from 0, and the number of unstable roots from each to
@@ -282,7 +282,7 @@ def stable_delays(
         loop: L, minimal.
         max_delay: Up to which delay in s; an interval that ends there goes on.
         crossings: Those of find_crossings(loop) that count, if they are known.
-        slow: As for unstable_root_count.
+        slow: Below which size in 1/s a root is not told from one at 0.
     """
     if not is_delay_robust(loop):
         return []
@@ -309,7 +309,7 @@ def delay_margin(
     Args:
         loop: L, minimal.
         crossings: Those of find_crossings(loop) that count, if they are known.
-        slow: As for unstable_root_count.
+        slow: Below which size in 1/s a root is not told from one at 0.
     """
     if crossings is None:
         crossings = find_crossings(loop)

@@ -1,16 +1,17 @@
 """Essentially non-oscillatory (ENO) interpolation of sampled signals.
 
 A polynomial through the samples of an integrator's own steps is as accurate as the
-steps themselves, as long as it does not reach across a kink or a jump. ENO
+steps themselves, as long as it does not reach across a non-smooth point or a jump. ENO
 interpolation grows the stencil of each interval towards the side on which the
-divided differences are smaller, and so away from a kink; a jump is two samples with
-the same time, and no stencil reaches across it.
+divided differences are smaller, and so away from a non-smooth point. A jump is two
+samples with the same time, and no stencil reaches across it.
 
-Between a jump and a kink there may be too few samples for a stencil of the full order,
-and then it does reach across the kink. A polynomial is therefore trusted only as far as
-its Newton series converges: the series ends where its terms fall no longer. Where they
-are not small there, the samples do not show what lies between two of them, and
-the polynomial is drawn towards the chord until it stays between their values.
+Between a jump and a non-smooth point there may be too few samples for a stencil of the
+full order. Then the stencil does reach across the point. A polynomial is therefore
+trusted only as far as its Newton series converges: the series ends where its terms fall
+no longer. Where they are not small there, the samples do not show what lies between two
+of them. The polynomial is then drawn towards the chord until it stays between their
+values.
 
 Sources: A. Harten, B. Engquist, S. Osher, S. R. Chakravarthy, "Uniformly high order
 accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987); for
@@ -130,12 +131,12 @@ def limited_polynomial(times: Array, values: Array, i: int) -> Array:
     interval of length 0 it is the value before the jump.
 
     Args:
-        times: As for newton_polynomial().
-        values: Likewise.
+        times: (N,) non-decreasing sample times; two equal ones mark a jump.
+        values: (N, k) samples.
         i: Index of the interval.
 
     Returns:
-        As newton_polynomial().
+        [n, c], (2, NUM_STENCIL_POINTS, k), the nodes n and the coefficients c.
     """
     k = values.shape[1]
     if times[i] == times[i + 1]:
@@ -176,8 +177,8 @@ def newton_polynomials(
     """Returns limited_polynomial() of several intervals.
 
     Args:
-        times: As for newton_polynomial().
-        values: Likewise.
+        times: (N,) non-decreasing sample times; two equal ones mark a jump.
+        values: (N, k) samples.
         intervals: (M,) indices of the intervals.
 
     Returns:
@@ -210,9 +211,9 @@ class IntervalPolynomial:
     """The ENO polynomial of a vector signal on [times[i], times[i + 1]].
 
     Args:
-        times: As for newton_polynomial().
-        values: Likewise.
-        i: Likewise.
+        times: (N,) non-decreasing sample times; two equal ones mark a jump.
+        values: (N, k) samples.
+        i: Index of the interval.
     """
 
     def __init__(self, times: Array, values: Array, i: int):
@@ -236,7 +237,7 @@ class IntervalPolynomial:
 def find_crossing(
     times: Array, values: Array, i: int, is_beyond: Callable[[Array], bool]
 ) -> float:
-    """Returns when a vector signal crosses a border, by bisection.
+    """Returns when a vector signal crosses a boundary, by bisection.
 
     Args:
         times: (N,) non-decreasing sample times; two equal ones mark a jump.

@@ -58,8 +58,8 @@ class SampleHistory:
             value: The sample (k).
             jump: What the events of the last step made of the last sample (k), None
                 if they left it alone.
-            now: As for append().
-            spacing: As for append().
+            now: Up to where the signal has been delivered, s.
+            spacing: Samples closer together than this, in s, are redundant.
         """
         if now <= self.now:
             return self

@@ -145,7 +145,8 @@ class PlantRobotConfig(RobotConfig):
         """Makes the block; see robot_diagram.MakeRobotDiagram.
 
         Args:
-            gravity: As for LoadPlant.
+            gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the
+                robot's own.
 
         Raises:
             ScenarioError: If a parameter is not allowed.

@@ -46,7 +46,8 @@ def LoadModel(
 
     Args:
         model: Such as ReadModel() returns.
-        gravity: As for NewPlant.
+        gravity: Acceleration of gravity along the first axes of the world, m/s^2 (1 to
+            3); None: none.
     """
     with NewPlant(gravity) as plant:
         text = ElementTree.tostring(model, encoding="unicode")

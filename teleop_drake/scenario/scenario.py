@@ -321,8 +321,8 @@ def OverriddenPaths(
     """Returns what each override replaces: the same for all names of a field.
 
     Args:
-        name_or_path: As LoadScenario takes it.
-        overrides: As LoadScenario takes them, "PATH=VALUE".
+        name_or_path: A built-in name or a YAML file.
+        overrides: Strings "PATH=VALUE".
 
     Returns:
         Dotted paths with the numbers of elements, never their names.

@@ -186,7 +186,7 @@ def ParseOverrides(
     """Returns the dotted paths and their new values, trees.
 
     Args:
-        overrides: As for LoadScenario().
+        overrides: A mapping of dotted paths to values, or strings PATH=VALUE.
 
     Raises:
         ScenarioError: if a text is not PATH=VALUE with a YAML value.

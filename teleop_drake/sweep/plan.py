@@ -179,7 +179,7 @@ class Source:
         """Returns the scenario of a run.
 
         Args:
-            overrides: As LoadScenario takes them.
+            overrides: A mapping of dotted paths to values, or strings PATH=VALUE.
 
         Raises:
             ScenarioError: If it is not valid.

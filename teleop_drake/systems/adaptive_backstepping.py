@@ -26,7 +26,7 @@ from teleop_drake.validation import Refuse
 
 
 class AdaptiveBackstepping(LeafSystem):
-    """Tracks the surgeon's delayed velocity and force with two adaptive networks.
+    """Tracks the operator's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
         alpha   = F_e - Psi^-1 (W1 Phi + G1 s),   z = F_c - alpha         (4.23, 5.22)

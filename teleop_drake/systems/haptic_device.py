@@ -1,4 +1,4 @@
-"""The haptic device in the surgeon's hand."""
+"""The haptic device in the operator's hand."""
 
 from dataclasses import dataclass, field
 
@@ -43,7 +43,7 @@ class HapticDeviceConfig:
 
 
 class HapticDevice(Diagram):
-    """Turns the velocity error which the surgeon feels into the haptic force.
+    """Turns the velocity error which the operator feels into the haptic force.
 
         F_h(s) = H(s) [v_d(s) - v(s)],   the same H(s) on every axis   (2.1, 2.4, 2.5)
 
@@ -63,7 +63,7 @@ class HapticDevice(Diagram):
     Direct feedthrough: from both inputs if the degrees of numerator and denominator
     are equal, else none.
 
-    It knows neither delays nor contact: what the surgeon commands instead of F_h
+    It knows neither delays nor contact: what the operator commands instead of F_h
     after contact is not its business. An integrator in H (as in the thesis's) is not
     reset and not limited.
 

@@ -68,7 +68,7 @@ class ThesisRuns:
 
         Args:
             name: A built-in scenario or a YAML file.
-            overrides: As LoadScenario takes them, so usually `**{"path": value}`.
+            overrides: Values by dotted path, so usually `**{"path": value}`.
 
         Raises:
             ScenarioError: If the scenario is not valid.
