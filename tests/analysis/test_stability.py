@@ -623,7 +623,7 @@ def test_any_number_can_vary(key, values):
 def test_chart_refuses():
     with pytest.raises(ScenarioError, match=r"robot\.mass"):
         ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
-    with pytest.raises(ScenarioError, match=r"robot\.model = 1.0: must be text"):
+    with pytest.raises(ScenarioError, match=r"robot\.model = 1.0: must be one of sl"):
         ChartStability("one_dof", "robot.model", [1.0, 2.0])
     with pytest.raises(ValueError, match=r"robot\.mass: no value"):
         ChartStability("one_dof", "robot.mass", [])

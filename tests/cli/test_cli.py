@@ -314,7 +314,7 @@ def test_interrupted_comparison_keeps_what_there_is(interrupted, capsys):
 
 
 def test_interrupted_elsewhere(monkeypatch, capsys):
-    def interrupt(scenario, progress=None, engine="drake"):
+    def interrupt(scenario, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
@@ -327,7 +327,7 @@ def test_interrupted_elsewhere(monkeypatch, capsys):
 def test_interrupts_that_machine_code_turned_into_another_error(
     error, monkeypatch, capsys
 ):
-    def interrupt(scenario, progress=None):
+    def interrupt(scenario, **options):
         raise error("initialization failed") from KeyboardInterrupt()
 
     monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
