@@ -20,6 +20,7 @@ from pydrake.systems.primitives import Demultiplexer
 from teleop_drake.numerics.interpolation import NUM_STENCIL_POINTS
 from teleop_drake.recording import Recording
 from teleop_drake.systems.channel_energy import ChannelEnergy
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def ChannelEnergyBalance(
     n = recording["tool_velocity"].shape[1]
     names = ("forward_packet_sent", "return_packet_received")
     if any(name not in recording.signals for name in names):
-        raise ValueError("recording: no packets; allowed: a run of a teleoperation")
+        Refuse("recording", "without packets", "a run of a teleoperation")
     parts = []
     for packet, part, default in (
         ("forward_packet", force, slice(0, n)),
@@ -87,15 +88,12 @@ def ChannelEnergyBalance(
     ):
         width = recording[f"{packet}_sent"].shape[1]
         if part is None and width != 2 * n:
-            raise ValueError(
-                f"recording: its {packet} has {width} entries; allowed: {2 * n}, or "
-                "say where its force and velocity are"
-            )
+            allowed = f"{2 * n}, or say where its force and velocity are"
+            Refuse(f"entries of {packet}", width, allowed)
         part = default if part is None else part
-        if len(range(width)[part]) != n:
-            raise ValueError(
-                f"{packet}: {len(range(width)[part])} entries chosen; allowed: {n}"
-            )
+        chosen = len(range(width)[part])
+        if chosen != n:
+            Refuse(f"entries chosen of {packet}", chosen, str(n))
         parts.append(part)
     forces, velocities = parts
     return _Balance(
@@ -126,7 +124,7 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     """
     n = recording["tool_velocity"].shape[1]
     if "forward_packet_sent" not in recording.signals:
-        raise ValueError("recording: no packets; allowed: a run of a teleoperation")
+        Refuse("recording", "without packets", "a run of a teleoperation")
     everything = slice(None)
     hand = [("force_command", everything), ("felt_velocity", everything)]
     if "felt_velocity" not in recording.signals:

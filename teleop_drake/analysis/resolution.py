@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from teleop_drake.analysis.linear_models import LoopModel
 from teleop_drake.numerics.root_error import root_error, unresolved_radius
 from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -105,9 +106,7 @@ def _Close(model: LoopModel, z: complex) -> _ClosedLoop:
     try:
         inverse = np.linalg.inv(np.eye(len(ends.D)) - ends.D @ connect)
     except np.linalg.LinAlgError:
-        raise ValueError(
-            "loop: its feedthrough is singular; allowed: a well-posed loop"
-        ) from None
+        Refuse("loop", "of singular feedthrough", "a well-posed one")
     inputs = (connect @ inverse @ ends.C).astype(complex)
     outputs = (ends.B @ connect @ inverse).astype(complex)
 

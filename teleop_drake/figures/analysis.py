@@ -33,6 +33,7 @@ from teleop_drake.figures.style import (
     CellEdges,
 )
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
+from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.9  # inches
 
@@ -211,7 +212,7 @@ def PlotStableDelays(
         for point in analysis.points
     ]
     if not rows:
-        raise ValueError("analyses: no operating point; allowed: at least one")
+        Refuse("operating points", [], "one or more")
     height = 0.6 + 0.26 * len(rows) + 0.35
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     ax = figure.subplots()
@@ -255,7 +256,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ValueError: If it has fewer.
     """
     if len(chart.values) < 2:
-        raise ValueError(f"{chart.key}: one value; allowed: at least two")
+        Refuse(chart.key, chart.values, "a list of two values or more")
     names = chart.PointNames()
     is_path = chart.key == POSITION
     panels = [names] if is_path else [[name] for name in names]
@@ -317,7 +318,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         ValueError: If there is none.
     """
     if not points:
-        raise ValueError("points: none; allowed: at least one")
+        Refuse("points", [], "one or more")
     figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
     axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
     num_axes = points[0].llewellyn.shape[1]
@@ -381,7 +382,7 @@ def _AddStabilityLegend(figure: Figure, line: str) -> None:
 def _WithLoop(analysis: StabilityAnalysis) -> list[PointStability]:
     points = [point for point in analysis.points if len(point.loop.D)]
     if not points:
-        raise ValueError("analysis: no loop; allowed: a master that hears the slave")
+        Refuse("analysis", "without a loop", "of a master that hears the slave")
     return points
 
 

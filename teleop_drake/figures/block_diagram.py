@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 from pydrake.systems.framework import System
 
 from teleop_drake.files import Replacing
+from teleop_drake.validation import Refuse
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
@@ -72,7 +73,7 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     """
     # Drake ends the process on a negative depth.
     if max_depth is not None and max_depth < 0:
-        raise ValueError(f"max_depth is {max_depth}; it must be None, 0 or positive")
+        Refuse("max_depth", max_depth, "null, 0 or positive")
     if max_depth is not None:
         max_depth = min(max_depth, _MAX_DEPTH)
     numbers: dict[str, int] = {}
@@ -126,9 +127,7 @@ def WriteDiagram(
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
-        raise ValueError(
-            f"path is '{path}'; it must end in one of {', '.join(_SUFFIXES)}"
-        )
+        Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
     dot = DiagramDot(system, max_depth=max_depth)
     content = dot.encode() if suffix == ".dot" else _Layout(dot, suffix[1:])
     with Replacing(path) as temporary:

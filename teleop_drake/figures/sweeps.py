@@ -26,6 +26,7 @@ from teleop_drake.figures.style import (
 )
 from teleop_drake.scenario import Scenario
 from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.validation import Refuse
 
 
 def PlotSweep(result: SweepResult, metric: str) -> Figure:
@@ -120,7 +121,7 @@ def PlotStability(result: SweepResult) -> Figure:
     """
     grid = _SweepGrid(result)
     if not grid.line_values or grid.lines_are_controllers:
-        raise ValueError("result: no second key that is varied; allowed: two or more")
+        Refuse("result", "with no second key that is varied", "of two keys or more")
     status = grid.Arrange(result.Status())
     rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
     if isinstance(result.scenario, Scenario):
@@ -204,7 +205,7 @@ class _SweepGrid:
         ]
         x_key = next((key for key in candidates if key in numeric), None)
         if x_key is None:
-            raise ValueError("result: no key with numbers; allowed: at least one")
+            Refuse("result", "with no key with numbers", "of one such key or more")
         others = [k for k in varied if k not in (x_key, *controller, *seed)]
         self.lines_are_controllers = not others
         self.x_key = x_key
@@ -225,10 +226,8 @@ class _SweepGrid:
         ]
         num_columns = max(len(self.column_values), 1)
         if len(rows) * num_columns > _MAX_PANELS:
-            raise ValueError(
-                f"result: needs {len(rows)} x {num_columns} panels; allowed: at most "
-                f"{_MAX_PANELS}"
-            )
+            needs = f"needs {len(rows)} x {num_columns} panels"
+            Refuse("result", needs, f"of {_MAX_PANELS} panels at most")
         keys = [*row_keys, *columns, self.line_key, x_key, *seed]
         names = list(axes)
         rest = [key for key in names if key not in keys]  # One value each.

@@ -10,6 +10,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar, cast
 
+from teleop_drake.validation import CheckNumber
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -39,8 +41,7 @@ class WorkerProcesses(Executor):
 
     def __init__(self, jobs: int, *, calls_per_process: int = _CALLS_PER_PROCESS):
         for name, value in (("jobs", jobs), ("calls_per_process", calls_per_process)):
-            if value < 1:
-                raise ValueError(f"{name} = {value}: must be 1 or more")
+            CheckNumber(name, value, minimum=1)
         self._calls_per_process = calls_per_process
         # Each thread looks after one process, and starts it with Ctrl-C blocked.
         self._threads = ThreadPoolExecutor(jobs, initializer=_BlockInterrupts)

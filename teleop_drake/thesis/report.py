@@ -21,6 +21,7 @@ from teleop_drake.thesis.ledger import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies import STUDIES
 from teleop_drake.thesis.studies.study import Study
+from teleop_drake.validation import Refuse
 
 _CHAPTERS = {
     "2": "The loop and the task",
@@ -43,10 +44,7 @@ def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:
         return list(FIGURES.values())
     unknown = [number for number in only if number not in FIGURES]
     if unknown or not only:
-        raise ValueError(
-            f"figure {', '.join(map(repr, unknown)) or '(none)'}: must be one of "
-            + ", ".join(FIGURES)
-        )
+        Refuse("figure", unknown or None, f"one of {', '.join(FIGURES)}")
     return [figure for number, figure in FIGURES.items() if number in only]
 
 

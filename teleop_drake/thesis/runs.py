@@ -9,6 +9,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep.workers import WorkerProcesses
+from teleop_drake.validation import CheckNumber
 
 _Overrides = Mapping[str, Any]
 _Parts = dict[str, Any]
@@ -37,8 +38,7 @@ class ThesisRuns:
     """
 
     def __init__(self, jobs: int = 2, progress: Callable[[str], None] | None = None):
-        if jobs < 1:
-            raise ValueError(f"jobs is {jobs}; it must be 1 or more")
+        CheckNumber("jobs", jobs, minimum=1)
         self._progress = progress
         self._executor = WorkerProcesses(jobs) if jobs > 1 else None
         self._requests: dict[tuple[str, str], tuple[str, AnyScenario]] = {}

@@ -136,18 +136,18 @@ def test_other_packets():
     whole = ChannelEnergyBalance(recording)
     chosen = ChannelEnergyBalance(recording, force=slice(0, 2), velocity=slice(2, None))
     np.testing.assert_array_equal(chosen.energy, whole.energy)
-    with pytest.raises(ValueError, match="forward_packet: 1 entries chosen"):
+    with pytest.raises(ValueError, match="entries chosen of forward_packet = 1"):
         ChannelEnergyBalance(recording, force=slice(0, 1))
     recording.signals["forward_packet_sent"] = np.zeros((len(recording.time), 3))
-    with pytest.raises(ValueError, match="its forward_packet has 3 entries"):
+    with pytest.raises(ValueError, match="entries of forward_packet = 3"):
         ChannelEnergyBalance(recording)
 
 
 def test_other_recordings():
     recording = simulate(LoadScenario("network_tracking_linear", {"duration": 0.1}))
-    with pytest.raises(ValueError, match="recording: no packets"):
+    with pytest.raises(ValueError, match="recording = 'without packets'"):
         ChannelEnergyBalance(recording)
-    with pytest.raises(ValueError, match="recording: no packets"):
+    with pytest.raises(ValueError, match="recording = 'without packets'"):
         TwoPortEnergyBalance(recording)
 
 

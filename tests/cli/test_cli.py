@@ -491,7 +491,10 @@ def no_simulation(monkeypatch):
         ("show one_dof --set robot.mass=-1", "robot.mass: -1.0 must be finite and > 0"),
         ("diagram one_dof --depth -1", "--depth = -1: must be 0 or positive"),
         ("diagram one_dof --depth x", "argument --depth: invalid int value: 'x'"),
-        ("diagram one_dof -o a.txt", "--output: path is 'a.txt'; it must end in one"),
+        (
+            "diagram one_dof -o a.txt",
+            "--output: path = 'a.txt': must be a file that ends",
+        ),
         ("diagram one_dof -o no/a.dot", "--output: "),
     ],
 )

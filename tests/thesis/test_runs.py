@@ -71,7 +71,7 @@ def test_a_run_that_fails_in_a_worker(tmp_path):
 
 @pytest.mark.parametrize("jobs", [0, -1])
 def test_bad_jobs(jobs):
-    with pytest.raises(ValueError, match=f"jobs is {jobs}"):
+    with pytest.raises(ValueError, match=f"jobs = {jobs}: must be"):
         ThesisRuns(jobs=jobs)
 
 
