@@ -96,6 +96,10 @@ def _Metric(metrics: dict[str, Any], path: str) -> float:
     return math.nan if value is None else float(value)
 
 
+_Metrics = dict[str, Any]
+_Tried = list[tuple[_Change, _Metrics]]
+
+
 def SensitivityStudy(runs: ThesisRuns) -> Study:
     """Moves every open parameter of the adaptive controller over a plausible range.
 
@@ -114,32 +118,66 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
         (change, RunMetrics(runs(change.task, **change.overrides)))
         for change in changes
     ]
+    relative = [
+        [
+            _Metric(metrics, path) / _Metric(base[change.task], path) - 1
+            for _, path in _NUMBERS
+        ]
+        for change, metrics in tried
+    ]
+    settled = _Metric(base["one_dof"], "collision.time") + _Metric(
+        base["one_dof"], "collision.settling_time"
+    )
+    headers = ["parameter", "how chosen", "value tried", "task"]
+    return Study(
+        title="Sensitivity to what the thesis leaves open",
+        text=_Text(tried, direct, relative, settled),
+        figures={"sensitivity": _Plot(changes, relative)},
+        table=(
+            [*headers, *(name for name, _ in _NUMBERS)],
+            _Rows(tried, relative, settled),
+        ),
+    )
 
-    rows = []
-    relative: list[list[float]] = []
-    for change, metrics in tried:
-        values = []
-        for _, path in _NUMBERS:
-            reference = _Metric(base[change.task], path)
-            values.append(_Metric(metrics, path) / reference - 1)
-        relative.append(values)
-        rows.append(
-            [
-                change.parameter,
-                change.chosen,
-                change.value,
-                change.task,
-                *(
-                    _Percent(value, metrics, path)
-                    for value, (_, path) in zip(values, _NUMBERS, strict=True)
-                ),
-            ]
-        )
 
-    def Ratio(change: _Change, metrics: dict[str, Any], path: str) -> float:
+def _Rows(
+    tried: _Tried, relative: list[list[float]], settled: float
+) -> list[list[str]]:
+    """Returns the table, a row for each value that was tried."""
+    rows = [
+        [
+            change.parameter,
+            change.chosen,
+            change.value,
+            change.task,
+            *(
+                _Percent(value, metrics, path)
+                for value, (_, path) in zip(values, _NUMBERS, strict=True)
+            ),
+        ]
+        for (change, metrics), values in zip(tried, relative, strict=True)
+    ]
+    rows.append(
+        [
+            "stop time",
+            "assumed: beyond the shown time",
+            f"after {settled:.3g} s",
+            "one_dof",
+            *("none" for _ in _NUMBERS),
+        ]
+    )
+    return rows
+
+
+def _Conclusions(
+    tried: _Tried, direct: dict[str, _Metrics]
+) -> tuple[list[str], list[str]]:
+    """Returns what holds with every value tried, and what depends on the choice."""
+
+    def Ratio(change: _Change, metrics: _Metrics, path: str) -> float:
         return _Metric(metrics, path) / _Metric(direct[change.task], path)
 
-    conclusions: list[tuple[str, Callable[[_Change, dict[str, Any]], bool]]] = [
+    conclusions: list[tuple[str, Callable[[_Change, _Metrics], bool]]] = [
         (
             "it overshoots at the start, by 5 % of v_d or more",
             lambda c, m: (
@@ -184,33 +222,33 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
             soft.append(f"{statement} (not with {', '.join(failures)})")
         else:
             firm.append(statement)
-    one = [
-        (change, values)
-        for (change, _), values in zip(tried, relative, strict=True)
-        if change.task == "one_dof"
-    ]
+    return firm, soft
+
+
+def _LargestChanges(tried: _Tried, relative: list[list[float]]) -> dict[str, float]:
+    """Returns the largest change of any number with one axis, by the parameter."""
     most: dict[str, float] = {}
-    for change, values in one:
-        finite = [abs(value) for value in values if math.isfinite(value)]
-        most[change.parameter] = max(most.get(change.parameter, 0.0), *finite)
+    for (change, _), values in zip(tried, relative, strict=True):
+        if change.task == "one_dof":
+            finite = [abs(value) for value in values if math.isfinite(value)]
+            most[change.parameter] = max(most.get(change.parameter, 0.0), *finite)
+    return most
+
+
+def _Text(
+    tried: _Tried,
+    direct: dict[str, _Metrics],
+    relative: list[list[float]],
+    settled: float,
+) -> str:
+    firm, soft = _Conclusions(tried, direct)
+    most = _LargestChanges(tried, relative)
     adapted = most.pop("adaptation rate")
     ranking = ", ".join(
         f"{parameter} {100 * value:.2g} %"
         for parameter, value in sorted(most.items(), key=lambda item: -item[1])
     )
-    settled = _Metric(base["one_dof"], "collision.time") + _Metric(
-        base["one_dof"], "collision.settling_time"
-    )
-    rows.append(
-        [
-            "stop time",
-            "assumed: beyond the shown time",
-            f"after {settled:.3g} s",
-            "one_dof",
-            *("none" for _ in _NUMBERS),
-        ]
-    )
-    text = (
+    return (
         "Every parameter that the thesis leaves open, how it was chosen, and how far "
         "each number of the adaptive controller moves if it is chosen otherwise. The "
         "table shows changes relative to the scenario as it is. Direct force has none "
@@ -232,13 +270,15 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
         + ("\n\nWhat depends on the choice: " + "; ".join(soft) + "." if soft else "")
     )
 
-    figure = Figure(figsize=(WIDTH, 0.24 * len(tried) + 1.2), layout="constrained")
+
+def _Plot(changes: list[_Change], relative: list[list[float]]) -> Figure:
+    figure = Figure(figsize=(WIDTH, 0.24 * len(relative) + 1.2), layout="constrained")
     ax = figure.subplots()
     FormatAxes(ax)
     for i, (name, _) in enumerate(_NUMBERS):
         ax.plot(
             [100 * values[i] for values in relative],
-            range(len(tried)),
+            range(len(relative)),
             linestyle="none",
             marker="os^vDPX"[i],
             markersize=4,
@@ -249,7 +289,7 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
     ax.axvline(0.0, color="#808080", linewidth=0.8, zorder=0)
     ax.set_xscale("symlog", linthresh=1.0)
     ax.set_yticks(
-        range(len(tried)),
+        range(len(relative)),
         [f"{c.parameter} {c.value}, {c.task}" for c in changes],
         fontsize=FONT_SIZE,
     )
@@ -259,13 +299,7 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
     figure.legend(
         loc="outside upper center", ncols=4, fontsize=FONT_SIZE, frameon=False
     )
-    headers = ["parameter", "how chosen", "value tried", "task"]
-    return Study(
-        title="Sensitivity to what the thesis leaves open",
-        text=text,
-        figures={"sensitivity": figure},
-        table=([*headers, *(name for name, _ in _NUMBERS)], rows),
-    )
+    return figure
 
 
 def _Percent(change: float, metrics: dict[str, Any], path: str) -> str:
