@@ -8,8 +8,6 @@ packet holds is the architecture's own affair; those of the thesis are
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 """
 
-from typing import Any
-
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
@@ -166,7 +164,7 @@ def MakeArchitecture(
     return chosen.MakeArchitecture(facts, scenario.controller.path)
 
 
-def ResolveController(scenario: Scenario) -> Any:
+def ResolveController(scenario: Scenario) -> object:
     """Returns the parameters of the scenario's architecture with every default derived.
 
     Args:

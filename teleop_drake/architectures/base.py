@@ -11,7 +11,6 @@ affair; those of the thesis are
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
@@ -71,7 +70,7 @@ class ArchitectureConfig(KindConfig, ABC):
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
+    def Resolve(self, facts: Facts, path: str) -> object:
         """Returns the parameters with every default derived; here nothing derives.
 
         Args:
