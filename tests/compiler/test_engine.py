@@ -10,6 +10,9 @@ from pydrake.systems.primitives import Gain, Integrator, LinearSystem
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.kernel import Delay, Kernel, Transition
 
+# What one of them compiles, the others find on the disk.
+pytestmark = pytest.mark.xdist_group("machine_code")
+
 pytest.importorskip("numba")
 
 

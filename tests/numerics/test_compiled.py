@@ -184,6 +184,7 @@ def whole_runs():
     ]
 
 
+@pytest.mark.xdist_group("without_numba")
 @pytest.mark.parametrize("number, name", list(enumerate(RUNS)))
 def test_a_run_without_numba_is_the_same(whole_runs, number, name):
     """And so are as many steps, which error control chooses."""

@@ -9,6 +9,9 @@ from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunSummary
 
+# What one of them compiles, the others find on the disk.
+pytestmark = pytest.mark.xdist_group("machine_code")
+
 
 def tight(name, *overrides):
     return LoadScenario(
