@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.environments import Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.laws.backstepping import BacksteppingGains
@@ -37,7 +38,11 @@ def MakeOneDofByHand() -> Diagram:
     )
     surgeon = builder.AddNamedSystem(
         "surgeon",
-        Surgeon(velocity=[0.001], contact_force=[0.005], contact_position=0.015),
+        Surgeon(
+            velocity=[0.001],
+            contact_force=[0.005],
+            contact_surface=Surface("contact", point_W=[0.015], normal_W=[1.0]),
+        ),
     )
 
     # Over the forward channel travel the haptic force and the velocity command.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from teleop_drake.channels.packet_statistics import PacketStatistics
+from teleop_drake.environments import FindSurface, Surface
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.interpolation import interpolate
 from teleop_drake.scenario import (
@@ -64,11 +65,13 @@ class Recording:
             marks a jump: the first row is before it, the second one after.
         signals: (N, k) samples by name; see simulation.simulate().
         events: In the order of their times.
+        surfaces: Of the environment, as its block told them.
         solver: Solver statistics.
         channels: What became of the packets, by the name of the channel; for channels
             of kind network.
         termination: `completed`, `diverged` or `interrupted`.
         reason: Why it did not complete; empty if it did.
+        notes: What is left out, and why: a sentence each.
     """
 
     scenario: AnyScenario
@@ -76,9 +79,11 @@ class Recording:
     signals: dict[str, np.ndarray]
     events: list[Event]
     solver: SolverStatistics
+    surfaces: tuple[Surface, ...] = ()
     channels: dict[str, PacketStatistics] = field(default_factory=dict)
     termination: str = "completed"
     reason: str = ""
+    notes: list[str] = field(default_factory=list)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal."""
@@ -99,6 +104,14 @@ class Recording:
         if "velocity_command" in self.signals:
             return np.hstack([self["force_command"], self["velocity_command"]])
         return self["forward_packet_sent"]
+
+    def FindSurface(self, name: str) -> Surface | None:
+        """Returns a surface of the environment, None if there is none of this name.
+
+        Args:
+            name: `contact` or `puncture`, or what else the environment told.
+        """
+        return FindSurface(self.surfaces, name)
 
     def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
         """Returns a signal between its samples.
@@ -131,10 +144,12 @@ class Recording:
         description = {
             "scenario": ScenarioToYaml(self.scenario),
             "events": [asdict(event) for event in self.events],
+            "surfaces": [surface.ToRecord() for surface in self.surfaces],
             "solver": asdict(self.solver),
             "channels": {name: asdict(x) for name, x in self.channels.items()},
             "termination": self.termination,
             "reason": self.reason,
+            "notes": self.notes,
         }
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
         arrays["description"] = np.array(json.dumps(description))
@@ -166,10 +181,12 @@ def LoadRecording(path: str | Path) -> Recording:
             },
             events=[Event(**event) for event in description["events"]],
             solver=SolverStatistics(**description["solver"]),
+            surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
             channels={
                 name: PacketStatistics(**statistics)
                 for name, statistics in description["channels"].items()
             },
             termination=description["termination"],
             reason=description["reason"],
+            notes=description["notes"],
         )

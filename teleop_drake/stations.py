@@ -8,6 +8,8 @@ packet holds is the architecture's own affair; those of the thesis are
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 """
 
+from collections.abc import Sequence
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
@@ -18,6 +20,7 @@ from teleop_drake.architectures import (
     Facts,
 )
 from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStation
+from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
@@ -32,7 +35,12 @@ __all__ = [
 ]
 
 
-def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> Diagram:
+def MakeMasterStation(
+    scenario: Scenario,
+    master_side: System | None = None,
+    *,
+    surfaces: Sequence[Surface] | None = None,
+) -> Diagram:
     """Makes the surgeon, the haptic device and the master side, named `master`.
 
     | port | name           | size | unit                             |
@@ -53,19 +61,23 @@ def MakeMasterStation(scenario: Scenario, master_side: System | None = None) -> 
             applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
+        surfaces: Of the environment, of which the surgeon feels the contact; None:
+            those of the scenario's.
 
     Raises:
         ValueError: If a parameter is not allowed.
         RuntimeError: If the master side lacks one of these ports.
     """
     n = scenario.num_axes
+    if surfaces is None:
+        surfaces = scenario.Surfaces()
     builder = DiagramBuilder()
     surgeon = builder.AddNamedSystem(
         "surgeon",
         Surgeon(
             velocity=scenario.surgeon.velocity,
             contact_force=scenario.surgeon.contact_force,
-            contact_position=scenario.contact_surface,
+            contact_surface=FindSurface(surfaces, CONTACT),
             stop_time=scenario.surgeon.stop_time,
         ),
     )

@@ -3,8 +3,8 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
-from teleop_drake.environments.layered_force_field import LayeredForceField
-from teleop_drake.scenario import Scenario
+from teleop_drake.environments import SurfacesOf
+from teleop_drake.scenario import CheckStart, Scenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 
@@ -39,7 +39,8 @@ def MakeTeleoperator(
             control_force, environment_force, tool_position and tool_velocity are
             needed.
         environment: An environment of your own; inputs tool_position and
-            tool_velocity, output environment_force (n each).
+            tool_velocity, output environment_force (n each); see
+            EnvironmentConfig.MakeEnvironment for what it may tell.
         forward_channel: A channel of your own; input `signal`, output
             `delayed_signal`, both as wide as the forward packet.
         return_channel: A channel of your own with the same ports, as wide as the
@@ -107,16 +108,20 @@ def AddTeleoperator(
         RuntimeError: If a system of yours lacks a port.
     """
     scenario.Validate()
+    start = scenario.robot.start
     robot = robot or scenario.robot.MakeRobot()
+    environment = environment or scenario.environment.MakeEnvironment(start)
+    surfaces = SurfacesOf(environment) or ()
+    CheckStart(start, surfaces)
     if architecture is None:
         architecture = MakeArchitecture(
-            scenario, control_law=control_law, facts=scenario.Facts(robot)
+            scenario, control_law=control_law, facts=scenario.Facts(robot, environment)
         )
     elif control_law is not None:
         raise ValueError("control_law: must be None with an architecture, which has it")
-    n = scenario.num_axes
     master = builder.AddNamedSystem(
-        "master", MakeMasterStation(scenario, architecture.master_side)
+        "master",
+        MakeMasterStation(scenario, architecture.master_side, surfaces=surfaces),
     )
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
@@ -130,11 +135,7 @@ def AddTeleoperator(
     )
     controller = builder.AddNamedSystem("controller", architecture.slave_side)
     builder.AddNamedSystem("robot", robot)
-    environment = builder.AddNamedSystem(
-        "environment",
-        environment
-        or LayeredForceField(layers=scenario.environment.layers, num_axes=n),
-    )
+    builder.AddNamedSystem("environment", environment)
     return_channel = builder.AddNamedSystem(
         "return_channel",
         return_channel

@@ -66,6 +66,7 @@ def test_there_are_the_levels_of_building():
         "own_arm",
         "own_channel",
         "own_controller",
+        "own_environment",
         "two_dof_arm",
     ]
 
@@ -134,6 +135,14 @@ def test_the_own_arm_has_three_axes(run):
     metrics = RunMetrics(simulate(LoadScenario(DIRECTORY / "own_arm.yaml")))
     expected = metrics["collision"]["initial_impact_force"]
     assert force == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_own_environment_is_met_where_it_is(run):
+    """The tool starts 0.05 m above the floor and comes down at 0.1 m/s or so."""
+    _, lines = run(DIRECTORY / "own_environment.py")
+    time, force = map(float, re.findall(r"\d+\.\d+", *lines))
+    assert 0.5 < time < 0.8
+    assert force > 0.2
 
 
 def _Name(node):

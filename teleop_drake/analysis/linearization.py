@@ -17,7 +17,7 @@ state. The robot's are taken to be position and velocity of its tool, r and v, i
 feels it. In joint coordinates it would not be: v = J(q) dq/dt.
 
 Accuracy. numerics.differences takes the differences and estimates their error. The
-longest step is a fiftieth of the way to the nearest border of a layer: no difference
+longest step is a fiftieth of the way to the nearest surface: no difference
 crosses one.
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
@@ -58,6 +58,7 @@ from teleop_drake.architectures.passivity_master import PassivityMaster
 from teleop_drake.architectures.passivity_slave import PassivitySlave
 from teleop_drake.architectures.wave_slave import WaveSlave
 from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.environments.surface import SurfacesOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import Scenario
@@ -174,6 +175,7 @@ class _Linearizer:
         self._point = point
         self._root = diagram.CreateDefaultContext()
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
+        self._surfaces = SurfacesOf(self._systems["environment"]) or ()
         self._frozen_weights = self._idle_passivity = False
         self._delays: dict[str, list[InnerDelay]] = {"master": [], "controller": []}
         self._plant = self._FindStates("robot")
@@ -325,8 +327,9 @@ class _Linearizer:
                 )
         return result
 
-    def _Layer(self) -> float:
-        return float(self._Eval("environment", "layer")[0])
+    def _PassedSurfaces(self) -> list[bool]:
+        p_WT = self._Eval("robot", "tool_position")
+        return [bool(surface.Depth(p_WT) >= 0) for surface in self._surfaces]
 
     # The operating point.
 
@@ -426,11 +429,11 @@ class _Linearizer:
         outputs: Sequence[Callable[[], Array]],
         states: Sequence[States],
     ) -> _Side:
-        layer = self._Layer()
+        passed = self._PassedSurfaces()
 
         def Motion() -> Array:
-            if self._Layer() != layer:
-                raise RuntimeError("a difference crosses the border of a layer")
+            if self._PassedSurfaces() != passed:
+                raise RuntimeError("a difference crosses a surface")
             names = ("tool_position", "tool_velocity", "tool_acceleration")
             return np.concatenate([self._Eval("robot", name) for name in names])
 
@@ -539,12 +542,14 @@ class _Linearizer:
 
         A path of less than a millimetre says nothing of how the robot bends.
         """
-        x = self._point.position[0]
-        starts = [layer.start for layer in self._scenario.environment.layers]
-        distance = min((abs(x - start) for start in starts), default=math.inf)
+        p_WT = self._point.position
+        distance = min(
+            (abs(float(surface.Depth(p_WT))) for surface in self._surfaces),
+            default=math.inf,
+        )
         if distance < _LEAST_DISTANCE:
             raise ValueError(
-                f"position = {x:g}: must not be the border of a layer, where the "
+                f"position = {p_WT[0]:g}: must not be the border of a layer, where the "
                 "environment has no linear model"
             )
         path = self._scenario.duration * float(

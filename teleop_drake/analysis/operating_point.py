@@ -6,8 +6,17 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.systems.framework import System
 
-from teleop_drake.laws.layered_force import layer_index
+from teleop_drake.environments.slopes import ForceAt
+from teleop_drake.environments.surface import (
+    CONTACT,
+    EMPTY,
+    FindSurface,
+    LastPassed,
+    Surface,
+    SurfacesOf,
+)
 from teleop_drake.recording import Recording
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import Scenario
@@ -15,8 +24,9 @@ from teleop_drake.validation import Refuse, ScenarioError
 
 Array = NDArray[np.float64]
 
-EMPTY = "empty"
-"""What the space in front of the first layer is called."""
+# Where the depth of an impact is looked for, in m.
+_SHORTEST_IMPACT = 1e-9
+_DEEPEST_IMPACT = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +35,8 @@ class OperatingPoint:
 
     Attributes:
         name: What it is called.
-        layer: Name of the layer that it is in, or EMPTY.
+        layer: Name of the material that it is in, or of the surface that it is behind
+            if that has no material, or EMPTY.
         position: p_WT in m (n).
         velocity: v_WT in m/s (n).
         forward_packet: What the forward channel delivers; None: what keeps the velocity
@@ -42,53 +53,103 @@ class OperatingPoint:
     estimates: Array | None = None
 
 
-def OperatingPoints(scenario: Scenario) -> list[OperatingPoint]:
-    """Returns an operating point in each layer that the tool comes to.
+def OperatingPoints(
+    scenario: Scenario, *, environment: System | None = None
+) -> list[OperatingPoint]:
+    """Returns an operating point between all surfaces that the tool comes to.
 
     The path is the line on which the tool moves from its start with the commanded
     velocity, for the duration of the scenario, as far as the robot reaches and no
     farther than the contact surface. In each layer the point is halfway along. On the
-    surface it is where the first impact is deepest: at rest, v_x sqrt(m/k) below, with
-    the inertia m of the tool along x.
+    surface it is where the first impact is deepest: at rest, where the spring has
+    taken up the energy of the tool's inertia and velocity along the normal.
 
     Args:
         scenario: A valid one.
+        environment: The block, an environment of your own perhaps; None makes the
+            scenario's.
     """
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surface = scenario.contact_surface
-    if velocity[0] <= 0:
-        surface = None
-    end_time = scenario.duration
-    if surface is not None:
-        end_time = min(end_time, (surface - start[0]) / velocity[0])
+    surfaces = _Surfaces(scenario, environment)
+    contact = FindSurface(surfaces, CONTACT)
+    arrival = math.inf
+    if contact is not None and contact.Along(velocity) > 0:
+        arrival = _CrossingTime(contact, start, velocity)
+    end_time = min(scenario.duration, arrival)
     end_time = _ReachableTime(scenario, start, velocity, end_time)
-    borders = [0.0, end_time]
-    if velocity[0] != 0:
-        borders += [
-            time
-            for layer in scenario.environment.layers
-            if 0 < (time := (layer.start - start[0]) / velocity[0]) < end_time
-        ]
-    times = sorted(borders)
+    crossings = {_CrossingTime(surface, start, velocity) for surface in surfaces}
+    times = sorted([0.0, end_time, *(t for t in crossings if 0 < t < end_time)])
     points = [
-        _MakePoint(scenario, start + velocity * (begin + end) / 2, velocity)
+        _MakePoint(surfaces, start + velocity * (begin + end) / 2, velocity)
         for begin, end in pairwise(times)
     ]
-    if surface is not None and end_time == (surface - start[0]) / velocity[0]:
+    if contact is not None and end_time == arrival:
         position = start + velocity * end_time
-        stiffness = max(layer.stiffness for layer in scenario.environment.layers)
         robot = replace(scenario.robot, start=position).MakeRobot()
         inertia = FactsOfRobot(robot).inertia
         if inertia is None:
             Refuse("robot", scenario.robot.kind, "a robot that tells its inertia")
-        inverse_inertia = np.linalg.inv(inertia)[0, 0]
-        position[0] += velocity[0] / math.sqrt(stiffness * inverse_inertia)
-        points.append(_MakePoint(scenario, position, 0 * velocity))
+        normal = contact.normal_W
+        mobility = normal @ np.linalg.inv(inertia) @ normal
+        energy = contact.Along(velocity) ** 2 / mobility / 2
+        block = environment or scenario.environment.MakeEnvironment(start)
+        position += _DepthOfImpact(block, contact, position, energy) * normal
+        points.append(_MakePoint(surfaces, position, 0 * velocity))
     return points
 
 
-def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
+def _Surfaces(scenario: Scenario, environment: System | None) -> tuple[Surface, ...]:
+    if environment is None:
+        return scenario.Surfaces()
+    return SurfacesOf(environment) or ()
+
+
+def _CrossingTime(surface: Surface, start: Array, velocity: Array) -> float:
+    """Returns when the path crosses a surface, in s; infinity: never."""
+    speed = surface.Along(velocity)
+    return float(-surface.Depth(start) / speed) if speed else math.inf
+
+
+def _DepthOfImpact(
+    environment: System, surface: Surface, position: Array, energy: float
+) -> float:
+    """Returns how deep a tool comes that has an energy (J) on a surface, in m.
+
+    With a spring, sqrt(2 energy/k); else up to where the force of the environment, at
+    rest, has done that work.
+    """
+    material = surface.material
+    if material is not None and material.stiffness > 0:
+        return math.sqrt(2 * energy / material.stiffness)
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    normal, at_rest = surface.normal_W, np.zeros_like(position)
+
+    def Work(depth: float) -> float:
+        ways = (nodes + 1) / 2 * depth
+        forces = [
+            surface.Along(ForceAt(environment, position + way * normal, at_rest))
+            for way in ways
+        ]
+        return float(weights @ forces) * depth / 2
+
+    low, high = 0.0, _SHORTEST_IMPACT
+    while Work(high) < energy:
+        if high > _DEEPEST_IMPACT:
+            raise ValueError(
+                f"surface {surface.name!r}: a tool of {energy:g} J comes deeper than "
+                f"{_DEEPEST_IMPACT:g} m; allowed: a surface that stops it"
+            )
+        low, high = high, 2 * high
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if Work(middle) < energy else (low, middle)
+    return high
+
+
+def OperatingPointAt(
+    scenario: Scenario, x: float, *, environment: System | None = None
+) -> OperatingPoint:
     """Returns the operating point on the tool's path at a position along x.
 
     The tool moves there with the commanded velocity; behind the contact surface it is
@@ -97,6 +158,7 @@ def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
     Args:
         scenario: A valid one.
         x: In m.
+        environment: As for OperatingPoints.
 
     Raises:
         ValueError: If the path does not lead there or the robot does not reach it.
@@ -115,9 +177,10 @@ def OperatingPointAt(scenario: Scenario, x: float) -> OperatingPoint:
         scenario.robot.JointPositions(position)
     except ScenarioError as e:
         raise ValueError(f"position = {x:g}: {str(e).removeprefix('start: ')}") from e
-    surface = scenario.contact_surface
-    is_inside = surface is not None and x > surface
-    return _MakePoint(scenario, position, 0 * velocity if is_inside else velocity)
+    surfaces = _Surfaces(scenario, environment)
+    contact = FindSurface(surfaces, CONTACT)
+    is_inside = contact is not None and contact.Depth(position) > 0
+    return _MakePoint(surfaces, position, 0 * velocity if is_inside else velocity)
 
 
 def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
@@ -145,8 +208,7 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
 
     estimates = ("control_force", "weights_1", "psi", "weights_3")
     is_adaptive = all(name in recording.signals for name in estimates)
-    scenario = recording.teleoperation
-    point = _MakePoint(scenario, At("tool_position"), At("tool_velocity"))
+    point = _MakePoint(recording.surfaces, At("tool_position"), At("tool_velocity"))
     return replace(
         point,
         forward_packet=At("forward_packet_received"),
@@ -154,10 +216,14 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
     )
 
 
-def _MakePoint(scenario: Scenario, position: Array, velocity: Array) -> OperatingPoint:
-    layers = scenario.environment.layers
-    index = layer_index([layer.start for layer in layers], position[0])
-    name = layers[index].name if index >= 0 else EMPTY
+def _MakePoint(
+    surfaces: tuple[Surface, ...], position: Array, velocity: Array
+) -> OperatingPoint:
+    surface = LastPassed(surfaces, position)
+    name = EMPTY
+    if surface is not None:
+        material = surface.material
+        name = surface.name if material is None else material.name
     return OperatingPoint(name=name, layer=name, position=position, velocity=velocity)
 
 

@@ -376,7 +376,14 @@ def AnalyzeStability(
     )
     delay = forward.delay + back.delay
     if points is None:
-        points = OperatingPoints(scenario)
+        points = OperatingPoints(
+            scenario,
+            environment=(
+                None
+                if teleoperator is None
+                else teleoperator.GetSubsystemByName("environment")
+            ),
+        )
     models = [
         LinearizeLoop(scenario, point, teleoperator=teleoperator) for point in points
     ]
@@ -534,6 +541,13 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
 
 def _OffBorder(scenario: Scenario, x: float) -> float:
     """Returns a position, or one just behind the border that is there."""
-    starts = [layer.start for layer in scenario.environment.layers]
-    near = [start for start in starts if abs(x - start) < _BEHIND]
-    return near[0] + _BEHIND if near else x
+    start = np.asarray(scenario.robot.start, dtype=float)
+    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
+    if velocity[0] == 0:
+        return x
+    place = start + velocity * (x - start[0]) / velocity[0]
+    for surface in scenario.Surfaces():
+        speed = surface.Along(velocity) / velocity[0]
+        if speed and abs(depth := float(surface.Depth(place) / speed)) < _BEHIND:
+            return x - depth + _BEHIND
+    return x

@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.analysis.linear_models import TwoPortModel
 from teleop_drake.analysis.linearization import LinearizeTwoPort
-from teleop_drake.analysis.operating_point import EMPTY, OperatingPoint
+from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.scenario import LayerConfig, Scenario
+from teleop_drake.scenario import Scenario
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -112,21 +112,16 @@ def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray
 def EnvironmentImpedance(
     scenario: Scenario, point: OperatingPoint, frequencies: ArrayLike
 ) -> ComplexArray:
-    """Returns Z_e(j w) = d_e + k_e/(j w) of the layer, along x (K, n, n), (2.14).
+    """Returns Z_e(j w) = d_e + k_e/(j w) of the environment (K, n, n), (2.14).
 
     Args:
-        scenario: With the layers.
-        point: The operating point, which says the layer.
+        scenario: With the environment.
+        point: The operating point; its velocity has no effect.
         frequencies: w in rad/s (K), > 0.
     """
     w = np.asarray(frequencies, dtype=float).reshape(-1)
-    n = len(point.position)
-    layer = LayerConfig(name=EMPTY, start=-np.inf)
-    if point.layer != EMPTY:
-        (layer,) = [x for x in scenario.environment.layers if x.name == point.layer]
-    impedance = np.zeros((len(w), n, n), dtype=complex)
-    impedance[:, 0, 0] = layer.damping + layer.stiffness / (1j * w)
-    return impedance
+    stiffness, damping = scenario.environment.StiffnessAndDamping(point.position)
+    return damping + stiffness / (1j * w[:, np.newaxis, np.newaxis])
 
 
 def AxisTwoPort(admittance: ArrayLike, axis: int = 0) -> ComplexArray:

@@ -17,14 +17,18 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
+from teleop_drake.environments.surface import CONTACT, PUNCTURE, Material, Surface
 from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.laws.layered_force import (
+    EMPTY_SPACE,
     Layer,
+    contact_position,
     layer_index,
     layer_regions,
     layer_row,
     layer_table,
     layered_force,
+    puncture_position,
 )
 from teleop_drake.numerics.compiled import compiled
 
@@ -66,21 +70,25 @@ class LayeredForceField(LeafSystem):
     Args:
         layers: The layers, by ascending start; see laws.layered_force.Layer.
         num_axes: n, number of task axes.
+        starts_inside: Whether the tool starts in a layer. The first layer is then
+            nothing that it can collide with.
 
     Raises:
         ValueError: If the starts do not ascend or a value is not allowed.
     """
 
-    def __init__(self, *, layers: Sequence[Layer], num_axes: int):
+    def __init__(
+        self, *, layers: Sequence[Layer], num_axes: int, starts_inside: bool = False
+    ):
         LeafSystem.__init__(self)
         _CheckLayers(layers)
+        self._surfaces = LayerSurfaces(layers, num_axes, starts_inside)
         self._layers = layer_table(layers)
         self._regions = layer_regions(layers)
         # Where no region is kept, the position alone decides.
         self._everywhere = np.array([[0, len(layers)]])
         self._force = compiled(layered_force)
         self._row = compiled(layer_row)
-        self._boundaries = [layer.start for layer in layers]
         # Where each region begins and ends.
         borders = self._layers[self._regions[1:, 0], 0].tolist()
         self._begins = [-math.inf, *borders]
@@ -122,10 +130,9 @@ class LayeredForceField(LeafSystem):
             for region in range(last + 1)
         ]
 
-    @property
-    def boundaries(self) -> list[float]:
-        """Where the force has a kink or a jump along x, m: where the layers start."""
-        return self._boundaries
+    def Surfaces(self) -> tuple[Surface, ...]:
+        """Returns where the layers begin, in their order; see LayerSurfaces."""
+        return self._surfaces
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -235,6 +242,51 @@ def next_region(mode: Array) -> Array:
 def previous_region(mode: Array) -> Array:
     """Returns the mode in the previous region."""
     return mode - 1
+
+
+def LayerSurfaces(
+    layers: Sequence[Layer], num_axes: int, starts_inside: bool
+) -> tuple[Surface, ...]:
+    """Returns the surfaces at which layers along x begin, in their order.
+
+    Where the stiffest layer begins behind a softer one or behind empty space is
+    CONTACT; where the first layer ends that a softer one follows is PUNCTURE. The other
+    surfaces have the name of the layer that begins there.
+
+    Args:
+        layers: By ascending start.
+        num_axes: n, number of task axes.
+        starts_inside: Whether the tool starts in a layer, so that there is no empty
+            space in front of the first one.
+    """
+    starts_inside |= bool(layers) and layers[0].start == -math.inf
+    behind = [] if starts_inside else [EMPTY_SPACE]
+    names = {
+        puncture_position(layers): PUNCTURE,
+        contact_position([*behind, *layers]): CONTACT,
+    }
+    normal_W = np.eye(num_axes)[0]
+    return tuple(
+        Surface(
+            names.get(layer.start, _OwnName(layer)),
+            # Not 0 times a start of -inf.
+            np.where(normal_W > 0, layer.start, 0.0),
+            normal_W,
+            Material(
+                name=layer.name,
+                stiffness=layer.stiffness,
+                damping=layer.damping,
+                relaxed=layer.reference,
+            ),
+        )
+        for layer in layers
+    )
+
+
+def _OwnName(layer: Layer) -> str:
+    """Returns the name of a layer, told from those of the two special surfaces."""
+    is_special = layer.name in (CONTACT, PUNCTURE)
+    return f"layer {layer.name}" if is_special else layer.name
 
 
 def _CheckLayers(layers: Sequence[Layer]) -> None:

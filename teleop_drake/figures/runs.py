@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
+from teleop_drake.environments import CONTACT, PUNCTURE
 from teleop_drake.figures.style import (
     BORDER_STYLE,
     COLORS,
@@ -68,8 +69,6 @@ class SignalRow:
         components: Which of its components are shown.
         command: Component of the surgeon's commands that is shown beside, or None.
         symbol: Name of the components in a legend, if there is more than one.
-        is_x: Whether this is the position along x itself: borders are horizontal
-            lines, and there is nothing to see against position.
     """
 
     label: str
@@ -78,7 +77,6 @@ class SignalRow:
     components: Sequence[int]
     command: int | None = None
     symbol: str = ""
-    is_x: bool = False
 
 
 @dataclass(kw_only=True)
@@ -87,7 +85,7 @@ class _Curves:
 
     Attributes:
         time: (T,) in s; a time that stands twice is a jump.
-        x: (T,) position along x in m.
+        x: (T,) position in m along the direction that is shown.
         y: (T, k).
     """
 
@@ -101,8 +99,9 @@ def PlotComparison(recordings: Mapping[str, Recording]) -> Figure:
 
     One row each for tool velocity (with what the surgeon commands), sensed force,
     tool position and control force, per task axis: against time on the left, against
-    the position along x on the right. Filled triangles and squares mark the puncture
-    and the first contact. A run that diverges ends in a cross and does not spoil the
+    the position on the right, that along the normal of the contact surface or, if there
+    is none, along x. Filled triangles and squares mark the puncture and the first
+    contact. A run that diverges ends in a cross and does not spoil the
     range for the others.
 
     Args:
@@ -187,6 +186,7 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
 
 def _MotionRows(recordings: Sequence[Recording]) -> list[SignalRow]:
     n = recordings[0]["tool_position"].shape[1]
+    normal_W = _Normal(recordings)
     rows = []
     for k in range(n):
         row = SignalRow(
@@ -204,8 +204,8 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[SignalRow]:
             signal="environment_force",
             components=[k],
         )
-        # The layers push along x only: the others would be empty panels.
-        if k == 0 or any(x["environment_force"][:, k].any() for x in recordings):
+        # An environment that pushes along one axis leaves the others' panels empty.
+        if normal_W[k] or any(x["environment_force"][:, k].any() for x in recordings):
             rows.append(row)
     for k in range(n):
         row = SignalRow(
@@ -213,7 +213,6 @@ def _MotionRows(recordings: Sequence[Recording]) -> list[SignalRow]:
             unit="m",
             signal="tool_position",
             components=[k],
-            is_x=k == 0,
         )
         rows.append(row)
     for k in range(n):
@@ -259,16 +258,30 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
     )
     axes = figure.subplots(len(rows), 2, sharex="col", sharey="row", squeeze=False)
     runs = list(recordings.values())
-    x_range = _Range(runs, [_Sample(run, "tool_position", [0]) for run in runs])
+    normal_W = _Normal(runs)
+    curves = [_Sample(run, normal_W, "tool_position", [0]) for run in runs]
+    for curve in curves:
+        curve.y = curve.x[:, np.newaxis]
+    x_range = _Range(runs, curves)
     x_scale, x_unit = ScaleAndUnit(x_range, "m")
-    borders = _Borders(runs, x_range)
+    borders = _Borders(runs, normal_W, x_range)
+
+    def IsX(row: SignalRow) -> bool:
+        """Returns whether a row is the position that the right column is against."""
+        is_position = row.signal == "tool_position" and len(row.components) == 1
+        return is_position and bool(normal_W[row.components[0]] == 1)
+
     # These hold for the whole column.
     axes[0, 0].set_xlim(0.0, max(float(run.time[-1]) for run in runs) or 1.0)
     axes[0, 1].set_xlim(Widen(x_range, x_scale))
 
     for row, (left, right) in zip(rows, axes, strict=True):
-        curves = [_Sample(run, row.signal, row.components) for run in runs]
-        commands = [] if row.command is None else [_Command(run, row) for run in runs]
+        curves = [_Sample(run, normal_W, row.signal, row.components) for run in runs]
+        commands = (
+            []
+            if row.command is None
+            else [_Command(run, normal_W, row) for run in runs]
+        )
         y_range = _Range(runs, curves, commands)
         scale, unit = ScaleAndUnit(y_range, row.unit)
         left.set_ylim(Widen(y_range, scale))
@@ -277,18 +290,18 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
         )
         for ax, x_axis_scale in ((left, None), (right, x_scale)):
             FormatAxes(ax)
-            _DrawPanel(ax, row, runs, curves, commands, scale, x_axis_scale)
+            _DrawPanel(ax, row, runs, normal_W, curves, commands, scale, x_axis_scale)
         for border in borders:
             right.axvline(border * x_scale, **BORDER_STYLE)
-            if row.is_x:
+            if IsX(row):
                 left.axhline(border * scale, **BORDER_STYLE)
-        right.set_visible(not row.is_x)
+        right.set_visible(not IsX(row))
         if 1 < len(row.components) <= _MAX_NAMED_COMPONENTS:
             _AddComponentLegend(left, row)
 
     left, right = axes[-1]
     left.set_xlabel("time [s]", fontsize=FONT_SIZE)
-    right.set_xlabel(f"position $x$ [{x_unit}]", fontsize=FONT_SIZE)
+    right.set_xlabel(f"{_PositionName(normal_W)} [{x_unit}]", fontsize=FONT_SIZE)
     for border, names in borders.items():
         axes[0, 1].annotate(
             "\n".join(names),
@@ -318,7 +331,9 @@ def _PlotTracking(recording: Recording) -> Figure:
     axes = figure.subplots(len(rows), n, sharex=True, squeeze=False)
     for (label, unit, signals), panels in zip(rows, axes, strict=True):
         for k, ax in enumerate(panels):
-            curves = [_Sample(recording, signal, [k]) for signal in signals]
+            curves = [
+                _Sample(recording, np.eye(n)[0], signal, [k]) for signal in signals
+            ]
             if label == "error":
                 desired = recording.Interpolate("desired_position", curves[0].time)
                 curves[0].y = curves[0].y - desired[:, [k]]
@@ -352,6 +367,7 @@ def _DrawPanel(
     ax: Axes,
     row: SignalRow,
     runs: Sequence[Recording],
+    normal_W: np.ndarray,
     curves: Sequence[_Curves],
     commands: Sequence[_Curves],
     scale: float,
@@ -369,24 +385,45 @@ def _DrawPanel(
             ax.plot(x, curve.y[:, k] * scale, **style)
         if count > 1:
             continue
-        _MarkEvents(ax, run, row, i, scale, x_scale)
+        _MarkEvents(ax, run, normal_W, row, i, scale, x_scale)
         if run.termination == "diverged":
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
             ax.plot(end_x, end_y, **_EndStyle(i), clip_on=False)
 
 
+def _Normal(runs: Sequence[Recording]) -> np.ndarray:
+    """Returns the direction of the positions: into a surface, else along x."""
+    for run in runs:
+        for name in (CONTACT, PUNCTURE):
+            surface = run.FindSurface(name)
+            if surface is not None:
+                return surface.normal_W
+    normal_W: np.ndarray = np.eye(runs[0]["tool_position"].shape[1])[0]
+    return normal_W
+
+
+def _PositionName(normal_W: np.ndarray) -> str:
+    """Returns what a position along a normal is called."""
+    axis = int(np.argmax(np.abs(normal_W)))
+    if abs(normal_W[axis]) != 1:
+        return "position along the normal"
+    sign = "-" if normal_W[axis] < 0 else ""
+    return f"position ${sign}{AxisName(axis)}$"
+
+
 def _Borders(
-    runs: Sequence[Recording], x_range: tuple[float, float]
+    runs: Sequence[Recording], normal_W: np.ndarray, x_range: tuple[float, float]
 ) -> dict[float, list[str]]:
     """Returns where tools puncture and collide within a range, and which it is."""
     borders: dict[float, list[str]] = {}
     for run in runs:
-        for border, name in (
-            (run.teleoperation.puncture_position, "puncture"),
-            (run.teleoperation.contact_surface, "contact"),
-        ):
-            if border is None or not x_range[0] <= border <= x_range[1]:
+        for name in (PUNCTURE, CONTACT):
+            surface = run.FindSurface(name)
+            if surface is None or not np.array_equal(surface.normal_W, normal_W):
+                continue
+            border = float(surface.Along(surface.point_W))
+            if not x_range[0] <= border <= x_range[1]:
                 continue
             names = borders.setdefault(border, [])
             if name not in names:
@@ -394,10 +431,12 @@ def _Borders(
     return borders
 
 
-def _Sample(recording: Recording, signal: str, components: Sequence[int]) -> _Curves:
+def _Sample(
+    recording: Recording, normal_W: np.ndarray, signal: str, components: Sequence[int]
+) -> _Curves:
     """Returns a signal at the samples and, where it moves fast, between them."""
     time, y = recording.time, recording[signal][:, components]
-    x = recording["tool_position"][:, 0]
+    x = recording["tool_position"] @ normal_W
     if len(components) > 1 or time[0] == time[-1]:
         return _Curves(time=time, x=x, y=y)  # Telemetry, which is slow.
     parts = np.ceil(_NUM_POINTS * np.diff(time) / (time[-1] - time[0])).astype(int)
@@ -408,7 +447,8 @@ def _Sample(recording: Recording, signal: str, components: Sequence[int]) -> _Cu
     if between:
         extra = np.concatenate(between)
         y = np.concatenate([y, recording.Interpolate(signal, extra)[:, components]])
-        x = np.concatenate([x, recording.Interpolate("tool_position", extra)[:, 0]])
+        between_x = recording.Interpolate("tool_position", extra) @ normal_W
+        x = np.concatenate([x, between_x])
         time = np.concatenate([time, extra])
         # Stable: the two sides of a jump stay in their order.
         order = np.argsort(time, kind="stable")
@@ -416,10 +456,10 @@ def _Sample(recording: Recording, signal: str, components: Sequence[int]) -> _Cu
     return _Curves(time=time, x=x, y=y)
 
 
-def _Command(recording: Recording, row: SignalRow) -> _Curves:
+def _Command(recording: Recording, normal_W: np.ndarray, row: SignalRow) -> _Curves:
     """Returns the velocity which the surgeon commands, as it is sent."""
     command = recording.commands[:, row.command]
-    x = recording["tool_position"][:, 0]
+    x = recording["tool_position"] @ normal_W
     return _Curves(time=recording.time, x=x, y=command[:, None])
 
 
@@ -486,6 +526,7 @@ def _EventStyle(marker: str, color: str) -> dict[str, Any]:
 def _MarkEvents(
     ax: Axes,
     run: Recording,
+    normal_W: np.ndarray,
     row: SignalRow,
     i: int,
     scale: float,
@@ -499,7 +540,7 @@ def _MarkEvents(
         y = run.Interpolate(row.signal, time)[:, row.components[0]] * scale
         x = time
         if x_scale is not None:
-            x = run.Interpolate("tool_position", time)[:, 0] * x_scale
+            x = run.Interpolate("tool_position", time) @ normal_W * x_scale
         ax.plot(x, y, **_EventStyle(marker, RunStyle(i)["color"]))
 
 

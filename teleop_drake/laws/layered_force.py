@@ -40,7 +40,8 @@ class _EmptySpace:
     reference: float = 0.0
 
 
-_EMPTY_SPACE: Layer = _EmptySpace()
+EMPTY_SPACE: Layer = _EmptySpace()
+"""The space without any force in front of the first layer."""
 
 
 def spring_damper_force(
@@ -116,7 +117,7 @@ def layer_table(layers: Sequence[Layer]) -> Array:
     return np.array(
         [
             (layer.start, layer.stiffness, layer.reference, layer.damping)
-            for layer in (_EMPTY_SPACE, *layers)
+            for layer in (EMPTY_SPACE, *layers)
         ]
     )
 
@@ -130,7 +131,7 @@ def layer_regions(layers: Sequence[Layer]) -> NDArray[np.int64]:
     Args:
         layers: By ascending start.
     """
-    rows = (_EMPTY_SPACE, *layers)
+    rows = (EMPTY_SPACE, *layers)
     # Layers without a beginning leave no empty space before them.
     firsts = [1 if layers and layers[0].start == -math.inf else 0]
     for row in range(firsts[0] + 1, len(rows)):

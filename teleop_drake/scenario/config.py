@@ -5,8 +5,6 @@ and has a function that checks it: the Check functions raise a ScenarioError tha
 the first bad field, its value and what is allowed.
 """
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -27,7 +25,7 @@ from teleop_drake.architectures import (
 from teleop_drake.architectures.adaptive_backstepping import BacksteppingParameters
 from teleop_drake.architectures.lattice import NetworkConfig
 from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.scenario.tree import ElementName, FromTree
+from teleop_drake.scenario.tree import FromTree
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
@@ -69,32 +67,6 @@ class SurgeonConfig:
     contact_force: np.ndarray | None = None
     # Time of the final stop, s, >= 0; null: never.
     stop_time: float | None = None
-
-
-@dataclass(kw_only=True, eq=False)
-class LayerConfig:
-    """One layer of the environment, from its start to the next one's (eq. 2.14).
-
-    force = stiffness (x - reference) + damping v_x.
-    """
-
-    # Unique, letters, digits and _ only: overrides address a layer by it.
-    name: str = REQUIRED
-    # Where the layer begins, m, ascending; the first may be -.inf.
-    start: float = REQUIRED
-    # N/m, >= 0.
-    stiffness: float = 0.0
-    # N s/m, >= 0.
-    damping: float = 0.0
-    # Where the spring is relaxed, m.
-    reference: float = 0.0
-
-
-@dataclass(kw_only=True, eq=False)
-class EnvironmentConfig:
-    """Layers along x (thesis eq. 2.14 to 2.16); no force in front of the first."""
-
-    layers: list[LayerConfig] = field(default_factory=list)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -238,31 +210,6 @@ def CheckSurgeonConfig(surgeon: SurgeonConfig, n: int) -> None:
         CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
     if surgeon.stop_time is not None:
         CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
-
-
-def CheckLayers(layers: Sequence[LayerConfig]) -> None:
-    """Checks `environment.layers`."""
-    names: set[str] = set()
-    previous = -math.inf
-    for i, layer in enumerate(layers):
-        path = f"environment.layers.{ElementName({'name': layer.name}, i)}"
-        if layer.name is None or not layer.name.isidentifier() or layer.name in names:
-            Refuse(
-                f"environment.layers.{i}.name",
-                layer.name,
-                "unique, of letters, digits and _, not beginning with a digit",
-            )
-        names.add(layer.name)
-        if not (i == 0 and layer.start == -math.inf):
-            CheckNumber(f"{path}.start", layer.start, "m")
-        if i > 0 and layer.start <= previous:
-            Refuse(
-                f"{path}.start", layer.start, f"> {previous:g} m, the previous start"
-            )
-        previous = layer.start
-        CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
-        CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
-        CheckNumber(f"{path}.reference", layer.reference, "m")
 
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:

@@ -14,15 +14,14 @@ not state is marked "assumed" or "fitted" in the scenario files.
 import copy
 import dataclasses
 import functools
-import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
@@ -33,25 +32,26 @@ from teleop_drake.architectures import (
     Facts,
 )
 from teleop_drake.channels import ChannelConfig, TransportChannelConfig
-from teleop_drake.kinds import KindConfig
-from teleop_drake.laws.layered_force import (
-    contact_position,
-    layer_index,
-    puncture_position,
+from teleop_drake.environments import (
+    CONTACT,
+    EnvironmentConfig,
+    FindSurface,
+    LayerConfig,
+    LayersEnvironmentConfig,
+    Surface,
 )
+from teleop_drake.environments.slopes import StiffnessAndDamping
+from teleop_drake.kinds import KindConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
     DISTURBANCES,
     MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
-    CheckLayers,
     CheckSimulatorConfig,
     CheckSurgeonConfig,
     ControllerConfig,
     DefaultSimulator,
     DisturbanceConfig,
-    EnvironmentConfig,
-    LayerConfig,
     SurgeonConfig,
     TrackingControllerConfig,
     TrajectoryConfig,
@@ -78,6 +78,7 @@ from teleop_drake.validation import (
     Refuse,
     ScenarioError,
     Show,
+    Within,
 )
 
 __all__ = [
@@ -87,6 +88,7 @@ __all__ = [
     "AnyScenario",
     "AsTeleoperation",
     "ChannelConfig",
+    "CheckStart",
     "CheckSteps",
     "ControllerConfig",
     "DisturbanceConfig",
@@ -94,6 +96,7 @@ __all__ = [
     "GainMatrix",
     "HapticDeviceConfig",
     "LayerConfig",
+    "LayersEnvironmentConfig",
     "LoadScenario",
     "OverriddenPaths",
     "RobotConfig",
@@ -182,7 +185,7 @@ class Scenario(_ScenarioBase):
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
     forward_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
-    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    environment: EnvironmentConfig = field(default_factory=LayersEnvironmentConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
     # at most 1000. Assumed.
@@ -191,37 +194,34 @@ class Scenario(_ScenarioBase):
     # start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
-    @property
-    def contact_surface(self) -> float | None:
-        """Position in m along x of the surface that the tool can collide with.
+    def Surfaces(self) -> tuple[Surface, ...]:
+        """Returns the surfaces of the environment, none if it tells none."""
+        return self.environment.Surfaces(self.robot.start)
 
-        The start of the stiffest layer, if what lies in front of it is softer: the
-        layer before it or, for the first layer, the empty space that the tool then
-        has to start in. None where there is no such surface.
+    def FindSurface(self, name: str) -> Surface | None:
+        """Returns a surface of the environment, None if there is none of this name.
+
+        Args:
+            name: `contact` or `puncture`, or what else the environment has.
         """
-        layers = self.environment.layers
-        if layers and self.robot.start[0] < layers[0].start:
-            layers = [LayerConfig(name="empty", start=-math.inf), *layers]
-        return contact_position(layers)
+        return FindSurface(self.Surfaces(), name)
 
-    @property
-    def puncture_position(self) -> float | None:
-        """End in m along x of the first layer that a softer one follows, or None."""
-        return puncture_position(self.environment.layers)
-
-    def Facts(self, robot: System | None = None) -> Facts:
+    def Facts(
+        self, robot: System | None = None, environment: System | None = None
+    ) -> Facts:
         """Returns what the defaults of an architecture derive from.
 
         Args:
             robot: The robot in the diagram; None: the scenario's own.
+            environment: The environment in the diagram; None: the scenario's own.
         """
         start = np.asarray(self.robot.start, dtype=float)
-        n, told = start.size, FactsOfRobot(robot or self.robot.MakeRobot())
-        layers = self.environment.layers
-        index = layer_index([layer.start for layer in layers], start[0])
-        layer = layers[index] if index >= 0 else LayerConfig()
-        stiffness, D_e = np.zeros((n, n)), np.zeros((n, n))
-        stiffness[0, 0], D_e[0, 0] = layer.stiffness, layer.damping
+        told = FactsOfRobot(robot or self.robot.MakeRobot())
+        stiffness, D_e = (
+            self.environment.StiffnessAndDamping(start)
+            if environment is None
+            else StiffnessAndDamping(environment, start)
+        )
         return Facts(
             start=start,
             velocity=np.asarray(self.surgeon.velocity, dtype=float),
@@ -490,7 +490,8 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
         channel = getattr(scenario, path)
         if reads_files or not _Files(channel):
             channel.Check(path, scenario.duration)
-    CheckLayers(scenario.environment.layers)
+    with Within("environment"):
+        scenario.environment.Check()
     controller = scenario.controller
     controller.Check(n)
     if (
@@ -499,13 +500,36 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
     ) and (reads_files or not _Files(scenario.robot)):
         controller.CheckInitialPsi(scenario.Facts())
     CheckSimulatorConfig(scenario.simulator)
-    surface = scenario.contact_surface
-    if surface is not None and scenario.robot.start[0] >= surface:
-        Refuse(
-            "robot.start",
-            scenario.robot.start,
-            f"in front of the contact surface (x < {surface:g} m)",
-        )
+    CheckStart(scenario.robot.start, scenario.Surfaces())
+
+
+def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
+    """Refuses a tool that starts behind the contact surface.
+
+    Args:
+        start: p_WT at time 0 in m (n).
+        surfaces: Of the environment.
+
+    Raises:
+        ScenarioError: If it does, or a surface is not one for n axes.
+    """
+    for surface in surfaces:
+        if surface.point_W.shape != np.shape(start):
+            Refuse(
+                f"environment: point_W of surface {surface.name!r}",
+                surface.point_W,
+                f"a list of {np.size(start)} numbers (m)",
+            )
+    contact = FindSurface(surfaces, CONTACT)
+    if contact is None or contact.Depth(start) < 0:
+        return
+    normal = contact.normal_W
+    where = (
+        f"x < {contact.point_W[0]:g} m"
+        if normal[0] == 1
+        else f"{Show(normal)} . p < {contact.Along(contact.point_W):g} m"
+    )
+    Refuse("robot.start", start, f"in front of the contact surface ({where})")
 
 
 def _CheckTracking(scenario: TrackingScenario) -> None:

@@ -2,13 +2,20 @@
 
 import time as clock
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.environments import (
+    CONTACT,
+    PUNCTURE,
+    FindSurface,
+    Surface,
+    SurfacesOf,
+)
 from teleop_drake.numerics.interpolation import (
     find_crossing,
     interpolate,
@@ -28,6 +35,11 @@ from teleop_drake.tasks.tracking import MakeNetworkTracking
 from teleop_drake.teleoperator import MakeTeleoperator
 
 ENGINES = ("drake", "compiled", "auto")
+
+_NO_SURFACES = (
+    "The environment tells no surfaces: the operator feels no contact, and events and "
+    "metrics of puncture and contact are left out."
+)
 
 
 def MakeDiagram(scenario: AnyScenario) -> Diagram:
@@ -135,7 +147,7 @@ def simulate(
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run.times, run.signals)
-    return _MakeRecording(scenario, run)
+    return _MakeRecording(scenario, diagram, run)
 
 
 def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
@@ -215,17 +227,23 @@ def _RunInDrake(
     )
 
 
-def _MakeRecording(scenario: AnyScenario, run: Outcome) -> Recording:
+def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Recording:
     """Makes the recording of a run."""
+    surfaces = (
+        SurfacesOf(diagram.GetSubsystemByName("environment"))
+        if isinstance(scenario, Scenario)
+        else None
+    )
     return Recording(
         scenario=scenario,
         time=run.times,
         signals=run.signals,
         events=(
-            _FindEvents(scenario, run.times, run.signals)
+            _FindEvents(surfaces or (), run.times, run.signals)
             if isinstance(scenario, Scenario)
             else []
         ),
+        surfaces=surfaces or (),
         solver=SolverStatistics(
             scheme=scenario.simulator.integration_scheme,
             accuracy=scenario.simulator.accuracy,
@@ -237,6 +255,11 @@ def _MakeRecording(scenario: AnyScenario, run: Outcome) -> Recording:
         channels=run.channels,
         termination=run.termination,
         reason=run.reason,
+        notes=(
+            [_NO_SURFACES]
+            if isinstance(scenario, Scenario) and surfaces is None
+            else []
+        ),
     )
 
 
@@ -272,26 +295,25 @@ def _EndAtSpeed(
 
 
 def _FindEvents(
-    scenario: Scenario, times: np.ndarray, signals: dict[str, np.ndarray]
+    surfaces: Sequence[Surface], times: np.ndarray, signals: dict[str, np.ndarray]
 ) -> list[Event]:
     """Finds the instants at which the tool or the surgeon crosses a border."""
     events = []
-    x = signals["tool_position"][:, 0]
-    for position, names in (
-        (scenario.puncture_position, ("puncture", "heal")),
-        (scenario.contact_surface, ("contact", "release")),
+    for surface_name, names in (
+        (PUNCTURE, ("puncture", "heal")),
+        (CONTACT, ("contact", "release")),
     ):
-        if position is None:
+        surface = FindSurface(surfaces, surface_name)
+        if surface is None:
             continue
-        for i in np.flatnonzero(np.diff(x >= position)):
-            is_forward = bool(x[i + 1] >= position)
+        depth = surface.Depth(signals["tool_position"])[:, np.newaxis]
+        for i in np.flatnonzero(np.diff(depth[:, 0] >= 0)):
+            is_forward = bool(depth[i + 1, 0] >= 0)
 
-            def IsBeyond(
-                p: np.ndarray, border: float = position, forward: bool = is_forward
-            ) -> bool:
-                return bool(p[0] >= border) == forward
+            def IsBeyond(d: np.ndarray, forward: bool = is_forward) -> bool:
+                return bool(d[0] >= 0) == forward
 
-            time = find_crossing(times, x[:, np.newaxis], int(i), IsBeyond)
+            time = find_crossing(times, depth, int(i), IsBeyond)
             events.append(Event(name=names[0 if is_forward else 1], time=time))
     mode = signals["surgeon_mode"][:, 0]
     for i in np.flatnonzero(np.diff(mode)):

@@ -2,23 +2,25 @@
 
 The blocks say what there is to know, each by a member that it has or has not:
 
-| member           | of             | says                                      |
-|------------------|----------------|-------------------------------------------|
-| longest_step     | a delay        | no step may be longer, s                  |
-| NextJumpTime()   | a channel      | when its output jumps next, s             |
-| jump_times       | an operator    | when its outputs jump in any case, s      |
-| contact_position | an operator    | where it perceives contact along x, m     |
-| boundaries       | an environment | where its force has a kink or jumps, x, m |
+| member          | of             | says                                 |
+|-----------------|----------------|--------------------------------------|
+| longest_step    | a delay        | no step may be longer, s             |
+| NextJumpTime()  | a channel      | when its output jumps next, s        |
+| jump_times      | an operator    | when its outputs jump in any case, s |
+| contact_surface | an operator    | where it perceives contact           |
+| Surfaces()      | an environment | where its force has a kink or jumps  |
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.channels.delay_line import DelayLine
+from teleop_drake.environments.surface import Surface, SurfacesOf
 
 # A step across a border as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -44,12 +46,29 @@ def LongestStep(diagram: Diagram) -> float:
 
 
 class _Motion(NamedTuple):
-    """Something that moves along x."""
+    """Something that moves towards a surface: its depth in m, and its rates."""
 
-    position: float
+    depth: float
     velocity: float
     acceleration: float
-    borders: list[float]
+
+
+class _Borders:
+    """Surfaces that something may cross."""
+
+    def __init__(self, surfaces: Sequence[Surface]):
+        # What is infinitely far away is never crossed.
+        surfaces = [x for x in surfaces if np.isfinite(x.point_W).all()]
+        self._normals = np.array([x.normal_W for x in surfaces])
+        self._points = np.array([x.Along(x.point_W) for x in surfaces])
+
+    def Motions(self, p: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[_Motion]:
+        """Returns how a point moves relative to each surface."""
+        if not self._points.size:
+            return []
+        moves = np.stack((p, v, a)) @ self._normals.T
+        moves[0] -= self._points
+        return [_Motion(*motion) for motion in moves.T.tolist()]
 
 
 class Stepping:
@@ -78,8 +97,14 @@ class Stepping:
 
         self._channels = list(With("NextJumpTime"))
         self._has_delay_lines = any(isinstance(x, DelayLine) for x in systems)
-        self._environments = list(With("boundaries"))
-        self._operators = list(With("contact_position"))
+        self._environments = [
+            (x, _Borders(SurfacesOf(x) or ())) for x in systems if _IsEnvironment(x)
+        ]
+        self._operators = [
+            (x, _Borders([x.contact_surface]))
+            for x in With("contact_surface")
+            if x.contact_surface is not None
+        ]
         self._jump_times = {time for x in With("jump_times") for time in x.jump_times}
         self._accelerating = _First(x for x in systems if _HasAcceleration(x))
         self._felt = _First(x for x in systems if x.HasInputPort("felt_velocity"))
@@ -104,9 +129,8 @@ class Stepping:
         time = root_context.get_time()
         before, self._motions = self._motions, self._FindMotions(root_context)
         for last, motion in zip(before, self._motions, strict=False):
-            for border in motion.borders:
-                if (last.position < border) != (motion.position < border):
-                    self._crossing_time = time
+            if (last.depth < 0) != (motion.depth < 0):
+                self._crossing_time = time
         is_at_jump = self.IsAtJump(time)
         if self._has_delay_lines:
             self._LimitStep(time, is_at_jump, integrator)
@@ -170,37 +194,26 @@ class Stepping:
         Only the steps towards a border depend on velocity and acceleration, so they
         may be off.
         """
-        acceleration = 0.0
-        if self._accelerating is not None:
-            context = self._accelerating.GetMyContextFromRoot(root_context)
-            port = self._accelerating.GetOutputPort("tool_acceleration")
-            acceleration = port.Eval(context).item(0)
-        motions = [
-            _Motion(
-                _Input(environment, "tool_position", root_context),
-                _Input(environment, "tool_velocity", root_context),
-                acceleration,
-                environment.boundaries,
+        motions = []
+        for environment, borders in self._environments:
+            p, v = (
+                _Input(environment, name, root_context)
+                for name in ("tool_position", "tool_velocity")
             )
-            for environment in self._environments
-        ]
-        for operator in self._operators:
-            surface = operator.contact_position
-            if surface is None:
-                continue
+            a = np.zeros_like(p)
+            if self._accelerating is not None:
+                context = self._accelerating.GetMyContextFromRoot(root_context)
+                a = self._accelerating.GetOutputPort("tool_acceleration").Eval(context)
+            motions += borders.Motions(p, v, a)
+        for operator, borders in self._operators:
             context = operator.GetMyContextFromRoot(root_context)
-            awaits = operator.GetOutputPort("mode").Eval(context).item(0) == 0
-            velocity = 0.0
+            if operator.GetOutputPort("mode").Eval(context).item(0) != 0:
+                continue
+            p = _Input(operator, "felt_position", root_context)
+            v = np.zeros_like(p)
             if self._felt is not None:
-                velocity = _Input(self._felt, "felt_velocity", root_context)
-            motions.append(
-                _Motion(
-                    _Input(operator, "felt_position", root_context),
-                    velocity,
-                    0.0,
-                    [surface] if awaits else [],
-                )
-            )
+                v = _Input(self._felt, "felt_velocity", root_context)
+            motions += borders.Motions(p, v, np.zeros_like(p))
         return motions
 
     def _ApproachTime(self) -> float:
@@ -211,21 +224,20 @@ class Stepping:
         """
         horizon = 1.5 * self.longest_step
         shortest = math.inf
-        for x, v, a, borders in self._motions:
+        for depth, v, a in self._motions:
             reach = (abs(v) + abs(a) * horizon / 2) * horizon
-            for border in borders:
-                if abs(border - x) > reach:
-                    continue
-                time = _TimeToCross(border - x, v, a)
-                if time >= horizon:
-                    continue
-                # What the acceleration's change does to the time is of third order.
-                margin = 0.1 * time * (time / horizon) ** 2
-                if margin > _EVENT_WINDOW:
-                    time -= margin
-                else:
-                    time += _EVENT_WINDOW
-                shortest = min(shortest, time)
+            if abs(depth) > reach:
+                continue
+            time = _TimeToCross(-depth, v, a)
+            if time >= horizon:
+                continue
+            # What the acceleration's change does to the time is of third order.
+            margin = 0.1 * time * (time / horizon) ** 2
+            if margin > _EVENT_WINDOW:
+                time -= margin
+            else:
+                time += _EVENT_WINDOW
+            shortest = min(shortest, time)
         return shortest
 
 
@@ -245,10 +257,15 @@ def _HasAcceleration(system: System) -> bool:
     return bool(system.HasOutputPort("tool_acceleration"))
 
 
-def _Input(system: System, name: str, root_context: Context) -> float:
-    """Returns the x of an input."""
+def _IsEnvironment(system: System) -> bool:
+    has_ports = system.HasInputPort("tool_position")
+    return bool(has_ports and system.HasOutputPort("environment_force"))
+
+
+def _Input(system: System, name: str, root_context: Context) -> np.ndarray:
     context = system.GetMyContextFromRoot(root_context)
-    return float(system.GetInputPort(name).Eval(context).item(0))
+    value: np.ndarray = system.GetInputPort(name).Eval(context)
+    return value
 
 
 def _TimeToCross(gap: float, v: float, a: float) -> float:

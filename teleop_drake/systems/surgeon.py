@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
+from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 
@@ -36,7 +37,7 @@ class Surgeon(LeafSystem):
                                           haptic device brakes the tool
 
     Contact is perceived, once and for all, when the RETURNED tool position reaches
-    `contact_position` along x; that is a return delay after the tool touched it.
+    `contact_surface`; that is a return delay after the tool touched it.
 
     | port | name             | size | unit                     |
     |------|------------------|------|--------------------------|
@@ -61,7 +62,7 @@ class Surgeon(LeafSystem):
     Args:
         velocity: v_d in m/s (n).
         contact_force: Force after contact in N (n); None: never switches.
-        contact_position: Where contact is perceived along x in m; None: never.
+        contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
 
     Raises:
@@ -73,7 +74,7 @@ class Surgeon(LeafSystem):
         *,
         velocity: ArrayLike,
         contact_force: ArrayLike | None = None,
-        contact_position: float | None = None,
+        contact_surface: Surface | None = None,
         stop_time: float | None = None,
     ):
         LeafSystem.__init__(self)
@@ -90,19 +91,19 @@ class Surgeon(LeafSystem):
                 raise ValueError(
                     f"contact_force: {contact_force!r}; allowed: {n} finite numbers (N)"
                 )
-        if contact_position is not None and not math.isfinite(contact_position):
+        if contact_surface is not None and (
+            contact_surface.point_W.shape != (n,)
+            or not np.all(np.isfinite(contact_surface.point_W))
+        ):
             raise ValueError(
-                f"contact_position: {contact_position}; allowed: a finite number (m)"
+                f"contact_surface: at {contact_surface.point_W}; allowed: a surface "
+                f"at {n} finite numbers (m)"
             )
         if stop_time is not None and not (math.isfinite(stop_time) and stop_time >= 0):
             raise ValueError(
                 f"stop_time: {stop_time}; allowed: a finite number >= 0 (s)"
             )
-        self._surface = (
-            math.inf
-            if contact_force is None or contact_position is None
-            else contact_position
-        )
+        self._surface = None if contact_force is None else contact_surface
         self._jump_times = [] if stop_time is None else [stop_time]
         self._stop_time = stop_time
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
@@ -126,7 +127,7 @@ class Surgeon(LeafSystem):
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
         self._witnesses = []
-        if math.isfinite(self._surface):
+        if self._surface is not None:
             self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
             self._witnesses.append(
                 self.MakeWitnessFunction(
@@ -138,9 +139,9 @@ class Surgeon(LeafSystem):
             )
 
     @property
-    def contact_position(self) -> float | None:
-        """Where the surgeon perceives contact along x in m; None: nowhere."""
-        return self._surface if math.isfinite(self._surface) else None
+    def contact_surface(self) -> Surface | None:
+        """Where the surgeon perceives contact; None: nowhere."""
+        return self._surface
 
     @property
     def jump_times(self) -> list[float]:
@@ -150,9 +151,15 @@ class Surgeon(LeafSystem):
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
         transitions = {}
-        if math.isfinite(self._surface):
+        parameters = {
+            "velocity": self._velocity,
+            "contact_force": self._contact_force,
+        }
+        if self._surface is not None:
+            parameters["point"] = self._surface.point_W
+            parameters["normal"] = self._surface.normal_W
             transitions["perceives_contact"] = Transition(
-                guard=(past_surface, "mode", "felt_position", "surface"),
+                guard=(past_surface, "mode", "felt_position", "point", "normal"),
                 mode=(with_contact, "mode"),
             )
         if self._stop_time is not None:
@@ -160,11 +167,7 @@ class Surgeon(LeafSystem):
                 mode=(with_stop, "mode"), offset=self._stop_time
             )
         return Kernel(
-            parameters={
-                "velocity": self._velocity,
-                "contact_force": self._contact_force,
-                "surface": np.array([self._surface]),
-            },
+            parameters=parameters,
             outputs={
                 "velocity_command": (velocity_command, "mode", "velocity"),
                 "force_command": (
@@ -205,8 +208,9 @@ class Surgeon(LeafSystem):
         return self._witnesses if is_located else []
 
     def _CalcPastSurface(self, context: Context) -> float:
-        x: float = self._p.Eval(context).item(0)
-        return x - self._surface
+        if self._surface is None:
+            return -math.inf
+        return float(self._surface.Depth(self._p.Eval(context)))
 
     def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
         state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
@@ -226,10 +230,13 @@ def mode_vector(state: Array) -> Array:
     return np.array([operator_mode(state)])
 
 
-def past_surface(state: Array, felt_position: Array, surface: Array) -> Array:
+def past_surface(
+    state: Array, felt_position: Array, point: Array, normal: Array
+) -> Array:
     """Returns how far behind the surface the tool is felt, m; negative once known."""
-    past = felt_position[:1] - surface
-    return past if operator_mode(state) == 0 else np.full(1, -1.0)
+    if operator_mode(state) != 0:
+        return np.full(1, -1.0)
+    return np.array([np.sum((felt_position - point) * normal)])
 
 
 def with_contact(state: Array) -> Array:

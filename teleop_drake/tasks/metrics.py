@@ -17,6 +17,13 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.polynomial.legendre import Legendre
 
+from teleop_drake.environments.surface import (
+    CONTACT,
+    PUNCTURE,
+    FindSurface,
+    StackNormal,
+    Surface,
+)
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import TrackingScenario
 
@@ -39,12 +46,13 @@ _SHORTEST_PIECE = 1e-14
 
 @dataclass(kw_only=True)
 class _Pieces:
-    """The signals between the samples and the crossings of the layers' borders.
+    """The signals between the samples and the crossings of the surfaces.
 
     Attributes:
         begin, end: (M,) times in s, ascending.
         v: (M, 8, n) tool velocity at the nodes of each piece, and so on.
-        crossings: (time, border, whether upwards), ascending.
+        crossings: (time, number of the surface, whether into it), ascending.
+        surfaces: Of the environment.
     """
 
     begin: np.ndarray
@@ -54,18 +62,20 @@ class _Pieces:
     F_c: np.ndarray
     v_dd: np.ndarray
     F_hd: np.ndarray
-    crossings: list[tuple[float, float, bool]]
+    crossings: list[tuple[float, int, bool]]
+    surfaces: tuple[Surface, ...]
 
     def CountBefore(self, time: float) -> int:
         """Returns how many pieces lie before a time."""
         return int(np.count_nonzero(self.begin + self.end < 2 * time))
 
     def FirstCrossing(
-        self, border: float | None, upwards: bool, after: float = -math.inf
+        self, surface: Surface | None, inwards: bool, after: float = -math.inf
     ) -> float | None:
-        """Returns the time of the first crossing of a border, None if there is none."""
-        for time, crossed, is_upwards in self.crossings:
-            if crossed == border and is_upwards == upwards and time > after:
+        """Returns when a surface is first crossed, None if it is not."""
+        for time, crossed, is_inwards in self.crossings:
+            is_it = self.surfaces[crossed] is surface
+            if is_it and is_inwards == inwards and time > after:
                 return time
         return None
 
@@ -77,22 +87,24 @@ class _Pieces:
 def RunMetrics(recording: Recording) -> dict[str, Any]:
     """Returns the metrics of a run.
 
-    With x the first task axis, v_d = surgeon.velocity (constant), and all times
-    simulation time (surfaces are met and punctured along +x, but an overshoot is one
-    in the direction of the command: s = -1 if v_d_x < 0, else 1):
+    With v_d = surgeon.velocity (constant), and all times simulation time. The surfaces
+    are those that the environment told; x is the direction of the normal into the
+    surface in question. An overshoot is one in the direction of the command: s = -1 if
+    v_d_x < 0, else 1. Without a surface of the name there is no puncture or collision.
 
     * start_velocity_overshoot (m/s): max of s (v_x - v_d_x) before the puncture,
-      without a puncture before the contact, else over the whole run; at least 0.
-    * puncture, None if x never crosses the end of the punctured layer:
+      without a puncture before the contact, else over the whole run; at least 0. Where
+      the environment has no surfaces, x is the direction of v_d.
+    * puncture, None if the tool never crosses the surface `puncture`:
         * time (s): when it first does.
         * velocity (m/s): v_x then.
         * force (N): F_e_x just before, in the layer's own law.
         * velocity_overshoot (m/s): max of s (v_x - v_d_x) from the puncture to the
           first contact after it, or to the end. Not floored.
-    * collision, None if x never reaches the contact surface:
+    * collision, None if the tool never reaches the surface `contact`:
         * time (s): when it first does.
         * velocity (m/s): v_x then.
-        * initial_impact_force (N): max of F_e_x until x first leaves the surface.
+        * initial_impact_force (N): max of F_e_x until it first leaves the surface.
         * peak_force (N): max of F_e_x from the first contact on.
         * rebound_velocity (m/s): min of v_x from the first contact on, whatever the
           command: away from the surface is along -x.
@@ -118,9 +130,9 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
       does not know of the disturbance.
 
     Args:
-        recording: A run. If it was made with an environment of one's own (one without
-            a `layer` port), the recorded force is interpolated; a robot of one's own
-            without `tool_acceleration` has its position and velocity interpolated.
+        recording: A run. If the environment tells no stack of materials, the recorded
+            force is interpolated; a robot of one's own without `tool_acceleration` has
+            its position and velocity interpolated.
 
     Returns:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
@@ -135,20 +147,19 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
         return _TrackingMetrics(recording)
     v_d = np.asarray(scenario.surgeon.velocity, dtype=float)
     pieces = _MakePieces(recording)
-    surface = scenario.contact_surface
-    t_puncture = pieces.FirstCrossing(scenario.puncture_position, True)
+    pierced, surface = map(recording.FindSurface, (PUNCTURE, CONTACT))
+    t_puncture = pieces.FirstCrossing(pierced, True)
     t_contact = pieces.FirstCrossing(surface, True)
     has_diverged = recording.termination == "diverged"
 
-    v_x, F_x = pieces.v[:, :, 0], pieces.F_e[:, :, 0]
-    direction = -1.0 if v_d[0] < 0 else 1.0
-    excess = direction * (v_x - v_d[0])
-    num_pieces = len(v_x)
+    excess = _Excess(pieces.v, v_d, _FirstNormal(recording.surfaces, v_d))
+    num_pieces = len(excess)
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
     start_end = pieces.CountBefore(start_ends[0]) if start_ends else num_pieces
 
     puncture = None
-    if t_puncture is not None:
+    if pierced is not None and t_puncture is not None:
+        v_x, F_x = pierced.Along(pieces.v), pierced.Along(pieces.F_e)
         i = pieces.CountBefore(t_puncture)
         t_next = pieces.FirstCrossing(surface, True, after=t_puncture)
         j = num_pieces if t_next is None else pieces.CountBefore(t_next)
@@ -156,11 +167,12 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
             "time": t_puncture,
             "velocity": _ValueBefore(v_x, i),
             "force": _ValueBefore(F_x, i),
-            "velocity_overshoot": _Max(excess, i, j),
+            "velocity_overshoot": _Max(_Excess(pieces.v, v_d, pierced.normal_W), i, j),
         }
 
     collision = None
-    if t_contact is not None:
+    if surface is not None and t_contact is not None:
+        v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
         i = pieces.CountBefore(t_contact)
         t_release = pieces.FirstCrossing(surface, False, after=t_contact)
         j = num_pieces if t_release is None else pieces.CountBefore(t_release)
@@ -174,7 +186,7 @@ def RunMetrics(recording: Recording) -> dict[str, Any]:
                 None
                 if has_diverged
                 else _SettlingTime(
-                    pieces, t_contact, SETTLING_RATIO * float(np.linalg.norm(v_d))
+                    pieces, v_x, t_contact, SETTLING_RATIO * float(np.linalg.norm(v_d))
                 )
             ),
         }
@@ -249,6 +261,23 @@ def RunSummary(recording: Recording) -> dict[str, Any]:
     }
 
 
+def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
+    """Returns the normal of the surface that comes first, else where v_d points."""
+    named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
+    for surface in (*named, *surfaces):
+        if surface is not None:
+            return surface.normal_W
+    direction: np.ndarray = v_d / np.linalg.norm(v_d)
+    return direction
+
+
+def _Excess(v: np.ndarray, v_d: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Returns by how much v (M, 8, n) exceeds v_d along a normal (M, 8)."""
+    along = float(v_d @ normal)
+    excess: np.ndarray = (-1.0 if along < 0 else 1.0) * (v @ normal - along)
+    return excess
+
+
 def _RootMeanSquare(
     begin: np.ndarray, end: np.ndarray, error: np.ndarray
 ) -> list[float]:
@@ -297,8 +326,7 @@ def _FinitePart(recording: Recording) -> Recording:
 def _MakePieces(recording: Recording) -> _Pieces:
     time = recording.time
     n = recording["tool_position"].shape[1]
-    layers = recording.teleoperation.environment.layers
-    starts = [layer.start for layer in layers]
+    surfaces = recording.surfaces
 
     echoes: list[float] = []
     if "velocity_command" in recording.signals:
@@ -309,26 +337,17 @@ def _MakePieces(recording: Recording) -> _Pieces:
     begin, end = _Split(time, echoes)
     p, v = _Motion(recording, begin, end)
     crossings = sorted(
-        (crossing, border, is_upwards)
-        for border in starts
-        for crossing, is_upwards in _Crossings(begin, end, p[:, :, 0] - border)
+        (crossing, i, is_inwards)
+        for i, surface in enumerate(surfaces)
+        for crossing, is_inwards in _Crossings(begin, end, surface.Depth(p))
     )
     if crossings:
         instants = [crossing for crossing, _, _ in crossings]
         begin, end = _Split(time, [*echoes, *instants])
         p, v = _Motion(recording, begin, end)
 
-    if "environment_layer" in recording.signals:
-        # A crossing is an end of a piece, so each piece lies in one layer; layer 0
-        # stands for what is in front of the first.
-        index = np.searchsorted(starts, p[:, :, 0].mean(axis=1), side="right")
-        stiffness, damping, reference = (
-            np.array([0.0, *(getattr(layer, name) for layer in layers)])[index, None]
-            for name in ("stiffness", "damping", "reference")
-        )
-        F_e = np.zeros_like(v)
-        F_e[:, :, 0] = stiffness * (p[:, :, 0] - reference) + damping * v[:, :, 0]
-    else:
+    F_e = _StackForce(surfaces, p, v)
+    if F_e is None:
         F_e = _Sample(recording, "environment_force", begin, end)
     commands = _ReceivedCommands(recording, begin, end)
     return _Pieces(
@@ -340,7 +359,34 @@ def _MakePieces(recording: Recording) -> _Pieces:
         v_dd=commands[:, :, n:],
         F_hd=commands[:, :, :n],
         crossings=crossings,
+        surfaces=surfaces,
     )
+
+
+def _StackForce(
+    surfaces: tuple[Surface, ...], p: np.ndarray, v: np.ndarray
+) -> np.ndarray | None:
+    """Returns F_e (M, 8, n) in a stack of materials, None if they are no stack.
+
+    A crossing is an end of a piece, so each piece lies in one material.
+    """
+    normal = StackNormal(surfaces)
+    if normal is None:
+        return None
+    depth = np.array([surface.Depth(p.mean(axis=1)) for surface in surfaces])
+    is_passed = np.asarray(depth >= 0)
+    # The one that is nearest in front of the piece; one may be infinitely far away.
+    distance = np.where(is_passed, np.minimum(depth, np.finfo(float).max), np.inf)
+    nearest = np.argmin(distance, axis=0)
+    stiffness, damping, relaxed = (
+        np.array([getattr(surface.material, name) for surface in surfaces])[nearest]
+        for name in ("stiffness", "damping", "relaxed")
+    )
+    is_in_material = np.any(is_passed, axis=0)
+    force = stiffness[:, None] * (p @ normal - relaxed[:, None])
+    force += damping[:, None] * (v @ normal)
+    result: np.ndarray = (is_in_material[:, None] * force)[:, :, None] * normal
+    return result
 
 
 def _ReceivedCommands(
@@ -501,10 +547,12 @@ def _ValueBefore(y: np.ndarray, i: int) -> float:
     return float(y[i - 1, -1]) if i > 0 else float(y[0, 0])
 
 
-def _SettlingTime(pieces: _Pieces, t_contact: float, threshold: float) -> float | None:
+def _SettlingTime(
+    pieces: _Pieces, v_x: np.ndarray, t_contact: float, threshold: float
+) -> float | None:
     """Returns how long after contact |v_x| stays under a threshold, if it does."""
     first = pieces.CountBefore(t_contact)
-    begin, end, v_x = pieces.begin[first:], pieces.end[first:], pieces.v[first:, :, 0]
+    begin, end, v_x = pieces.begin[first:], pieces.end[first:], v_x[first:]
     if len(begin) == 0:
         return None
     changes = sorted(

@@ -14,6 +14,7 @@ import jaxonomy
 import numpy as np
 from benchmarks.straightforward import Solution, StartJoints
 from jaxonomy.library import TransportDelay
+from surfaces import Border
 
 from teleop_drake.scenario import LoadScenario, Scenario
 
@@ -181,7 +182,7 @@ class _Master(jaxonomy.LeafSystem):
         self.b1, self.b0 = scenario.haptic_device.numerator
         _, self.a1, self.a0 = scenario.haptic_device.denominator
         self.velocity = jnp.array(scenario.surgeon.velocity)
-        force, surface = scenario.surgeon.contact_force, scenario.contact_surface
+        force, surface = scenario.surgeon.contact_force, Border(scenario, "contact")
         self.contact_force = jnp.zeros(n) if force is None else jnp.array(force)
         self.declare_input_port("felt")
         self.declare_default_mode(0)

@@ -21,6 +21,7 @@ import numpy as np
 import symengine
 from benchmarks.straightforward import Solution, StartJoints
 from jitcdde import jitcdde, t, y
+from surfaces import Border
 
 from teleop_drake.scenario import LoadScenario, Scenario
 
@@ -243,7 +244,7 @@ def Simulate(task: str, controller: str, delay: float, duration: float) -> Solut
 def _Run(scenario: Scenario, module: str, delay: float, duration: float) -> Solution:
     model = _Model(scenario)
     n = model.n
-    layers, surface = scenario.environment.layers, scenario.contact_surface
+    layers, surface = scenario.environment.layers, Border(scenario, "contact")
     if scenario.surgeon.contact_force is None:
         surface = None
     dde = jitcdde(

@@ -40,6 +40,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
     LogVectorOutput,
 )
+from surfaces import Border
 
 import teleop_drake
 from teleop_drake.scenario import Scenario
@@ -410,7 +411,7 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
         Surgeon(
             scenario.surgeon.velocity,
             scenario.surgeon.contact_force,
-            scenario.contact_surface
+            Border(scenario, "contact")
             if scenario.surgeon.contact_force is not None
             else None,
         )

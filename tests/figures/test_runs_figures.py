@@ -8,6 +8,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from surfaces import Border
 
 from teleop_drake.figures.runs import PlotComparison, PlotRun, PlotWeights, SaveFigure
 from teleop_drake.recording import Event, Recording, SolverStatistics
@@ -21,8 +22,8 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
     scenario = LoadScenario(name, {"controller.kind": kind})
     n = scenario.num_axes
     x0, v_d = scenario.robot.start, scenario.surgeon.velocity
-    assert scenario.puncture_position is not None
-    t_puncture = float((scenario.puncture_position - x0[0]) / v_d[0])
+    assert Border(scenario, "puncture") is not None
+    t_puncture = float((Border(scenario, "puncture") - x0[0]) / v_d[0])
     duration = 3 * t_puncture
     half = np.linspace(0, t_puncture, 40)
     t = np.concatenate([half, np.linspace(t_puncture, duration, 80)])
@@ -47,6 +48,7 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
         scenario=scenario,
         time=t,
         signals=signals,
+        surfaces=scenario.Surfaces(),
         events=[Event(name="puncture", time=t_puncture)],
         solver=SolverStatistics(
             scheme="runge_kutta5",

@@ -11,6 +11,7 @@ import pytest
 from grids import Slow
 from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
+from surfaces import Border
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import LoadRecording
@@ -100,7 +101,7 @@ def test_contact_is_located_and_perceived_one_return_delay_later():
         recording = Run(name, ADAPTIVE)
         contact = recording.EventTimes("contact")[0]
         x = recording.Interpolate("tool_position", np.array([contact]))[0, 0]
-        surface = recording.scenario.contact_surface
+        surface = Border(recording.scenario, "contact")
         assert x == pytest.approx(surface, abs=1e-9)
         (switch,) = recording.EventTimes("surgeon_force")
         assert switch - contact == pytest.approx(0.1, abs=2e-6)

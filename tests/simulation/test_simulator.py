@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import SimulatorConfig, SimulatorStatus
 from pydrake.systems.framework import EventStatus
+from surfaces import Border
 
 from teleop_drake.numerics.interpolation import interpolate
 from teleop_drake.scenario import LoadScenario
@@ -61,7 +62,7 @@ def test_an_arm_wired_by_hand_runs_as_simulate_does():
     grid = np.linspace(0.0, 3.0, 30001)
     ours = interpolate(times, signals, grid)[:, 0].max()
     theirs = interpolate(recording.time, expected, grid)[:, 0].max()
-    assert theirs - scenario.contact_surface > 1e-3
+    assert theirs - Border(scenario, "contact") > 1e-3
     assert ours == pytest.approx(theirs, abs=1e-7)
     np.testing.assert_allclose(signals[-1], expected[-1], rtol=0, atol=1e-7)
 

@@ -13,6 +13,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.environments import Surface
 from teleop_drake.systems.surgeon import Surgeon
 
 
@@ -23,7 +24,7 @@ class Bench:
         parameters = {
             "velocity": [0.1, 0.0],
             "contact_force": [0.2, 0.0],
-            "contact_position": 0.55,
+            "contact_surface": Surface("contact", [0.55, 0.0], [1.0, 0.0]),
         } | arguments
         builder = DiagramBuilder()
         self.dut = builder.AddNamedSystem("dut", Surgeon(**parameters))
@@ -88,7 +89,11 @@ def test_contact_behind_a_sampled_channel(accuracy):
 
 def test_contact_is_latched():
     """It stays in force mode although the tool is felt in front of the bone again."""
-    dut = Surgeon(velocity=[0.1], contact_force=[0.2], contact_position=0.5)
+    dut = Surgeon(
+        velocity=[0.1],
+        contact_force=[0.2],
+        contact_surface=Surface("contact", [0.5], [1.0]),
+    )
     simulator = Simulator(dut)
     context = simulator.get_mutable_context()
     dut.GetInputPort("haptic_force").FixValue(context, [1.0])
@@ -113,7 +118,7 @@ def test_stop_before_contact_leaves_the_haptic_device_braking():
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"contact_force": None}, {"contact_position": None}]
+    "arguments", [{"contact_force": None}, {"contact_surface": None}]
 )
 def test_never_switches_without_force_or_surface(arguments):
     assert Bench(accuracy=1e-6, **arguments).At(3.0) == (0, [0.1, 0.0], [1.0, 2.0])
@@ -135,7 +140,7 @@ def test_feedthrough():
         ({"velocity": [math.nan]}, "velocity: "),
         ({"contact_force": [1.0, 2.0]}, "contact_force: .*1 finite"),
         ({"contact_force": [math.inf]}, "contact_force: "),
-        ({"contact_position": math.nan}, "contact_position: nan"),
+        ({"contact_surface": Surface("a", [math.inf], [1.0])}, "contact_surface"),
         ({"stop_time": -1.0}, "stop_time: -1.0"),
         ({"stop_time": math.nan}, "stop_time: nan"),
     ],

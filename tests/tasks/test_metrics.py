@@ -107,6 +107,7 @@ def Record(
             "control_force": table[:, 5:6],
             "forward_packet_received": table[:, 6:8],
         },
+        surfaces=scenario.Surfaces(),
         events=[],
         solver=SolverStatistics(
             scheme="runge_kutta5",
@@ -267,7 +268,9 @@ def test_overshoot_ends_at_the_puncture_or_the_contact():
     scenario = LoadScenario("one_dof")
     scenario.environment.layers = scenario.environment.layers[1:]
     scenario.environment.layers[0].start = -math.inf
-    metrics = RunMetrics(dataclasses.replace(recording, scenario=scenario))
+    metrics = RunMetrics(
+        dataclasses.replace(recording, scenario=scenario, surfaces=scenario.Surfaces())
+    )
     assert metrics["puncture"] is None
     assert metrics["start_velocity_overshoot"] == pytest.approx(B, rel=1e-6)
     assert metrics["collision"]["time"] == pytest.approx(
@@ -456,8 +459,10 @@ def test_environment_and_robot_of_ones_own():
     assert metrics["puncture"] == pytest.approx(expected["puncture"], rel=1e-4)
     assert metrics["collision"] == pytest.approx(expected["collision"], rel=1e-4)
 
-    # Its force is what was recorded, not what the scenario's layers would do.
-    del recording.signals["environment_layer"]
+    # Its force is what was recorded where no material tells it.
+    recording.surfaces = [
+        dataclasses.replace(surface, material=None) for surface in recording.surfaces
+    ]
     recording.signals["environment_force"] *= 2
     metrics = RunMetrics(recording)
     for event, name in (("puncture", "force"), ("collision", "peak_force")):

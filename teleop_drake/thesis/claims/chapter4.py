@@ -7,7 +7,12 @@ import numpy as np
 from teleop_drake.robots import SliderConfig
 from teleop_drake.thesis.claims.claim import PrintedNumber, Row, Statement
 from teleop_drake.thesis.claims.evidence import Both, Evidence, Run
-from teleop_drake.thesis.claims.measures import FarShare, LargestJump, UnlearnedShare
+from teleop_drake.thesis.claims.measures import (
+    FarShare,
+    HardMaterial,
+    LargestJump,
+    UnlearnedShare,
+)
 from teleop_drake.thesis.claims.requests import ADAPTIVE, NO_DELAY
 from teleop_drake.thesis.claims.wording import MM_S, MN, BothSeconds, Pair
 
@@ -179,7 +184,7 @@ def _ImpactForce(both: Both) -> list[Row]:
     d_first, a_first = both.Numbers("collision.initial_impact_force")
     d_peak, a_peak = both.Numbers("collision.peak_force")
     scenario = both.direct.recording.teleoperation
-    bone = scenario.environment.layers[-1].stiffness
+    bone = HardMaterial(scenario).stiffness
     assert isinstance(scenario.robot, SliderConfig)
     undamped = _V_D * math.sqrt(bone * (scenario.robot.mass or 0.0))
     return [

@@ -8,8 +8,10 @@ import math
 
 import numpy as np
 
+from teleop_drake.environments import CONTACT, Material
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import Recording
+from teleop_drake.scenario import Scenario
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.evidence import Run
 
@@ -46,9 +48,10 @@ def LargestJump(recording: Recording) -> float:
 
 def ImpactForces(recording: Recording) -> list[float]:
     """Returns the largest force of each contact that begins and ends, and the last."""
-    time, F = recording.time, recording["environment_force"][:, 0]
-    surface = recording.teleoperation.contact_surface
-    touches = recording["tool_position"][:, 0] >= surface
+    surface = recording.FindSurface(CONTACT)
+    assert surface is not None
+    time, F = recording.time, surface.Along(recording["environment_force"])
+    touches = surface.Depth(recording["tool_position"]) >= 0
     begins = np.flatnonzero(np.diff(touches.astype(int)) == 1) + 1
     ends = [*begins[1:], len(time)]
     return [float(F[i:j].max()) for i, j in zip(begins, ends, strict=True)]
@@ -85,25 +88,33 @@ def PathError(recording: Recording) -> np.ndarray:
     slave; the way is that from the start to the bone.
     """
     scenario = recording.teleoperation
-    surface = scenario.contact_surface
+    surface = recording.FindSurface(CONTACT)
     assert surface is not None
     before = recording.time <= FirstEvent(recording, "contact")
     arrived = np.maximum(recording.time[before] - scenario.forward_channel.delay, 0.0)
     asked = scenario.robot.start + np.outer(arrived, scenario.surgeon.velocity)
     error = np.abs(recording["tool_position"][before] - asked).max(axis=0)
-    return np.asarray(error) / (surface - float(scenario.robot.start[0]))
+    return np.asarray(error) / -float(surface.Depth(scenario.robot.start))
+
+
+def HardMaterial(scenario: Scenario) -> Material:
+    """Returns what is behind the contact surface: the bone."""
+    surface = scenario.FindSurface(CONTACT)
+    assert surface is not None and surface.material is not None
+    return surface.material
 
 
 def ForceRate(recording: Recording) -> np.ndarray:
-    """Returns dF_e/dt along x in N/s (N,), from the layers; jumps are left out.
+    """Returns dF_e/dt along x in N/s (N,), from the materials; jumps are left out.
 
     Args:
-        recording: A run with the signals environment_layer and tool_acceleration.
+        recording: A run in layers that begin one behind another, with the signals
+            environment_layer and tool_acceleration.
     """
-    layers = recording.teleoperation.environment.layers
+    materials = [surface.material for surface in recording.surfaces]
     index = recording["environment_layer"][:, 0].astype(int)
     k, d = (
-        np.array([*(getattr(layer, name) for layer in layers), 0.0])[index]
+        np.array([*(getattr(material, name) for material in materials), 0.0])[index]
         for name in ("stiffness", "damping")
     )
     v, a = recording["tool_velocity"][:, 0], recording["tool_acceleration"][:, 0]

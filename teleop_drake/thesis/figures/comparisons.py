@@ -42,7 +42,6 @@ class _Quantity:
                 signal=self.signal,
                 components=[k],
                 command=n + k if self.has_command else None,
-                is_x=self.is_position and k == 0,
             )
             for k in range(n)
         ]

@@ -4,7 +4,7 @@ import bisect
 
 import numpy as np
 
-from teleop_drake.laws.layered_force import layer_force, layer_index
+from teleop_drake.environments import CONTACT, FindSurface
 from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import Scenario
@@ -41,12 +41,14 @@ def SolvePlainly(
     assert isinstance(scenario.robot, SliderConfig)
     mass, damping = scenario.robot.mass, scenario.robot.damping
     assert mass is not None and damping is not None
-    surface, force = scenario.contact_surface, scenario.surgeon.contact_force
-    assert surface is not None and force is not None
+    surfaces = scenario.Surfaces()
+    contact, force = FindSurface(surfaces, CONTACT), scenario.surgeon.contact_force
+    assert contact is not None and force is not None
+    surface = float(contact.point_W[0])
     T_f, T_r = scenario.forward_channel.delay, scenario.return_channel.delay
     velocity = float(scenario.surgeon.velocity[0])
-    layers = scenario.environment.layers
-    starts = [layer.start for layer in layers]
+    materials = [surface.material for surface in surfaces]
+    starts = [float(surface.point_W[0]) for surface in surfaces]
     A, B, C, D = (
         np.asarray(matrix).tolist()
         for matrix in realize_transfer_function(
@@ -65,8 +67,9 @@ def SolvePlainly(
 
     def Rate(t: float, y: np.ndarray) -> np.ndarray:
         x, v, a, b = y.tolist()
-        i = layer_index(starts, x)
-        F_e = layer_force(layers[i], x, v) if i >= 0 else 0.0
+        i = bisect.bisect_right(starts, x) - 1
+        material = materials[i] if i >= 0 else None
+        F_e = 0.0 if material is None else material.Force(x, v)
         error = (0.0 if in_force_mode else velocity) - Delayed(v_log, t - T_r)
         return np.array(
             [

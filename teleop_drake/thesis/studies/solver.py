@@ -12,6 +12,7 @@ from teleop_drake.figures.style import COLORS, FONT_SIZE, WIDTH, FormatAxes
 from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
 from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.thesis.claims.measures import HardMaterial
 from teleop_drake.thesis.claims.requests import DIRECT
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies.plain_solver import SolvePlainly
@@ -58,8 +59,8 @@ def CollisionNumbers(
     scenario: Scenario, x: Sequence[float], v: Sequence[float]
 ) -> _Numbers:
     """Returns first impact, largest force and rebound as read off at the steps."""
-    bone = scenario.environment.layers[-1]
-    F = [bone.stiffness * max(position - bone.reference, 0.0) for position in x]
+    bone = HardMaterial(scenario)
+    F = [bone.stiffness * max(position - bone.relaxed, 0.0) for position in x]
     begin = next(i for i, force in enumerate(F) if force > 0)
     end = next((i for i in range(begin, len(F)) if F[i] == 0), len(F))
     return max(F[begin:end]), max(F), min(v)
@@ -155,7 +156,7 @@ def _Text(
     ]
     assert isinstance(scenario.robot, SliderConfig)
     undamped = abs(float(scenario.surgeon.velocity[0])) * math.sqrt(
-        scenario.environment.layers[-1].stiffness * (scenario.robot.mass or 0.0)
+        HardMaterial(scenario).stiffness * (scenario.robot.mass or 0.0)
     )
     ranges = "; ".join(
         f"{name} {scale * min(row[i] for row in loose):.3g} to "

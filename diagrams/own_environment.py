@@ -1,0 +1,96 @@
+"""An environment of your own: a floor under the arm, softer at first touch.
+
+The two classes below are all that it takes: a block with two inputs and one output, and
+a config that makes it. The block tells where its surface is and which way the normal
+points; the operator, the events, the metrics and the analysis ask it. So it works
+wherever an environment is named, in a scenario file or on the command line, if this
+folder is on Python's path:
+
+    teleop-drake run two_dof_collision --set environment.kind=own_environment:Floor
+
+Run `python diagrams/own_environment.py`: it draws the loop with the floor in it beside
+this file (or into the file given as an argument), lets the arm come down on the floor,
+and prints when it touches and how hard.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from teleop_drake.environments import EnvironmentConfig, Surface
+from teleop_drake.figures.block_diagram import WriteDiagram
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.validation import CheckNumber
+
+
+class HuntCrossleyWall(LeafSystem):
+    """F_e = K d^(3/2) (1 + B d') along the normal, at the depth d > 0.
+
+    Source: K. H. Hunt and F. R. E. Crossley, "Coefficient of restitution interpreted as
+    damping in vibroimpact", J. Applied Mechanics 42 (1975).
+    """
+
+    def __init__(self, *, surface, stiffness, damping):
+        LeafSystem.__init__(self)
+        self._surface, self._K, self._B = surface, stiffness, damping
+        n = surface.normal_W.size
+        self._p = self.DeclareVectorInputPort("tool_position", n)
+        self._v = self.DeclareVectorInputPort("tool_velocity", n)
+        self.DeclareVectorOutputPort("environment_force", n, self._CalcForce)
+
+    def Surfaces(self):
+        return [self._surface]
+
+    def _CalcForce(self, context, output):
+        depth = max(self._surface.Depth(self._p.Eval(context)), 0.0)
+        speed = self._surface.Along(self._v.Eval(context))
+        force = max(self._K * depth**1.5 * (1 + self._B * speed), 0.0)
+        output.SetFromVector(force * self._surface.normal_W)
+
+
+@dataclass(kw_only=True, eq=False)
+class Floor(EnvironmentConfig):
+    """A floor at `y`; what is below it is stiff."""
+
+    # Where it is, m.
+    y: float = -0.05
+    # K, N/m^(3/2), > 0.
+    stiffness: float = 1000.0
+    # B, s/m, >= 0.
+    damping: float = 2.0
+
+    def Check(self):
+        CheckNumber("y", self.y, "m")
+        CheckNumber("stiffness", self.stiffness, "N/m^1.5", above=0)
+        CheckNumber("damping", self.damping, "s/m", minimum=0)
+
+    def MakeEnvironment(self, start):
+        n = np.size(start)
+        normal_W = -np.eye(n)[1]  # Into the floor: down.
+        surface = Surface("contact", -self.y * normal_W, normal_W)
+        return HuntCrossleyWall(
+            surface=surface, stiffness=self.stiffness, damping=self.damping
+        )
+
+
+def main(picture: Path) -> None:
+    scenario = LoadScenario(
+        "two_dof_collision",
+        ["surgeon.velocity=[0, -0.1]", "surgeon.contact_force=[0, -0.2]", "duration=2"],
+    )
+    scenario.environment = Floor()
+    WriteDiagram(MakeTeleoperator(scenario), picture, max_depth=1)
+
+    collision = RunMetrics(simulate(scenario))["collision"]
+    time, force = collision["time"], collision["initial_impact_force"]
+    print(f"touches the floor at {time:.3f} s; first impact {force:.3f} N")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).with_suffix(".svg"))

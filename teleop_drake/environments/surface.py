@@ -1,0 +1,184 @@
+"""What an environment tells of itself: its surfaces, and what lies behind them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Diagram, System
+
+Array = NDArray[np.float64]
+
+CONTACT = "contact"
+"""Name of the hard surface: where the operator perceives contact."""
+
+PUNCTURE = "puncture"
+"""Name of the surface at which the tool leaves the material that yields."""
+
+EMPTY = "empty"
+"""What the space in front of all surfaces is called."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """One spring and damper along the normal of a surface (2.14).
+
+    The force on it is stiffness (p_WT . normal - relaxed) + damping v_WT . normal.
+
+    Attributes:
+        name: What it is called.
+        stiffness: k_e in N/m.
+        damping: d_e in N s/m.
+        relaxed: p_WT . normal at which the spring is relaxed, in m.
+    """
+
+    name: str
+    stiffness: float
+    damping: float
+    relaxed: float
+
+    def Force(self, position: float, velocity: float) -> float:
+        """Returns the force on it in N.
+
+        Args:
+            position: p_WT . normal in m.
+            velocity: v_WT . normal in m/s.
+        """
+        return self.stiffness * (position - self.relaxed) + self.damping * velocity
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A plane at which the force of an environment jumps or has a kink.
+
+    Attributes:
+        name: What it is called: CONTACT, PUNCTURE or a name of one's own.
+        point_W: A point on it in m (n).
+        normal_W: Its unit normal, which points into the material (n).
+        material: What is behind it, as far as the next surface of a stack of parallel
+            ones. None: something else than one spring and damper.
+
+    Raises:
+        ValueError: If the vectors do not fit together or the normal has no direction.
+    """
+
+    name: str
+    point_W: Array
+    normal_W: Array
+    material: Material | None = None
+
+    def __post_init__(self) -> None:
+        """Turns vectors of other types into arrays, and checks them."""
+        point_W, normal_W = (
+            np.array(x, dtype=float) for x in (self.point_W, self.normal_W)
+        )
+        if point_W.ndim != 1 or point_W.shape != normal_W.shape:
+            raise ValueError(
+                f"surface {self.name!r}: point_W and normal_W of shapes "
+                f"{point_W.shape} and {normal_W.shape}; allowed: n numbers each"
+            )
+        if np.isnan(point_W).any() or not np.isclose(np.linalg.norm(normal_W), 1.0):
+            raise ValueError(
+                f"surface {self.name!r}: normal_W = {normal_W.tolist()}; allowed: a "
+                "unit vector"
+            )
+        object.__setattr__(self, "point_W", point_W)
+        object.__setattr__(self, "normal_W", normal_W)
+
+    def Along(self, vector: ArrayLike) -> Any:
+        """Returns the component of vectors (..., n) along the normal (...)."""
+        return np.asarray(vector, dtype=float) @ self.normal_W
+
+    def Depth(self, p_WT: ArrayLike) -> Any:
+        """Returns how far points (..., n) are behind the surface in m (...).
+
+        It is negative in front of it.
+        """
+        return self.Along(np.asarray(p_WT, dtype=float) - self.point_W)
+
+    def ToRecord(self) -> dict[str, Any]:
+        """Returns plain data, from which FromRecord() gives an equal surface."""
+        return {
+            "name": self.name,
+            "point_W": self.point_W.tolist(),
+            "normal_W": self.normal_W.tolist(),
+            "material": None if self.material is None else vars(self.material),
+        }
+
+    @classmethod
+    def FromRecord(cls, record: dict[str, Any]) -> "Surface":
+        """Returns the surface that ToRecord() has written.
+
+        Args:
+            record: What it returned.
+        """
+        material = record["material"]
+        return cls(**{**record, "material": material and Material(**material)})
+
+
+def SurfacesOf(system: System) -> tuple[Surface, ...] | None:
+    """Returns the surfaces that an environment tells, None if it tells none.
+
+    Args:
+        system: A system with a method Surfaces(), or a Diagram with such systems in it.
+    """
+    tell: Callable[[], Sequence[Surface]] | None = getattr(system, "Surfaces", None)
+    if tell is not None:
+        return tuple(tell())
+    if not isinstance(system, Diagram):
+        return None
+    told = [SurfacesOf(part) for part in system.GetSystems()]
+    known = [surfaces for surfaces in told if surfaces is not None]
+    return tuple(surface for part in known for surface in part) if known else None
+
+
+def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:
+    """Returns the first surface of a name, None if there is none.
+
+    Args:
+        surfaces: Of the environment.
+        name: CONTACT for example.
+    """
+    return next((surface for surface in surfaces if surface.name == name), None)
+
+
+def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:
+    """Returns the surface which is nearest in front of a point, None if none is.
+
+    Args:
+        surfaces: Of the environment.
+        p_WT: The point in m (n).
+    """
+    passed = [x for x in surfaces if x.Depth(p_WT) >= 0]
+    return min(passed, key=lambda x: float(x.Depth(p_WT)), default=None)
+
+
+def MaterialAt(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Material | None:
+    """Returns what is behind the surface that is nearest in front of a point.
+
+    Args:
+        surfaces: Of the environment.
+        p_WT: The point in m (n).
+    """
+    surface = LastPassed(surfaces, p_WT)
+    return None if surface is None else surface.material
+
+
+def StackNormal(surfaces: Sequence[Surface]) -> Array | None:
+    """Returns the normal of a stack: parallel surfaces, all with a material.
+
+    Of a stack the force is known everywhere: nothing in front of the first surface, and
+    behind each of them the law of its material.
+
+    Args:
+        surfaces: Of the environment.
+
+    Returns:
+        The normal (n), None if they are no stack.
+    """
+    if not surfaces or any(surface.material is None for surface in surfaces):
+        return None
+    normal = surfaces[0].normal_W
+    is_parallel = all(np.array_equal(surface.normal_W, normal) for surface in surfaces)
+    return normal if is_parallel else None

@@ -1,0 +1,122 @@
+"""An environment of a user's own: its surface is where contact is, and nothing else."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from teleop_drake.cli import main
+from teleop_drake.environments import EnvironmentConfig, Surface
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.teleoperator import MakeTeleoperator
+
+DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+sys.path.append(str(DIAGRAMS))
+from own_environment import Floor, HuntCrossleyWall  # noqa: E402
+
+DOWN = ["surgeon.velocity=[0, -0.1]", "surgeon.contact_force=[0, -0.2]"]
+
+
+@dataclass(kw_only=True, eq=False)
+class Wall(EnvironmentConfig):
+    """A wall across x that tells its surface, or does not."""
+
+    x: float = 1.05
+    tells: bool = True
+
+    def MakeEnvironment(self, start):
+        normal_W = np.eye(np.size(start))[0]
+        wall = HuntCrossleyWall(
+            surface=Surface("contact", self.x * normal_W, normal_W),
+            stiffness=1000.0,
+            damping=1.0,
+        )
+        if not self.tells:
+            wall.Surfaces = None
+        return wall
+
+
+def Simulate(environment, *overrides, as_block=False):
+    scenario = LoadScenario("two_dof_collision", [*overrides, "duration=3"])
+    if as_block:  # The scenario's layers have their bone at 1.0 m.
+        block = environment.MakeEnvironment(scenario.robot.start)
+        teleoperator = MakeTeleoperator(scenario, environment=block)
+        return simulate(scenario, teleoperator=teleoperator)
+    scenario.environment = environment
+    return simulate(scenario)
+
+
+@pytest.mark.parametrize("as_block", [False, True], ids=["kind", "environment="])
+def test_all_asks_the_wall(as_block):
+    recording = Simulate(Wall(), as_block=as_block)
+    (contact, *_) = recording.EventTimes("contact")
+    x = recording.Interpolate("tool_position", np.array([contact]))[0, 0]
+    assert x == pytest.approx(1.05, abs=1e-8)
+    force = recording["environment_force"][:, 0]
+    first_force = recording.time[np.flatnonzero(force > 0)[0]]
+    assert contact <= first_force < contact + 0.01
+    (switch,) = recording.EventTimes("surgeon_force")
+    assert switch == pytest.approx(contact + 0.1, abs=1e-5)
+    collision = RunMetrics(recording)["collision"]
+    assert collision["time"] == pytest.approx(contact, abs=1e-8)
+    assert collision["peak_force"] == pytest.approx(force.max(), rel=0.01)
+
+
+def test_a_floor_is_met_from_above(tmp_path):
+    recording = Simulate(Floor(y=-0.05), *DOWN)
+    (contact, *_) = recording.EventTimes("contact")
+    y = recording.Interpolate("tool_position", np.array([contact]))[0, 1]
+    assert y == pytest.approx(-0.05, abs=1e-8)
+    metrics = RunMetrics(recording)
+    # Along the normal: the force on the floor is positive, the rebound is upwards.
+    force = -recording["environment_force"][:, 1]
+    assert metrics["collision"]["peak_force"] == pytest.approx(force.max(), rel=0.01)
+    assert (
+        metrics["collision"]["velocity"] > 0 > metrics["collision"]["rebound_velocity"]
+    )
+    assert metrics["puncture"] is None and recording.notes == []
+
+    recording.Save(tmp_path / "run.npz")
+    again = RunMetrics(LoadRecording(tmp_path / "run.npz"))
+    assert again == metrics
+
+
+def test_without_surfaces_the_metrics_are_left_out_and_that_is_said():
+    recording = Simulate(Wall(tells=False), as_block=True)
+    assert recording["environment_force"][:, 0].max() > 0
+    assert (
+        recording.EventTimes("contact") == recording.EventTimes("surgeon_force") == []
+    )
+    metrics = RunMetrics(recording)
+    assert metrics["collision"] is None and metrics["puncture"] is None
+    (note,) = recording.notes
+    assert "tells no surfaces" in note
+
+
+def test_commands(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    own = [
+        x
+        for override in (*DOWN, "environment={kind: own_environment:Floor, y: -0.02}")
+        for x in ("--set", override)
+    ]
+    short = [*own, "--duration", "1"]
+    assert main(["run", "two_dof_collision", *short, "--json", "-", "--quiet"]) == 0
+    collision = json.loads(capsys.readouterr().out)["metrics"]["collision"]
+    assert 0.2 < collision["time"] < 1.0
+    assert main(["compare", "two_dof_collision", *short, "--out", "c", "--quiet"]) == 0
+    sweep = ["sweep", "two_dof_collision", *short, "--delay", "0.05,0.1", "--out", "s"]
+    assert main([*sweep, "--jobs", "1", "--quiet"]) == 0
+    lines = Path("s/runs.jsonl").read_text().splitlines()
+    times = [json.loads(x)["metrics"]["collision"]["time"] for x in lines]
+    assert len(times) == 4 and min(times) > 0.2
+    capsys.readouterr()
+    assert main(["analyze", "two_dof_collision", *own]) == 0
+    assert "contact" in capsys.readouterr().out
+    assert main(["diagram", "two_dof_collision", *own, "-o", "loop.dot"]) == 0
