@@ -15,6 +15,9 @@ from runs import TASKS, Run
 
 from teleop_drake.scenario import CONTROLLERS
 
+# They look at the same runs.
+pytestmark = pytest.mark.xdist_group("runs")
+
 # Forward and return delay in s, and the part of the task that is compared.
 DELAYS = {
     "thesis": (0.1, 0.1),

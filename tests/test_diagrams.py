@@ -16,6 +16,9 @@ from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
+# A script runs once for all that is asked of it.
+pytestmark = pytest.mark.xdist_group("diagrams")
+
 DIRECTORY = Path(__file__).parent.parent / "diagrams"
 SCRIPTS = sorted(DIRECTORY.glob("*.py"))
 

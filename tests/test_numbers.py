@@ -8,6 +8,9 @@ from runs import TASKS, Run
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.tasks.metrics import RunSummary
 
+# They look at the same runs.
+pytestmark = pytest.mark.xdist_group("runs")
+
 DIRECT, ADAPTIVE = CONTROLLERS
 
 

@@ -20,6 +20,9 @@ from teleop_drake.simulation import MakeDiagram, run_monitor, simulate
 from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
+# They look at the same runs.
+pytestmark = pytest.mark.xdist_group("runs")
+
 DIRECT, ADAPTIVE = CONTROLLERS
 
 

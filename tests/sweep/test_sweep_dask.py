@@ -40,6 +40,7 @@ def expected():
         return Sweep("one_dof", GRID, overrides=OVERRIDES, executor=executor).records
 
 
+@pytest.mark.slow  # test_sweep.py kills processes of its own.
 def test_a_killed_worker_costs_no_run(cluster, expected):
     with distributed.Client(cluster) as client:
         pids = client.run(os.getpid)
