@@ -210,7 +210,7 @@ def test_filters_and_drift_correction_act():
         # A third of the packets is lost, so the waves do not arrive complete.
         recording = Wave(
             "one_dof",
-            "duration=9.0",
+            "duration=4.0",
             "forward_channel={kind: network, delay: 0.1, sample_period: 0.01, "
             "loss: {kind: independent, probability: 0.3}}",
             *more,
