@@ -21,6 +21,8 @@ NO_DELAYS = Delays(
     outputs=np.empty(0, dtype=int),
     sizes=np.empty(0, dtype=int),
     initial_values=np.empty(0),
+    packet_ranges=np.empty((0, 2), dtype=int),
+    packets=np.empty((0, 3)),
 )
 NO_TRANSITIONS = Transitions(
     guards=np.empty(0, dtype=int),
@@ -49,6 +51,7 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
         x_stage=np.zeros(n),
         x_next=np.zeros(n),
         dx=np.zeros(n),
+        next_packets=problem.delays.packet_ranges[:, 0].copy(),
         next_times=periods.copy(),
         breaks=np.zeros((50, 2)),
         steps=np.zeros((room, 2)),
@@ -88,20 +91,35 @@ def decay(t, x, m, p, q, y, dx, everything):
     dx[0] = -y[1]
 
 
-def test_the_method_of_steps():
-    """dx/dt = -x(t - 1) from x = 1: at t = 2.5 a polynomial of degree 3."""
-    delays = Delays(
-        times=np.array([1.0]),
+def OneDelay(time, packets=()):
+    return Delays(
+        times=np.array([time]),
         signals=np.array([0]),
         outputs=np.array([1]),
         sizes=np.array([1]),
         initial_values=np.array([1.0]),
+        packet_ranges=np.array([[0, len(packets)]]),
+        packets=np.array(packets, dtype=float).reshape(-1, 3),
     )
-    problem = MakeProblem(delays=delays)
+
+
+def test_the_method_of_steps():
+    """dx/dt = -x(t - 1) from x = 1: at t = 2.5 a polynomial of degree 3."""
+    problem = MakeProblem(delays=OneDelay(1.0))
     memory = MakeMemory([1.0], num_signals=2, problem=problem)
     assert advance(decay, problem, memory, 2.5, 1e-9, 0.1) == DONE
     expected = 1 - 2.5 + 1.5**2 / 2 - 0.5**3 / 6
     assert memory.x[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_packets_are_held():
+    """dx/dt = -x(k) from k + 0.5 on, where packet k is shown, and -1 before."""
+    packets = [(k + 0.5, k, -math.inf) for k in range(3)]
+    problem = MakeProblem(delays=OneDelay(math.inf, packets))
+    memory = MakeMemory([1.0], num_signals=2, problem=problem)
+    assert advance(decay, problem, memory, 2.5, 1e-9, 0.1) == DONE
+    # x(0) = 1, x(1) = 0: -1 up to 1.5, then 0.
+    assert memory.x[0] == pytest.approx(-0.5, abs=1e-9)
 
 
 def relay(t, x, m, p, q, y, dx, everything):
