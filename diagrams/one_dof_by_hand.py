@@ -13,7 +13,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import WriteDiagram
@@ -22,7 +23,6 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
 from teleop_drake.simulation import MakeSimulator
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.surgeon import Surgeon
 

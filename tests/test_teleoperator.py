@@ -5,16 +5,16 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels import SampledChannelConfig
-from teleop_drake.channels.sampled_delay import SampledDelay
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import DiagramDot
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
-from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
 FIGURE_2_1 = {

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.numerics.sample_history import SampleHistory
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 
 Array = NDArray[np.float64]
 

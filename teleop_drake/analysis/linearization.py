@@ -54,15 +54,17 @@ from teleop_drake.analysis.cut_diagram import (
 )
 from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
 from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.architectures.passivity_master import PassivityMaster
-from teleop_drake.architectures.passivity_slave import PassivitySlave
-from teleop_drake.architectures.wave_slave import WaveSlave
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.architectures.time_domain_passivity import (
+    PassivityMaster,
+    PassivitySlave,
+)
+from teleop_drake.architectures.wave_variables import WaveSlave
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments.surface import SurfacesOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import Scenario
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.systems.surgeon import Surgeon
 from teleop_drake.teleoperator import MakeTeleoperator
 

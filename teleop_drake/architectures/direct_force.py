@@ -2,9 +2,73 @@
 
 from dataclasses import dataclass
 
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.kernel import Kernel
+from teleop_drake.validation import CheckNumber
+
+
+class DirectForce(LeafSystem):
+    """Applies the haptic force as it arrives: no controller at the slave.
+
+        F_c = F_hd = F_h(t - T_f)                                       (section 2.1)
+
+    | port | name              | size | unit |
+    |------|-------------------|------|------|
+    | in   | haptic_force      | n    | N    |
+    | in   | velocity_command  | n    | m/s  |
+    | in   | tool_position     | n    | m    |
+    | in   | tool_velocity     | n    | m/s  |
+    | in   | environment_force | n    | N    |
+    | out  | control_force     | n    | N    |
+
+    The ports are those of every control law; all inputs but haptic_force are ignored
+    and need not be connected.
+
+    State: none.
+
+    Direct feedthrough: from haptic_force only.
+
+    It has no telemetry, and does not limit or filter the force.
+
+    Args:
+        num_axes: Number n of task axes, >= 1.
+
+    Raises:
+        ValueError: If num_axes < 1.
+    """
+
+    def __init__(self, *, num_axes: int):
+        LeafSystem.__init__(self)
+        CheckNumber("num_axes", num_axes, minimum=1)
+        self.set_name("direct_force")
+        self._haptic_force = self.DeclareVectorInputPort("haptic_force", num_axes)
+        for name in (
+            "velocity_command",
+            "tool_position",
+            "tool_velocity",
+            "environment_force",
+        ):
+            self.DeclareVectorInputPort(name, num_axes)
+        self.DeclareVectorOutputPort(
+            "control_force",
+            num_axes,
+            self._CalcControlForce,
+            prerequisites_of_calc={self._haptic_force.ticket()},
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        unused = ("velocity_command", "tool_position", "tool_velocity")
+        return Kernel(
+            outputs={"control_force": "haptic_force"},
+            unused=(*unused, "environment_force"),
+        )
+
+    def _CalcControlForce(self, context: Context, control_force: BasicVector) -> None:
+        control_force.SetFromVector(self._haptic_force.Eval(context))
 
 
 @dataclass(kw_only=True, eq=False)

@@ -1,19 +1,124 @@
 """Direct force with a model of the robot at the master: Smith's predictor."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    Demultiplexer,
+    Gain,
+    LinearSystem,
+    Multiplexer,
+)
 
 from teleop_drake.architectures.base import (
     Architecture,
     ArchitectureConfig,
     MakeLawArchitecture,
 )
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.architectures.smith_predictor_master import SmithPredictorMaster
-from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix
+
+
+class SmithPredictorMaster(Diagram):
+    """Lets the operator feel a model of the tool now and the tool's error later.
+
+        v_felt = v_ret + v_model(t) - v_model(t - T)
+        M dv_model/dt = F_h - B v_model - K y,   dy/dt = v_model
+
+    for a slave that applies F_h(t - T_f) and returns its velocity, T = T_f + T_r. If
+    model and delay are exact, v_ret = v_model(t - T): the operator feels the model
+    alone, F_h is that of the loop without delay, and the tool does what it would do
+    there, T_f later. What the model does not know, such as a puncture or the bone,
+    comes back through the whole delay as without a predictor.
+
+    Source: O. J. M. Smith, "Closer control of loops with dead time", Chemical
+    Engineering Progress 53 (1957).
+
+    | port | name             | size | unit     | is                         |
+    |------|------------------|------|----------|----------------------------|
+    | in   | haptic_force     | n    | N        | F_h                        |
+    | in   | velocity_command | n    | m/s      | v_d                        |
+    | in   | return_packet    | 2n   | [m; m/s] | [p_WT; v_ret]              |
+    | out  | felt_position    | n    | m        | p_WT as received           |
+    | out  | felt_velocity    | n    | m/s      | v_felt                     |
+    | out  | forward_packet   | 2n   | [N; m/s] | [F_h; v_d]                 |
+    | out  | model_velocity   | n    | m/s      | v_model                    |
+
+    State: [y (n), v_model (n)] and the history of a TransportDelay.
+
+    Initial value: zero; y counts from the start of the tool, at which the model's
+    spring is relaxed.
+
+    Direct feedthrough: haptic_force and velocity_command to forward_packet,
+    return_packet to felt_position and felt_velocity.
+
+    The model is linear and has no layers. Its delay does not follow one that varies.
+
+    Args:
+        mass: M in kg (n, n), symmetric positive definite.
+        damping: B in N s/m (n, n), symmetric, not negative.
+        stiffness: K in N/m (n, n), symmetric, not negative.
+        delay: T in s, >= 0.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        mass: ArrayLike,
+        damping: ArrayLike,
+        stiffness: ArrayLike,
+        delay: float,
+    ):
+        Diagram.__init__(self)
+        n = np.atleast_2d(mass).shape[0]
+        M_inverse = np.linalg.inv(CheckGain("mass", mass, n))
+        B = CheckGain("damping", damping, n, may_be_zero=True)
+        K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
+        nothing, one = np.zeros((n, n)), np.eye(n)
+        builder = DiagramBuilder()
+        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
+        model = builder.AddNamedSystem(
+            "model",
+            LinearSystem(
+                np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
+                np.vstack([nothing, M_inverse]),
+                np.hstack([nothing, one]),
+                nothing,
+            ),
+        )
+        model_delay = builder.AddNamedSystem(
+            "model_delay",
+            # The steps of the solver are what limits the error.
+            TransportDelay(delay=delay, size=n, max_sample_interval=math.inf),
+        )
+        negation = builder.AddNamedSystem("negation", Gain(-1.0, n))
+        felt = builder.AddNamedSystem("felt", Adder(3, n))
+        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
+        force = builder.ExportInput(model.get_input_port(), "haptic_force")
+        builder.ConnectInput(force, pack.get_input_port(0))
+        builder.ExportInput(pack.get_input_port(1), "velocity_command")
+        builder.ExportInput(unpack.get_input_port(), "return_packet")
+        builder.Connect(model.get_output_port(), model_delay.get_input_port())
+        builder.Connect(model_delay.get_output_port(), negation.get_input_port())
+        builder.Connect(unpack.get_output_port(1), felt.get_input_port(0))
+        builder.Connect(model.get_output_port(), felt.get_input_port(1))
+        builder.Connect(negation.get_output_port(), felt.get_input_port(2))
+        builder.ExportOutput(unpack.get_output_port(0), "felt_position")
+        builder.ExportOutput(felt.get_output_port(), "felt_velocity")
+        builder.ExportOutput(pack.get_output_port(), "forward_packet")
+        builder.ExportOutput(model.get_output_port(), "model_velocity")
+        builder.BuildInto(self)
+        self.set_name("smith_predictor_master")
+
 
 Array = NDArray[np.float64]
 

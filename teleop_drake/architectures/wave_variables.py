@@ -3,15 +3,382 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    LeafSystem,
+)
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
+from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.architectures.wave_master import WaveMaster
-from teleop_drake.architectures.wave_slave import WaveSlave
 from teleop_drake.channels import ChannelConfig
-from teleop_drake.laws.wave_variables import passive_scaling
+from teleop_drake.kernel import Kernel, Name, Term, times
+from teleop_drake.laws.wave_variables import (
+    drift_correcting_wave,
+    filtered_wave_rate,
+    line_power,
+    master_velocity,
+    passive_scaling,
+    reflected_wave,
+    slave_force,
+    wave_root,
+)
 from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
+
+
+class WaveMaster(LeafSystem):
+    """Turns the operator's force and the returning wave into velocity and a wave.
+
+        v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
+        u   = (2 b)^(1/2) v_m - w
+
+    with the wave impedance b, a damper D beside the line, and w = f w_received, which
+    is behind a low-pass where there is a bandwidth: dw/dt = bandwidth (f w_received -
+    w). The line gets F_h - D v_m. With D = b, u does not depend on w: nothing is
+    reflected at this end. The law is `teleop_drake.laws.wave_variables`.
+
+    | port | name             | size | unit          | is                         |
+    |------|------------------|------|---------------|----------------------------|
+    | in   | haptic_force     | n    | N             | F_h                        |
+    | in   | velocity_command | n    | m/s           | ignored                    |
+    | in   | return_packet    | 2n   | [W^(1/2); m]  | [w; p_WT] of WaveSlave     |
+    | out  | felt_position    | n    | m             | p_WT as received           |
+    | out  | felt_velocity    | n    | m/s           | v_m                        |
+    | out  | forward_packet   | 2n   | [W^(1/2); m]  | [u; x_m]                   |
+    | out  | master_position  | n    | m             | x_m, integral of v_m       |
+    | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
+
+    State (continuous): [x_m (n), and w (n) if there is a bandwidth].
+
+    Initial value: x_m = start, w = 0.
+
+    Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
+    return_packet to felt_position and, unless there is a bandwidth, to felt_velocity,
+    master_power and (unless D = b) forward_packet.
+
+    It knows no delay and no energy: what is passive is the line as a whole. The
+    position that the operator feels is where the tool was, not x_m.
+
+    Args:
+        impedance: b in N s/m (n, n), symmetric positive definite.
+        damping: D in N s/m (n, n), symmetric, not negative.
+        start: x_m at time 0 in m (n).
+        scaling: f, factor on the received wave; see passive_scaling().
+        bandwidth: Corner of the low-pass in rad/s; None: no low-pass.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        impedance: ArrayLike,
+        damping: ArrayLike,
+        start: ArrayLike,
+        scaling: float = 1.0,
+        bandwidth: float | None = None,
+    ):
+        LeafSystem.__init__(self)
+        self.set_name("wave_master")
+        b = np.array(impedance, dtype=float)
+        start = np.array(start, dtype=float)
+        self._S = wave_root(b)
+        n = self._n = self._S.shape[0]
+        self._D = CheckGain("damping", damping, n, may_be_zero=True)
+        if start.shape != (n,):
+            Refuse("start", start, f"{n} finite numbers (m)")
+        CheckWavePath(scaling, bandwidth)
+        self._f, self._bandwidth = scaling, bandwidth
+        self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)
+        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("velocity_command", n)
+        self._packet = self.DeclareVectorInputPort("return_packet", 2 * n)
+        initial = np.append(start, [0.0] * (n if bandwidth else 0))
+        self.DeclareContinuousState(BasicVector(initial))
+        received = self.xc_ticket() if bandwidth else self._packet.ticket()
+        both = {self._F_h.ticket(), received}
+        reflected = set() if self._is_matched else {received}
+        self.DeclareVectorOutputPort(
+            "felt_position",
+            n,
+            self._CalcFeltPosition,
+            prerequisites_of_calc={self._packet.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "felt_velocity", n, self._CalcFeltVelocity, prerequisites_of_calc=both
+        )
+        self.DeclareVectorOutputPort(
+            "forward_packet",
+            2 * n,
+            self._CalcForwardPacket,
+            prerequisites_of_calc={self._F_h.ticket(), self.xc_ticket(), *reflected},
+        )
+        self.DeclareVectorOutputPort(
+            "master_position",
+            n,
+            self._CalcMasterPosition,
+            prerequisites_of_calc={self.xc_ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "master_power", n, self._CalcMasterPower, prerequisites_of_calc=both
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = int(self._n)
+        wave: Name = ("state", n, 2 * n) if self._bandwidth else "received"
+        outputs: dict[str, Term] = {
+            "received": (times, ("return_packet", 0, n), "scaling"),
+            "velocity": (master_velocity, "haptic_force", wave, "root", "damping"),
+            "felt_position": ("return_packet", n, 2 * n),
+            "felt_velocity": "velocity",
+            "master_position": ("state", 0, n),
+            "master_power": (line_power, "haptic_force", "velocity", "damping"),
+        }
+        # Where nothing is reflected the arriving wave must not be looked at.
+        seen: Name = "nothing" if self._is_matched else wave
+        outputs |= {
+            "own_velocity": (master_velocity, "haptic_force", seen, "root", "damping"),
+            "reflected": (reflected_wave, "own_velocity", seen, "root"),
+            "forward_packet": ["reflected", ("state", 0, n)],
+        }
+        rate: list[Name] = ["velocity"]
+        if self._bandwidth:
+            outputs["filtered"] = (filtered_wave_rate, wave, "received", "bandwidth")
+            rate.append("filtered")
+        return Kernel(
+            parameters={
+                "scaling": self._f,
+                "bandwidth": self._bandwidth or 0.0,
+                "root": self._S,
+                "damping": self._D,
+                "nothing": np.zeros(n),
+            },
+            rate=rate,
+            outputs=outputs,
+            sizes=dict.fromkeys(
+                ("received", "velocity", "own_velocity", "reflected", "filtered"), n
+            ),
+            unused=("velocity_command",),
+        )
+
+    def _Wave(self, context: Context) -> np.ndarray:
+        wave: np.ndarray
+        if self._bandwidth:
+            wave = context.get_continuous_state_vector().CopyToVector()[self._n :]
+        else:
+            wave = self._f * self._packet.Eval(context)[: self._n]
+        return wave
+
+    def _Velocity(self, context: Context) -> np.ndarray:
+        return master_velocity(
+            self._F_h.Eval(context),
+            self._Wave(context),
+            root=self._S,
+            damping=self._D,
+        )
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Calculates d/dt [x_m, w]."""
+        rate = self._Velocity(context)
+        if self._bandwidth:
+            received = self._f * self._packet.Eval(context)[: self._n]
+            change = filtered_wave_rate(self._Wave(context), received, self._bandwidth)
+            rate = np.concatenate([rate, change])
+        derivatives.get_mutable_vector().SetFromVector(rate)
+
+    def _CalcFeltPosition(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._packet.Eval(context)[self._n :])
+
+    def _CalcFeltVelocity(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._Velocity(context))
+
+    def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
+        # Where nothing is reflected the arriving wave must not be looked at: without a
+        # delay it depends on this very output.
+        w = np.zeros(self._n) if self._is_matched else self._Wave(context)
+        v = master_velocity(self._F_h.Eval(context), w, root=self._S, damping=self._D)
+        u = reflected_wave(v, w, root=self._S)
+        x_m = context.get_continuous_state_vector().CopyToVector()[: self._n]
+        output.SetFromVector(np.concatenate([u, x_m]))
+
+    def _CalcMasterPosition(self, context: Context, output: BasicVector) -> None:
+        x = context.get_continuous_state_vector().CopyToVector()
+        output.SetFromVector(x[: self._n])
+
+    def _CalcMasterPower(self, context: Context, output: BasicVector) -> None:
+        F_h, v = self._F_h.Eval(context), self._Velocity(context)
+        output.SetFromVector(line_power(F_h, v, self._D))
+
+
+class WaveSlave(LeafSystem):
+    """Turns the arriving wave and the tool's velocity into a force and a wave.
+
+        F_c = (2 b)^(1/2) u - b v
+        w   = (2 b)^(1/2) v - u
+
+    with the wave impedance b and u = f u_received, which is behind a low-pass where
+    there is a bandwidth: du/dt = bandwidth (f u_received - u). To this u may come
+    (b/2)^(1/2) rate (x_m - p_WT), which moves the tool towards where the master was,
+    as far as |u| does not grow on any axis: the correction can only take energy out of
+    the line. The law is `teleop_drake.laws.wave_variables`.
+
+    | port | name              | size | unit         | is                        |
+    |------|-------------------|------|--------------|---------------------------|
+    | in   | forward_packet    | 2n   | [W^(1/2); m] | [u; x_m] of WaveMaster    |
+    | in   | tool_position     | n    | m            | p_WT                      |
+    | in   | tool_velocity     | n    | m/s          | v                         |
+    | in   | environment_force | n    | N            | ignored                   |
+    | out  | control_force     | n    | N            | F_c                       |
+    | out  | return_packet     | 2n   | [W^(1/2); m] | [w; p_WT]                 |
+    | out  | slave_power       | n    | W            | F_c v per axis            |
+
+    State (continuous): u (n) if there is a bandwidth, else none.
+
+    Initial value: u = 0.
+
+    Direct feedthrough: tool_velocity and, unless there is a bandwidth, forward_packet
+    to all outputs; tool_position to return_packet and, if there is a correction, to
+    all; with a correction also forward_packet to all.
+
+    The correction follows Niemeyer and Slotine, who feed the position back through the
+    wave without adding to its energy ("Towards force-reflecting teleoperation over the
+    internet", ICRA 1998; "Telemanipulation with time delays", Int. J. Robotics
+    Research 23, 2004). It cannot act while no wave arrives.
+
+    Args:
+        impedance: b in N s/m (n, n), symmetric positive definite.
+        scaling: f, factor on the received wave; see passive_scaling().
+        bandwidth: Corner of the low-pass in rad/s; None: no low-pass.
+        drift_correction: Rate in 1/s, >= 0; 0: none.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        impedance: ArrayLike,
+        scaling: float = 1.0,
+        bandwidth: float | None = None,
+        drift_correction: float = 0.0,
+    ):
+        LeafSystem.__init__(self)
+        self.set_name("wave_slave")
+        self._S = wave_root(impedance)
+        n = self._n = self._S.shape[0]
+        CheckWavePath(scaling, bandwidth)
+        self._f, self._bandwidth = scaling, bandwidth
+        if not 0 <= drift_correction < np.inf:
+            Refuse("drift_correction", drift_correction, "a number >= 0 (1/s)")
+        self._rate = drift_correction
+        self._packet = self.DeclareVectorInputPort("forward_packet", 2 * n)
+        self._p = self.DeclareVectorInputPort("tool_position", n)
+        self._v = self.DeclareVectorInputPort("tool_velocity", n)
+        self.DeclareVectorInputPort("environment_force", n)
+        if bandwidth:
+            self.DeclareContinuousState(n)
+        wave = {self.xc_ticket() if bandwidth else self._packet.ticket()}
+        if drift_correction:
+            wave |= {self._packet.ticket(), self._p.ticket()}
+        wave.add(self._v.ticket())
+        self.DeclareVectorOutputPort(
+            "control_force", n, self._CalcControlForce, prerequisites_of_calc=wave
+        )
+        self.DeclareVectorOutputPort(
+            "return_packet",
+            2 * n,
+            self._CalcReturnPacket,
+            prerequisites_of_calc={*wave, self._p.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "slave_power", n, self._CalcSlavePower, prerequisites_of_calc=wave
+        )
+
+    @property
+    def drift_correction(self) -> float:
+        """Rate in 1/s at which the tool is pulled to the master's position."""
+        return self._rate
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = int(self._n)
+        outputs: dict[str, Term] = {
+            "received": (times, ("forward_packet", 0, n), "scaling")
+        }
+        wave = "state" if self._bandwidth else "received"
+        if self._rate > 0:
+            outputs["corrected"] = (
+                drift_correcting_wave, wave, ("forward_packet", n, 2 * n),
+                "tool_position", "root", "drift_correction",
+            )  # fmt: skip
+            wave = "corrected"
+        outputs |= {
+            "control_force": (slave_force, "tool_velocity", wave, "root"),
+            "reflected": (reflected_wave, "tool_velocity", wave, "root"),
+            "return_packet": ["reflected", "tool_position"],
+            "slave_power": (times, "control_force", "tool_velocity"),
+        }
+        rate: Term | None = None
+        if self._bandwidth:
+            rate = (filtered_wave_rate, "state", "received", "bandwidth")
+        return Kernel(
+            parameters={
+                "scaling": self._f,
+                "bandwidth": self._bandwidth or 0.0,
+                "root": self._S,
+                "drift_correction": self._rate,
+            },
+            rate=rate,
+            outputs=outputs,
+            sizes=dict.fromkeys(
+                ("received", "corrected", "reflected"),
+                n,
+            ),
+            unused=("environment_force",),
+        )
+
+    def _Wave(self, context: Context) -> np.ndarray:
+        if self._bandwidth:
+            u: np.ndarray = context.get_continuous_state_vector().CopyToVector()
+        else:
+            u = self._f * self._packet.Eval(context)[: self._n]
+        if self._rate == 0:
+            return u
+        x_m, p = self._packet.Eval(context)[self._n :], self._p.Eval(context)
+        return drift_correcting_wave(u, x_m, p, self._S, self._rate)
+
+    def _Force(self, context: Context) -> np.ndarray:
+        return slave_force(self._v.Eval(context), self._Wave(context), root=self._S)
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Calculates du/dt."""
+        if self._bandwidth:
+            received = self._f * self._packet.Eval(context)[: self._n]
+            u = context.get_continuous_state_vector().CopyToVector()
+            derivatives.get_mutable_vector().SetFromVector(
+                filtered_wave_rate(u, received, self._bandwidth)
+            )
+
+    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._Force(context))
+
+    def _CalcReturnPacket(self, context: Context, output: BasicVector) -> None:
+        w = reflected_wave(self._v.Eval(context), self._Wave(context), root=self._S)
+        output.SetFromVector(np.concatenate([w, self._p.Eval(context)]))
+
+    def _CalcSlavePower(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._Force(context) * self._v.Eval(context))
+
 
 Array = NDArray[np.float64]
 
@@ -31,7 +398,7 @@ class WaveVariables:
 
 @dataclass(kw_only=True, eq=False)
 class WaveVariablesConfig(ArchitectureConfig):
-    """The wave line; see architectures.wave_master.WaveMaster."""
+    """The wave line; see architectures.wave_variables.WaveMaster."""
 
     kind = "wave_variables"
 

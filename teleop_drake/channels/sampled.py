@@ -4,13 +4,166 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.delay_line import CheckChannel
+from teleop_drake.kernel import Delay, Kernel, Packet
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
+
+
+class SampledDelay(LeafSystem):
+    """Delays a vector signal that is sent in packets and held between them.
+
+        delayed_signal(t) = signal(k h)    for k h + delay < t <= (k + 1) h + delay
+
+    with the sample period h. The delay seen by the signal therefore sweeps from
+    `delay` to `delay + h`; its mean is (n + 1/2) h for delay = n h. The delay need
+    not be a multiple of the sample period.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State (discrete): the packets under way, newest first (floor(delay / h) + 1
+    packets of `size`), and the packet that is held (size). Both change in periodic
+    unrestricted updates, so blocks that record jumps see them. NextJumpTime() tells
+    simulate() when to record both sides of a jump.
+
+    Initial value: `initial_value` is delivered until the first packet, sent at
+    t = 0, arrives.
+
+    Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
+    with neither state nor events: no channel, and nothing is sampled.
+
+    It does not interpolate, lose, reorder or jitter packets.
+
+    Args:
+        delay: Delay of a packet in s, >= 0.
+        sample_period: h in s, > 0, at most the delay (unless the delay is 0).
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        delay: float,
+        sample_period: float,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+    ):
+        LeafSystem.__init__(self)
+        CheckChannel(delay=delay, size=size, initial_value=initial_value)
+        CheckNumber("sample_period", sample_period, "s", above=0)
+        if 0 < delay < sample_period:
+            Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
+        self._size = size
+        self._period = sample_period if delay > 0 else math.inf
+        self._offset = 0.0
+        self._signal = self.DeclareVectorInputPort("signal", size)
+        if delay == 0:
+            self.DeclareVectorOutputPort(
+                "delayed_signal",
+                size,
+                self._CopySignal,
+                prerequisites_of_calc={self._signal.ticket()},
+            )
+            return
+        # The margin keeps 0.1 / 0.01 at ten whole periods.
+        num_periods = math.floor(delay / sample_period + 1e-9)
+        offset = max(delay - num_periods * sample_period, 0.0)
+        initial = np.zeros(size) if initial_value is None else np.array(initial_value)
+        self._num_periods, self._initial_value = num_periods, initial.tolist()
+        self._packets = self.DeclareDiscreteState(np.tile(initial, num_periods + 1))
+        self._held = self.DeclareDiscreteState(initial)
+        self.DeclareVectorOutputPort(
+            "delayed_signal",
+            size,
+            self._CopyHeld,
+            prerequisites_of_calc={self.discrete_state_ticket(self._held)},
+        )
+        if offset < 1e-9 * sample_period:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                sample_period, 0.0, self._SendAndDeliver
+            )
+        else:
+            self._offset = offset
+            self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Send)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                sample_period, offset, self._Deliver
+            )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        if self._period == math.inf:
+            return Kernel(outputs={"delayed_signal": "signal"})
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    initial_value=self._initial_value,
+                    packets=self._Packets,
+                )
+            ]
+        )
+
+    def _Packets(self, end: float) -> list[Packet]:
+        """Returns the packets that are shown until a time."""
+        h = self._period
+        late = self._num_periods * h + self._offset
+        count = max(math.floor((end - late) / h + 1), 0)
+        return [Packet(shown=k * h + late, sent=k * h) for k in range(count)]
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the next packet is delivered (s), infinity without a delay.
+
+        Args:
+            context: The Context of this block.
+        """
+        if self._period == math.inf:
+            return math.inf
+        time: float = context.get_time()
+        k = max(math.floor((time - self._offset) / self._period), 0)
+        while (tick := self._offset + k * self._period) <= time:
+            k += 1
+        return tick
+
+    def _Send(self, context: Context, state: State) -> None:
+        packets = context.get_discrete_state(self._packets).CopyToVector()
+        state.get_mutable_discrete_state(self._packets).SetFromVector(
+            np.concatenate((self._signal.Eval(context), packets[: -self._size]))
+        )
+
+    def _Deliver(self, context: Context, state: State) -> None:
+        packets = context.get_discrete_state(self._packets).CopyToVector()
+        state.get_mutable_discrete_state(self._held).SetFromVector(
+            packets[-self._size :]
+        )
+
+    def _SendAndDeliver(self, context: Context, state: State) -> None:
+        self._Send(context, state)
+        packets = state.get_mutable_discrete_state(self._packets).CopyToVector()
+        state.get_mutable_discrete_state(self._held).SetFromVector(
+            packets[-self._size :]
+        )
+
+    def _CopySignal(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._signal.Eval(context))
+
+    def _CopyHeld(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(self._held).CopyToVector())
+
 
 MAX_PACKETS = 100_000
 """Most packets that may be under way in a channel."""

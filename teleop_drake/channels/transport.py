@@ -4,8 +4,150 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
 from teleop_drake.channels.base import ChannelConfig
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.delay_line import CheckChannel, DelayLine
+from teleop_drake.kernel import Delay, Kernel
+
+
+class TransportDelay(DelayLine):
+    """Delays a vector signal by an exact, constant time.
+
+        delayed_signal(t) = signal(t - delay)    for t > t0 + delay
+                          = initial_value        before
+
+    where t0 is the time at which the simulation starts. The delay need not be a
+    multiple of anything. This is the block T of Fig. 2.1.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State: the samples taken at the integrator's own steps during the last `delay`
+    seconds (one abstract value), and of the last step whose events made the signal jump
+    the key and the value after them (discrete, 1 + size; the key is -infinity if there
+    was none). The samples are joined by eight-point polynomials which never reach
+    across a jump and avoid non-smooth points, so a smooth signal is delayed with an
+    error of O(step^8).
+
+    Jumps: an input that jumps because of an event (of an unrestricted update) is
+    recorded on both sides of the jump, and the output jumps exactly `delay` later.
+    At that very instant the output keeps the value before the jump until the step
+    that ends there is complete: a step that ends at NextJumpTime() is integrated
+    on one side of the jump. A jump made by a discrete update is recorded at the end
+    of the step which follows it.
+
+    Initial value: `initial_value` is delivered until the first sample arrives.
+
+    Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
+    with neither state nor events.
+
+    Steps: a periodic event that does nothing ends a step at least once per
+    `max_sample_interval`, also in a diagram that has nothing to integrate. It costs
+    steps where the integrator's own are short enough; infinity does without.
+
+    It does not extrapolate, so no step can be longer than the delay. It does not
+    report derivatives and cannot vary its delay.
+
+    Args:
+        delay: Delay in s, >= 0.
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+        max_sample_interval: Longest time between two samples in s, in (0, delay];
+            infinity: the steps are as they come. None takes 0.01 s, or the delay if
+            that is less.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        delay: float,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+        max_sample_interval: float | None = None,
+    ):
+        CheckChannel(delay=delay, size=size, initial_value=initial_value)
+        self._delay = float(delay)
+        if delay > 0:
+            DelayLine.__init__(
+                self,
+                size=size,
+                initial_value=initial_value,
+                shortest_delay=delay,
+                max_sample_interval=max_sample_interval,
+            )
+            return
+        LeafSystem.__init__(self)
+        self._shortest_delay = math.inf
+        self._signal = self.DeclareVectorInputPort("signal", size)
+        self.DeclareVectorOutputPort(
+            "delayed_signal",
+            size,
+            self._CopySignal,
+            prerequisites_of_calc={self._signal.ticket()},
+        )
+
+    @property
+    def delay(self) -> float:
+        """The delay in s."""
+        return self._delay
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        if self._delay == 0:
+            return Kernel(outputs={"delayed_signal": "signal"})
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    time=self._delay,
+                    initial_value=self._initial_value,
+                )
+            ]
+        )
+
+    def StoreKey(self, time: float) -> float:
+        """Returns when the sample taken at a time arrives, s.
+
+        Args:
+            time: In s.
+        """
+        return time + self._delay
+
+    def FetchKey(self, time: float) -> float:
+        """Returns the time itself: samples are kept by their time of arrival.
+
+        Args:
+            time: In s.
+        """
+        return time
+
+    def FetchTime(self, key: float) -> float:
+        """Returns the key itself.
+
+        Args:
+            key: Time of arrival in s.
+        """
+        return key
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the output will jump next (s), infinity if no jump is known.
+
+        A step that ends at this very time is not disturbed by the jump.
+
+        Args:
+            context: The Context of this block.
+        """
+        return math.inf if self._delay == 0 else DelayLine.NextJumpTime(self, context)
+
+    def _CopySignal(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._signal.Eval(context))
 
 
 @dataclass(kw_only=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import (
     CONTACT,
     PUNCTURE,

@@ -16,13 +16,13 @@ from teleop_drake.analysis.operating_point import (
     OperatingPoints,
 )
 from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
-from teleop_drake.channels.sampled_delay import SampledDelay
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.direct_force import DirectForce
+from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.robots import TwoLinkArmConfig
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
 W = np.geomspace(0.01, 300, 50)

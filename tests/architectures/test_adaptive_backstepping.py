@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from teleop_drake.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
     BacksteppingParameters,
 )
 from teleop_drake.architectures.lattice import NetworkConfig
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.validation import ScenarioError
 
 

@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from runs import Run
 
 from teleop_drake.architectures import Architecture
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.figures.runs import PlotRun
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
@@ -24,7 +25,6 @@ from teleop_drake.stations import (
     MakeSlaveStation,
     ResolveController,
 )
-from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.teleoperator import MakeTeleoperator
 

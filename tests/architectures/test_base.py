@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import pytest
 from blocks import Feedthrough
 
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.architectures.base import (
     ArchitectureConfig,
     ControlLawConfig,
     MakeLawArchitecture,
     MakeSlaveStation,
 )
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.systems.haptic_device import HapticDevice
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from phasors import FeltImpedance
 
-from teleop_drake.architectures.four_channel_master import FourChannelMaster
-from teleop_drake.architectures.four_channel_slave import FourChannelSlave
+from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeArchitecture, ResolveController

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from blocks import AssertFeedthroughIsReal, Block, RandomInputs
 
-from teleop_drake.architectures.four_channel_master import FourChannelMaster
+from teleop_drake.architectures.four_channel import FourChannelMaster
 
 M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])
 B_c, K_c = np.diag([1.0, 2.0]), np.array([[5.0, 1.0], [1.0, 4.0]])

@@ -3,7 +3,7 @@
 import numpy as np
 from blocks import Block, Feedthrough
 
-from teleop_drake.architectures.passivity_master import PassivityMaster
+from teleop_drake.architectures.time_domain_passivity import PassivityMaster
 
 SCALE, HORIZON = 0.01, 0.05
 

@@ -3,7 +3,7 @@
 import numpy as np
 from blocks import Block, Feedthrough
 
-from teleop_drake.architectures.passivity_slave import PassivitySlave
+from teleop_drake.architectures.time_domain_passivity import PassivitySlave
 
 E_0, HORIZON = 0.02, 0.05
 

@@ -10,9 +10,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from runs import TASKS
 
-from teleop_drake.architectures.proportional_master import ProportionalMaster
-from teleop_drake.architectures.proportional_slave import ProportionalSlave
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.proportional_damping import (
+    ProportionalMaster,
+    ProportionalSlave,
+)
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate

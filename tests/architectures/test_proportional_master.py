@@ -3,7 +3,7 @@
 import numpy as np
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 
-from teleop_drake.architectures.proportional_master import ProportionalMaster
+from teleop_drake.architectures.proportional_damping import ProportionalMaster
 
 M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])
 K, START = np.array([[5.0, 1.0], [1.0, 4.0]]), [0.5, -0.2]

@@ -3,7 +3,7 @@
 import numpy as np
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 
-from teleop_drake.architectures.proportional_slave import ProportionalSlave
+from teleop_drake.architectures.proportional_damping import ProportionalSlave
 
 K, B = np.array([[5.0, 1.0], [1.0, 4.0]]), np.array([[0.4, 0.1], [0.1, 0.2]])
 

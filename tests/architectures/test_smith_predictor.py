@@ -5,8 +5,8 @@ import pytest
 from phasors import FeltImpedance, Response
 from runs import Run
 
-from teleop_drake.architectures.smith_predictor_master import SmithPredictorMaster
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.smith_predictor import SmithPredictorMaster
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeArchitecture, ResolveController

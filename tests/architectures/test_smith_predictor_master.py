@@ -5,7 +5,7 @@ import pytest
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.architectures.smith_predictor_master import SmithPredictorMaster
+from teleop_drake.architectures.smith_predictor import SmithPredictorMaster
 
 M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])
 K = np.array([[5.0, 1.0], [1.0, 4.0]])

@@ -5,8 +5,10 @@ import pytest
 from grids import Slow
 from runs import Run
 
-from teleop_drake.architectures.passivity_master import PassivityMaster
-from teleop_drake.architectures.passivity_slave import PassivitySlave
+from teleop_drake.architectures.time_domain_passivity import (
+    PassivityMaster,
+    PassivitySlave,
+)
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController

@@ -5,7 +5,7 @@ import pytest
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 from scipy.linalg import sqrtm
 
-from teleop_drake.architectures.wave_master import WaveMaster
+from teleop_drake.architectures.wave_variables import WaveMaster
 
 b, D = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])
 START = [0.5, -0.2]

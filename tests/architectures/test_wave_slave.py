@@ -5,7 +5,7 @@ import pytest
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 from scipy.linalg import sqrtm
 
-from teleop_drake.architectures.wave_slave import WaveSlave
+from teleop_drake.architectures.wave_variables import WaveSlave
 
 b = np.array([[2.0, 0.3], [0.3, 1.0]])
 CASES = [(None, 0.0), (30.0, 0.0), (None, 2.0), (30.0, 2.0)]

@@ -11,9 +11,8 @@ from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from runs import TASKS
 
-from teleop_drake.architectures.wave_master import WaveMaster
-from teleop_drake.architectures.wave_slave import WaveSlave
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController

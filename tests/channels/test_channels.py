@@ -8,9 +8,9 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.variable_delay import VariableDelay
+from teleop_drake.channels.variable import VariableDelay
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
 DURATION = 20.0

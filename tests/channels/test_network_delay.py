@@ -9,10 +9,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
 from teleop_drake.channels.delay_profile import DelayProfile
-from teleop_drake.channels.network_delay import NetworkDelay
+from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.sampled import SampledDelay
 
 H = 0.01
 

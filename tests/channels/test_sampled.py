@@ -5,8 +5,7 @@ import math
 import pytest
 
 from teleop_drake.channels import SampledChannelConfig
-from teleop_drake.channels.sampled import MAX_PACKETS, CheckSamplePeriod
-from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.sampled import MAX_PACKETS, CheckSamplePeriod, SampledDelay
 from teleop_drake.validation import ScenarioError
 
 

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
 )
 
-from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.sampled import SampledDelay
 
 
 class Ramp:

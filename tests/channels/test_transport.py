@@ -4,7 +4,7 @@ import math
 
 from teleop_drake.channels import TransportChannelConfig
 from teleop_drake.channels.base import ConstantDelay
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.transport import TransportDelay
 
 
 def test_it_is_its_own_constant_delay():

@@ -23,7 +23,7 @@ from pydrake.systems.primitives import (
     Sine,
 )
 
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.transport import TransportDelay
 
 
 class Step(LeafSystem):

@@ -7,7 +7,7 @@ import pytest
 
 from teleop_drake.channels import VariableChannelConfig
 from teleop_drake.channels.delay_profile import Sinusoid
-from teleop_drake.channels.variable_delay import VariableDelay
+from teleop_drake.channels.variable import VariableDelay
 from teleop_drake.validation import ScenarioError
 
 

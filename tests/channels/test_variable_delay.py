@@ -18,8 +18,8 @@ from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
-from teleop_drake.channels.transport_delay import TransportDelay
-from teleop_drake.channels.variable_delay import VariableDelay
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.channels.variable import VariableDelay
 
 # dT/dt is between -0.75 and 0.75; below -1 nothing changes.
 WAVE = DelayProfile(

@@ -5,11 +5,9 @@ import warnings
 import numpy as np
 import pytest
 
-from teleop_drake.architectures.four_channel_master import FourChannelMaster
-from teleop_drake.architectures.four_channel_slave import FourChannelSlave
-from teleop_drake.architectures.wave_master import WaveMaster
-from teleop_drake.architectures.wave_slave import WaveSlave
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
+from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate

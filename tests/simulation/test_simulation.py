@@ -13,11 +13,11 @@ from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 from surfaces import Border
 
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, run_monitor, simulate
-from teleop_drake.systems.direct_force import DirectForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # They look at the same runs.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
@@ -13,7 +14,6 @@ from teleop_drake.laws.backstepping import (
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.systems.adaptive_backstepping import AdaptiveBackstepping
 
 INPUTS = (
     "haptic_force",

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Sine
 
-from teleop_drake.channels.transport_delay import TransportDelay
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.systems.channel_energy import ChannelEnergy
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.systems.direct_force import DirectForce
+from teleop_drake.architectures.direct_force import DirectForce
 
 
 @pytest.mark.parametrize("num_axes", [1, 2])

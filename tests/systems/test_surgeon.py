@@ -12,7 +12,7 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
 )
 
-from teleop_drake.channels.sampled_delay import SampledDelay
+from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.environments import Surface
 from teleop_drake.systems.surgeon import Surgeon
 
