@@ -1,7 +1,10 @@
-"""Lawrence's architecture: position and force travel both ways."""
+"""Lawrence's architecture: position and force travel both ways.
+
+Both sides and the config are one kind, so they stand together, in 607 lines.
+"""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -386,6 +389,9 @@ FOUR_CHANNEL_VARIANTS = {
 """Variants of the four-channel architecture, by what goes forward and comes back."""
 
 
+_GAINS = ("master_damping", "slave_mass", "slave_damping")
+
+
 @dataclass(kw_only=True, eq=False)
 class LocalController:
     """C = damping + stiffness / s of a four-channel station."""
@@ -431,12 +437,6 @@ class FourChannelConfig(ArchitectureConfig):
     """Lawrence's architecture; see architectures.four_channel."""
 
     kind = "four_channel"
-    _GAINS: ClassVar[tuple[str, ...]] = (
-        "master_damping",
-        "slave_mass",
-        "slave_damping",
-    )
-
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
@@ -490,7 +490,7 @@ class FourChannelConfig(ArchitectureConfig):
             if getattr(self, key) is None:
                 Refuse(f"{path}.{key}", None, "a number or a matrix")
         CheckGain(f"{path}.master_mass", self.master_mass, num_axes, may_be_null=True)
-        gains = {key: getattr(self, key) for key in self._GAINS}
+        gains = {key: getattr(self, key) for key in _GAINS}
         for key in ("C_m", "C_s"):
             gains[f"{key}.damping"] = getattr(self, key).damping
             gains[f"{key}.stiffness"] = getattr(self, key).stiffness

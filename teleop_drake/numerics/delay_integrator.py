@@ -14,10 +14,6 @@ What comes out of a delay is put into y before each evaluation.
   on the dense output.
 
 All functions here are in the part of Python that numba knows.
-
-Source: J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae", J.
-Comput. Appl. Math. 6 (1980); dense output by L. F. Shampine, "Some practical
-Runge-Kutta formulas", Math. Comput. 46 (1986).
 """
 
 import math
@@ -27,64 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Evaluate = Callable[..., None]
-
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-# The difference of the two solutions.
-_E = np.array(
-    [-71 / 57600, 0, 71 / 16695, -71 / 1920, 17253 / 339200, -22 / 525, 1 / 40]
-)
-# Coefficients of theta, theta^2, ... of each stage in the dense output.
-_P = np.array(
-    [
-        [
-            1,
-            -8048581381 / 2820520608,
-            8663915743 / 2820520608,
-            -12715105075 / 11282082432,
-        ],
-        [0, 0, 0, 0],
-        [
-            0,
-            131558114200 / 32700410799,
-            -68118460800 / 10900136933,
-            87487479700 / 32700410799,
-        ],
-        [
-            0,
-            -1754552775 / 470086768,
-            14199869525 / 1410260304,
-            -10690763975 / 1880347072,
-        ],
-        [
-            0,
-            127303824393 / 49829197408,
-            -318862633887 / 49829197408,
-            701980252875 / 199316789632,
-        ],
-        [
-            0,
-            -282668133 / 205662961,
-            2019193451 / 616988883,
-            -1453857185 / 822651844,
-        ],
-        [0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
-    ]
-)
-_NUM_STAGES = 7
 
 # Points of a step at which a delayed signal is kept, as shares of the step.
 _NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
@@ -311,10 +254,10 @@ def _interpolate(theta: float, h: float, memory: Memory) -> None:
     x, stages, result = memory.x, memory.stages, memory.x_stage
     for i in range(len(x)):
         result[i] = x[i]
-    for s in range(_NUM_STAGES):
+    for s in range(NUM_STAGES):
         power, weight = theta, 0.0
         for k in range(4):
-            weight += _P[s, k] * power
+            weight += P[s, k] * power
             power *= theta
         if weight != 0.0:
             for i in range(len(x)):
@@ -495,22 +438,22 @@ def _step(
     """Tries a step; returns its error, the largest of all states."""
     t, x, stages = memory.clock[0], memory.x, memory.stages
     n = len(x)
-    for s in range(1, _NUM_STAGES):
-        target = memory.x_next if s == _NUM_STAGES - 1 else memory.x_stage
+    for s in range(1, NUM_STAGES):
+        target = memory.x_next if s == NUM_STAGES - 1 else memory.x_stage
         for i in range(n):
             total = 0.0
             for r in range(s):
-                total += _A[s, r] * stages[r, i]
+                total += A[s, r] * stages[r, i]
             target[i] = x[i] + h * total
-        if s < _NUM_STAGES - 1:
-            _evaluate(evaluate, t + _C[s] * h, target, problem, memory, stages[s])
+        if s < NUM_STAGES - 1:
+            _evaluate(evaluate, t + C[s] * h, target, problem, memory, stages[s])
         else:
             _evaluate_all(evaluate, t + h, target, problem, memory, stages[s])
     error = 0.0
     for i in range(n):
         total = 0.0
-        for s in range(_NUM_STAGES):
-            total += _E[s] * stages[s, i]
+        for s in range(NUM_STAGES):
+            total += E[s] * stages[s, i]
         # Not a number is larger than any.
         if not abs(h * total) <= error:
             error = abs(h * total)
@@ -631,7 +574,7 @@ def advance(
             _keep_node(0, delays, memory)
         else:
             clock[0] = end
-            _copy(memory.stages[_NUM_STAGES - 1], memory.stages[0])
+            _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
             if len(delays.times) > 0:
                 values, num = memory.values, counts[POLYNOMIALS]
                 _copy(values[num - 1, 4], values[num, 0])
