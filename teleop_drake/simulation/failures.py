@@ -28,6 +28,22 @@ def FirstLine(error: BaseException) -> str:
     return text or type(error).__name__
 
 
+def ReasonOfDivergence(error: BaseException) -> str:
+    """Returns why a run ended that blew up.
+
+    Args:
+        error: For which IsDivergence().
+    """
+    reason = FirstLine(error)
+    if _IsGivingUp(error):
+        return reason
+    # The integrator does not hear of it, and cannot try a shorter step by itself.
+    return (
+        f"numbers left the finite within a step: {reason}; a shorter "
+        "simulator.max_step_size may tell whether the step was to blame"
+    )
+
+
 def IsDivergence(error: BaseException, root_context: Context) -> bool:
     """Returns whether an error means that the run blew up.
 
@@ -41,10 +57,14 @@ def IsDivergence(error: BaseException, root_context: Context) -> bool:
     """
     if isinstance(error, ArithmeticError | np.linalg.LinAlgError):
         return True
-    if isinstance(error, RuntimeError) and str(error).startswith(_GIVING_UP):
+    if _IsGivingUp(error):
         return True
     state = root_context.get_continuous_state_vector().CopyToVector()
     return not np.isfinite(state).all()
+
+
+def _IsGivingUp(error: BaseException) -> bool:
+    return isinstance(error, RuntimeError) and str(error).startswith(_GIVING_UP)
 
 
 @contextlib.contextmanager

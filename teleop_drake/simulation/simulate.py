@@ -27,7 +27,11 @@ from teleop_drake.scenario import (
     Scenario,
     TrackingScenario,
 )
-from teleop_drake.simulation.failures import FirstLine, IsDivergence, NamingBlocks
+from teleop_drake.simulation.failures import (
+    IsDivergence,
+    NamingBlocks,
+    ReasonOfDivergence,
+)
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor, SpeedLimit
 from teleop_drake.simulation.simulator import MakeSimulator
@@ -198,7 +202,7 @@ def _RunInDrake(
                 interruption.has_come or IsDivergence(error, simulator.get_context())
             ):
                 raise
-            termination, reason = "diverged", FirstLine(error)
+            termination, reason = "diverged", ReasonOfDivergence(error)
     if interruption.has_come:  # However it ended: more runs may be to come.
         termination, reason = "interrupted", "interrupted by the user"
     elif monitor.failure:

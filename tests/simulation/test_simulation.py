@@ -2,6 +2,7 @@
 
 import gc
 import math
+import re
 import signal
 import weakref
 from concurrent.futures import ThreadPoolExecutor
@@ -217,7 +218,8 @@ def test_numbers_that_leave_the_finite_end_the_recording(overrides):
         )
     )
     assert recording.termination == "diverged"
-    assert recording.reason
+    # The integrator may have tried too long a step.
+    assert re.match("numbers left.*max_step_size|Error control", recording.reason)
     assert recording.time[-1] < 0.3
     for values in recording.signals.values():
         assert np.all(np.isfinite(values))

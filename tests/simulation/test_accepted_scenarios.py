@@ -1,0 +1,121 @@
+"""Odd scenarios that are accepted: a run completes or diverges, and nothing else."""
+
+import json
+import math
+import signal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from teleop_drake.scenario import (
+    ARCHITECTURES,
+    CheckSteps,
+    LoadScenario,
+    ScenarioError,
+    ScenarioNames,
+)
+from teleop_drake.simulation import run_monitor, simulate
+from teleop_drake.tasks.metrics import RunSummary
+
+# A stiff loop may take days. After as many steps a run is interrupted.
+PATIENCE = 100
+
+magnitudes = st.floats(-3, 9).map(lambda exponent: float(f"{10**exponent:.3g}"))
+TELEOPERATION = {
+    "controller.kind": st.sampled_from(ARCHITECTURES),
+    "controller.G1": magnitudes,
+    "controller.G2": magnitudes,
+    "controller.adaptation_rate": magnitudes,
+    "controller.leakage": magnitudes,
+    "surgeon.velocity.0": magnitudes | magnitudes.map(lambda v: -v),
+    "surgeon.stop_time": st.floats(0, 0.05),
+    "haptic_device.numerator": st.lists(magnitudes, min_size=1, max_size=2),
+    "forward_channel.delay": st.sampled_from([0, 0.005, 0.02]),
+    "return_channel": st.sampled_from(
+        [
+            {"kind": "sampled", "delay": 0.01, "sample_period": 0.004},
+            {"kind": "network", "delay": 0.01, "sample_period": 0.004},
+            {"kind": "variable", "delay": 0.01},
+        ]
+    ),
+    "environment.layers.0.stiffness": magnitudes,
+    "environment.layers.0.damping": magnitudes,
+    "environment.layers.0.reference": magnitudes.map(lambda x: x * 1e-3),
+}
+TRACKING = {
+    "controller.Lambda": magnitudes,
+    "controller.G1": magnitudes,
+    "controller.adaptation_rate": magnitudes,
+    "disturbance.gain": magnitudes,
+    "trajectory.frequency": magnitudes,
+}
+SOLVER = {
+    "simulator.use_error_control": st.booleans(),
+    "simulator.max_step_size": st.sampled_from([0.002, 0.005]),
+    "simulator.accuracy": st.sampled_from([1e-3, 1e-8]),
+}
+
+
+@st.composite
+def odd_scenarios(draw):
+    """Returns the name of a scenario and its overrides."""
+    name = draw(st.sampled_from(ScenarioNames()))
+    fields = TRACKING if name.startswith("network_tracking") else TELEOPERATION
+    paths = draw(
+        st.lists(st.sampled_from(sorted(fields)), min_size=1, max_size=4, unique=True)
+    )
+    pairs = {path: draw(fields[path]) for path in paths}
+    return name, pairs | {path: draw(SOLVER[path]) for path in SOLVER}
+
+
+def numbers(tree):
+    """Yields the numbers of a tree."""
+    if isinstance(tree, dict | list):
+        for item in tree.values() if isinstance(tree, dict) else tree:
+            yield from numbers(item)
+    elif isinstance(tree, float):
+        yield tree
+
+
+@given(odd_scenarios())
+@settings(derandomize=True, deadline=None, max_examples=8)
+def test_accepted_scenarios_complete_or_diverge(case):
+    check(*case)
+
+
+@pytest.mark.slow
+@given(odd_scenarios())
+@settings(derandomize=True, deadline=None, max_examples=150)
+def test_many_accepted_scenarios_complete_or_diverge(case):
+    check(*case)
+
+
+def check(name, pairs):
+    """Simulates a scenario, if it is accepted, and looks at how that ends."""
+    try:
+        scenario = LoadScenario(name, pairs | {"duration": 0.03})
+        CheckSteps(scenario)
+    except ScenarioError:
+        return
+    num_steps = 0
+
+    def lose_patience(simulated_time):
+        nonlocal num_steps
+        num_steps += 1
+        if num_steps == PATIENCE:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_monitor, "_REPORT_PERIOD", 0.0)
+        recording = simulate(scenario, progress=lose_patience)
+    assert recording.termination in ("completed", "diverged", "interrupted")
+    assert (recording.termination == "completed") == (recording.reason == "")
+    if recording.termination == "completed":
+        assert recording.time[-1] == scenario.duration
+    for values in recording.signals.values():
+        assert np.isfinite(values).all()
+    summary = RunSummary(recording)
+    assert all(math.isfinite(number) for number in numbers(summary))
+    json.dumps(summary, allow_nan=False)
