@@ -95,6 +95,28 @@ def test_one_system_a_file(path):
     assert public == ([] if path.stem == "__init__" else [expected])
 
 
+def AsksForAScenario(source: str) -> bool:
+    """Returns whether a file asks which class a scenario is of."""
+    return any(
+        isinstance(node, ast.Call)
+        and ast.unparse(node.func) == "isinstance"
+        and re.search(r"\b(Tracking)?Scenario\b", ast.unparse(node.args[1]))
+        for node in ast.walk(ast.parse(source))
+    )
+
+
+def test_only_scenarios_and_tasks_ask_what_a_scenario_is():
+    asking = [
+        str(path.relative_to(PACKAGE))
+        for path in FILES
+        if path.relative_to(PACKAGE).parts[0] not in ("scenario", "tasks")
+        and AsksForAScenario(path.read_text(encoding="utf-8"))
+    ]
+    assert asking == []
+    assert AsksForAScenario("isinstance(x, Scenario | int)")
+    assert not AsksForAScenario("isinstance(x, ScenarioError)")
+
+
 def _TestFile(path: Path) -> Path:
     relative = path.relative_to(PACKAGE)
     return Path(__file__).parent / relative.with_name(f"test_{relative.name}")

@@ -59,7 +59,7 @@ from teleop_drake.numerics.delay_margin import (
     unstable_roots,
 )
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
-from teleop_drake.scenario import AnyScenario, LoadScenario, Scenario, ScenarioError
+from teleop_drake.scenario import AnyScenario, AsTeleoperation, LoadScenario, Scenario
 
 Array = NDArray[np.float64]
 
@@ -68,6 +68,8 @@ MAX_DELAY = 2.0
 
 POSITION = "position"
 """Key of StabilityChart that stands for the tool's position along x."""
+
+_NO_LOOP = "tracking has no loop with a delay"
 
 # How far behind a border StabilityChart goes where a value is at one, in m.
 _BEHIND = 1e-6
@@ -362,11 +364,7 @@ def AnalyzeStability(
         ValueError: If max_delay is not allowed, LinearizeLoop refuses a point, or a
             station has a delay of its own that is not the round trip.
     """
-    if not isinstance(scenario, Scenario):
-        raise ScenarioError(
-            f"scenario = {scenario.name!r}: must be a teleoperation; tracking has no "
-            "loop with a delay"
-        )
+    scenario = AsTeleoperation(scenario, _NO_LOOP)
     scenario.Validate()
     if not 0 < max_delay < np.inf:
         raise ValueError(f"max_delay = {max_delay}: must be a finite number > 0 (s)")
@@ -494,11 +492,8 @@ def ChartStability(
     for i, value in enumerate(points.tolist()):
         if key == POSITION:
             scenario = LoadScenario(name_or_path, overrides)
-            chosen = (
-                [OperatingPointAt(scenario, _OffBorder(scenario, value))]
-                if isinstance(scenario, Scenario)
-                else []
-            )
+            loop = AsTeleoperation(scenario, _NO_LOOP)
+            chosen = [OperatingPointAt(loop, _OffBorder(loop, value))]
         else:
             chosen = None
             if isinstance(overrides, Mapping):

@@ -99,14 +99,13 @@ def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     Raises:
         BadInput: If the scenario is not valid.
     """
-    from teleop_drake.scenario import LoadScenario, Scenario
-    from teleop_drake.stations import MakeArchitecture
+    from teleop_drake.scenario import LoadScenario
+    from teleop_drake.tasks import TaskOf
 
     try:
         scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
-        if isinstance(scenario, Scenario):
-            # Loading checks each parameter, but not what derives from others.
-            MakeArchitecture(scenario)
+        # Loading checks each parameter, but not what derives from others.
+        TaskOf(scenario).Check(scenario)
     except ValueError as e:  # ScenarioError is one.
         raise BadInput(e) from None
     return scenario

@@ -7,39 +7,17 @@ if TYPE_CHECKING:
     from teleop_drake.recording import Recording
 
 
-# Unit of each metric of RunSummary, by the last part of its name.
-_UNITS = {
-    "start_velocity_overshoot": "m/s",
-    "time": "s",
-    "velocity": "m/s",
-    "force": "N",
-    "velocity_overshoot": "m/s",
-    "initial_impact_force": "N",
-    "peak_force": "N",
-    "rebound_velocity": "m/s",
-    "settling_time": "s",
-    "velocity_rms_error": "m/s",
-    "force_rms_error": "N",
-    "control_force_peak": "N",
-    "control_force_variation": "N",
-    "diverged_at": "s",
-    "max_error": "m",
-    "rms_error": "m",
-    "disturbance_rms_error": "N",
-    "wall_time_s": "s",
-}
-
-
 def Headline(recording: "Recording") -> str:
     """Returns what was simulated, for how long and how it ended, on one line."""
-    from teleop_drake.scenario import Scenario
+    from teleop_drake.tasks import TaskOf
 
     scenario = recording.scenario
     line = f"{scenario.name}, {scenario.controller.kind}: "
-    if isinstance(scenario, Scenario):
+    channels = TaskOf(scenario).Channels(scenario)
+    if channels:
         line += (
-            f"delay {scenario.forward_channel.delay:g} s forward, "
-            f"{scenario.return_channel.delay:g} s back, "
+            f"delay {channels['forward_channel'].delay:g} s forward, "
+            f"{channels['return_channel'].delay:g} s back, "
         )
     line += f"{recording.time[-1]:g} s simulated, {recording.termination}"
     return f"{line} ({recording.reason})" if recording.reason else line
@@ -48,8 +26,13 @@ def Headline(recording: "Recording") -> str:
 def Table(records: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the metrics of some runs: a row for each, a column for each run."""
     from teleop_drake.sweep import CHANNEL_METRICS, FlattenMetrics
+    from teleop_drake.tasks import TASKS
 
-    units = _UNITS | CHANNEL_METRICS
+    # By the last part of the name.
+    units = {"wall_time_s": "s"} | CHANNEL_METRICS
+    for task in TASKS.values():
+        for name, unit in task.units.items():
+            units[name.removesuffix(".*").split(".")[-1]] = unit
     columns = {
         name: FlattenMetrics(record["metrics"])
         | FlattenMetrics(record.get("channels", {}))

@@ -27,7 +27,6 @@ from teleop_drake.figures.style import (
     LINES,
     SMALL_FONT_SIZE,
     WIDTH,
-    AxisName,
     FormatAxes,
     RunStyle,
     ScaleAndUnit,
@@ -35,7 +34,13 @@ from teleop_drake.figures.style import (
 )
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import TrackingScenario
+from teleop_drake.tasks import Task, TaskOf
+from teleop_drake.tasks.panels import (
+    AxisName,
+    AxisPanels,
+    ShownNormal,
+    SignalRow,
+)
 
 _ROW_HEIGHT = 1.2  # inches
 
@@ -59,27 +64,6 @@ _METADATA: dict[str, dict[str, None]] = {
 
 
 @dataclass(kw_only=True)
-class SignalRow:
-    """One signal: a panel against time and one against position.
-
-    Attributes:
-        label: What the axis shows, without the unit.
-        unit: SI unit; empty if there is none.
-        signal: Name of the signal.
-        components: Which of its components are shown.
-        command: Component of the surgeon's commands that is shown beside, or None.
-        symbol: Name of the components in a legend, if there is more than one.
-    """
-
-    label: str
-    unit: str
-    signal: str
-    components: Sequence[int]
-    command: int | None = None
-    symbol: str = ""
-
-
-@dataclass(kw_only=True)
 class _Curves:
     """The components of a signal of one run, dense enough to draw.
 
@@ -94,7 +78,9 @@ class _Curves:
     y: np.ndarray
 
 
-def PlotComparison(recordings: Mapping[str, Recording]) -> Figure:
+def PlotComparison(
+    recordings: Mapping[str, Recording], *, task: Task[Any] | None = None
+) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
 
     One row each for tool velocity (with what the surgeon commands), sensed force,
@@ -107,9 +93,11 @@ def PlotComparison(recordings: Mapping[str, Recording]) -> Figure:
     Args:
         recordings: Runs by the name that the legend gives them, for instance
             {"direct force": ..., "adaptive": ...}; of robots with as many axes.
+        task: What says which panels there are; None: the task of the first scenario.
 
     Raises:
-        ValueError: If there is no recording, or their numbers of axes differ.
+        ValueError: If there is no recording, or their numbers of axes differ, or it
+            is a task whose runs are not compared.
     """
     if not recordings:
         raise ValueError("recordings: empty; allowed: at least one")
@@ -118,23 +106,32 @@ def PlotComparison(recordings: Mapping[str, Recording]) -> Figure:
         raise ValueError(
             f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
         )
-    return PlotRows(recordings, _MotionRows(list(recordings.values())))
+    runs = list(recordings.values())
+    panels = (task or TaskOf(runs[0].scenario)).Panels(runs)
+    if isinstance(panels, AxisPanels):
+        raise ValueError(
+            f"recordings: runs of {runs[0].scenario.name}; allowed: teleoperations"
+        )
+    return PlotRows(recordings, panels)
 
 
-def PlotRun(recording: Recording) -> Figure:
+def PlotRun(recording: Recording, *, task: Task[Any] | None = None) -> Figure:
     """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
 
-    Of a run of a TrackingScenario it plots, per task axis against time, the position
+    Of a tracking it plots, per task axis against time, the position
     with the desired one, the tracking error, and the disturbance with its estimate.
 
     Args:
         recording: The run.
+        task: What says which panels there are; None: the task of its scenario.
     """
-    if isinstance(recording.scenario, TrackingScenario):
-        return _PlotTracking(recording)
+    task = task or TaskOf(recording.scenario)
+    panels = task.Panels([recording])
+    if isinstance(panels, AxisPanels):
+        return _PlotAxes(recording, panels)
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording},
-        [*_MotionRows([recording]), *_TelemetryRows(recording)],
+        [*panels, *_TelemetryRows(recording)],
     )
 
 
@@ -184,48 +181,6 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
         )
 
 
-def _MotionRows(recordings: Sequence[Recording]) -> list[SignalRow]:
-    n = recordings[0]["tool_position"].shape[1]
-    normal_W = _Normal(recordings)
-    rows = []
-    for k in range(n):
-        row = SignalRow(
-            label=f"velocity $v_{AxisName(k)}$",
-            unit="m/s",
-            signal="tool_velocity",
-            components=[k],
-            command=n + k,
-        )
-        rows.append(row)
-    for k in range(n):
-        row = SignalRow(
-            label=f"sensed force $F_{{e,{AxisName(k)}}}$",
-            unit="N",
-            signal="environment_force",
-            components=[k],
-        )
-        # An environment that pushes along one axis leaves the others' panels empty.
-        if normal_W[k] or any(x["environment_force"][:, k].any() for x in recordings):
-            rows.append(row)
-    for k in range(n):
-        row = SignalRow(
-            label=f"position ${AxisName(k)}$",
-            unit="m",
-            signal="tool_position",
-            components=[k],
-        )
-        rows.append(row)
-    for k in range(n):
-        row = SignalRow(
-            label=f"control force $F_{{c,{AxisName(k)}}}$",
-            unit="N",
-            signal="control_force",
-            components=[k],
-        )
-        rows.append(row)
-    return rows
-
-
 def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     return [
         SignalRow(
@@ -258,7 +213,7 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
     )
     axes = figure.subplots(len(rows), 2, sharex="col", sharey="row", squeeze=False)
     runs = list(recordings.values())
-    normal_W = _Normal(runs)
+    normal_W = ShownNormal(runs)
     curves = [_Sample(run, normal_W, "tool_position", [0]) for run in runs]
     for curve in curves:
         curve.y = curve.x[:, np.newaxis]
@@ -318,31 +273,28 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
     return figure
 
 
-def _PlotTracking(recording: Recording) -> Figure:
+def _PlotAxes(recording: Recording, panels: AxisPanels) -> Figure:
     n = recording["tool_position"].shape[1]
-    rows = (
-        ("position", "m", ["tool_position", "desired_position"]),
-        ("error", "m", ["tool_position"]),
-        ("disturbance", "N", ["environment_force", "disturbance_estimate"]),
-    )
+    rows = panels.rows
     figure = Figure(
         figsize=(WIDTH, _ROW_HEIGHT * len(rows) + 0.7), layout="constrained"
     )
     axes = figure.subplots(len(rows), n, sharex=True, squeeze=False)
-    for (label, unit, signals), panels in zip(rows, axes, strict=True):
-        for k, ax in enumerate(panels):
+    for row, row_axes in zip(rows, axes, strict=True):
+        for k, ax in enumerate(row_axes):
             curves = [
-                _Sample(recording, np.eye(n)[0], signal, [k]) for signal in signals
+                _Sample(recording, np.eye(n)[0], signal, [k]) for signal in row.signals
             ]
-            if label == "error":
-                desired = recording.Interpolate("desired_position", curves[0].time)
-                curves[0].y = curves[0].y - desired[:, [k]]
+            if row.reference:
+                for curve in curves:
+                    reference = recording.Interpolate(row.reference, curve.time)
+                    curve.y = curve.y - reference[:, [k]]
             y_range = _Range([recording] * len(curves), curves)
-            scale, shown_unit = ScaleAndUnit(y_range, unit)
+            scale, shown_unit = ScaleAndUnit(y_range, row.unit)
             FormatAxes(ax)
             ax.set_ylim(Widen(y_range, scale))
             ax.set_ylabel(
-                f"{label} ${AxisName(k)}$\n[{shown_unit}]", fontsize=FONT_SIZE
+                f"{row.label} ${AxisName(k)}$\n[{shown_unit}]", fontsize=FONT_SIZE
             )
             for i, curve in enumerate(curves):
                 ax.plot(curve.time, curve.y * scale, **RunStyle(i))
@@ -353,10 +305,10 @@ def _PlotTracking(recording: Recording) -> Figure:
     figure.legend(
         handles=[
             Line2D([], [], label=label, **RunStyle(i))
-            for i, label in enumerate(["actual", "desired, estimated"])
+            for i, label in enumerate(panels.names)
         ],
         loc="outside upper center",
-        ncols=2,
+        ncols=len(panels.names),
         fontsize=FONT_SIZE,
         frameon=False,
     )
@@ -390,17 +342,6 @@ def _DrawPanel(
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
             ax.plot(end_x, end_y, **_EndStyle(i), clip_on=False)
-
-
-def _Normal(runs: Sequence[Recording]) -> np.ndarray:
-    """Returns the direction of the positions: into a surface, else along x."""
-    for run in runs:
-        for name in (CONTACT, PUNCTURE):
-            surface = run.FindSurface(name)
-            if surface is not None:
-                return surface.normal_W
-    normal_W: np.ndarray = np.eye(runs[0]["tool_position"].shape[1])[0]
-    return normal_W
 
 
 def _PositionName(normal_W: np.ndarray) -> str:

@@ -27,11 +27,6 @@ BORDER_STYLE: dict[str, Any] = {
 DELAYS = ("delay", "forward_delay", "return_delay")
 
 
-def AxisName(axis: int) -> str:
-    """Returns how a task axis is called."""
-    return "xyz"[axis] if axis < 3 else str(axis + 1)
-
-
 def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
     """Returns the range in the unit shown, with a margin."""
     low, high = (limit * scale for limit in limits)

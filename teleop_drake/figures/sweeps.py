@@ -24,7 +24,6 @@ from teleop_drake.figures.style import (
     RunStyle,
     ScaleAndUnit,
 )
-from teleop_drake.scenario import Scenario
 from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.validation import Refuse
 
@@ -124,7 +123,7 @@ def PlotStability(result: SweepResult) -> Figure:
         Refuse("result", "with no second key that is varied", "of two keys or more")
     status = grid.Arrange(result.Status())
     rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
-    if isinstance(result.scenario, Scenario):
+    if "collision.time" in MetricUnits(result.scenario):
         has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
         settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
         is_completed = status == "completed"

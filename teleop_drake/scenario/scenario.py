@@ -301,17 +301,19 @@ def LoadScenario(
     return scenario
 
 
-def AsTeleoperation(scenario: AnyScenario) -> Scenario:
+def AsTeleoperation(scenario: AnyScenario, reason: str = "") -> Scenario:
     """Returns the scenario, which must be a teleoperation.
 
     Args:
         scenario: What LoadScenario() returned.
+        reason: Why no other task will do, for the message.
 
     Raises:
         ScenarioError: If it is another task.
     """
     if not isinstance(scenario, Scenario):
-        Refuse("scenario", scenario.name, "a teleoperation")
+        allowed = f"a teleoperation; {reason}" if reason else "a teleoperation"
+        Refuse("scenario", scenario.name, allowed)
     return scenario
 
 

@@ -17,8 +17,9 @@ from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation.failures import FirstLine
 from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import Interruption, SpeedLimit
+from teleop_drake.simulation.run_monitor import Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
+from teleop_drake.tasks.base import SpeedLimit
 
 
 class CannotCompile(Exception):

@@ -5,7 +5,6 @@ import signal
 import threading
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
@@ -16,30 +15,10 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.signals import NamedSignals
+from teleop_drake.tasks.base import SpeedLimit
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpeedLimit:
-    """What speed of the tool ends a run.
-
-    Attributes:
-        speed: In m/s.
-        name: How to call it.
-    """
-
-    speed: float
-    name: str
-
-    def Reason(self, speed: float) -> str:
-        """Returns why a run ended.
-
-        Args:
-            speed: Of the tool, in m/s.
-        """
-        return f"the tool's speed, {speed:.4g} m/s, exceeds {self.name}"
 
 
 class Interruption:

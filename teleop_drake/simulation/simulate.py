@@ -2,41 +2,30 @@
 
 import time as clock
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.environments import (
-    CONTACT,
-    PUNCTURE,
-    FindSurface,
-    Surface,
-    SurfacesOf,
-)
+from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.numerics.interpolation import (
     find_crossing,
     interpolate,
 )
-from teleop_drake.recording import Event, Recording, SolverStatistics
-from teleop_drake.scenario import (
-    AnyScenario,
-    CheckSteps,
-    Scenario,
-    TrackingScenario,
-)
+from teleop_drake.recording import Recording, SolverStatistics
+from teleop_drake.scenario import AnyScenario, CheckSteps
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
     ReasonOfDivergence,
 )
 from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import RunMonitor, SpeedLimit
+from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
-from teleop_drake.tasks.tracking import MakeNetworkTracking
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 
 ENGINES = ("drake", "compiled", "auto")
 
@@ -49,18 +38,20 @@ _NO_SURFACES = (
 def MakeDiagram(scenario: AnyScenario) -> Diagram:
     """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
 
+    Args:
+        scenario: What to make.
+
     Raises:
         ScenarioError: If the scenario is not valid.
     """
-    if isinstance(scenario, TrackingScenario):
-        return MakeNetworkTracking(scenario)
-    return MakeTeleoperator(scenario)
+    return TaskOf(scenario).MakeDiagram(scenario)
 
 
 def simulate(
     scenario: AnyScenario,
     *,
     teleoperator: Diagram | None = None,
+    task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "drake",
 ) -> Recording:
@@ -101,6 +92,8 @@ def simulate(
         scenario: What to simulate.
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with systems of your own; None makes the scenario's.
+        task: What it is run for: makes the diagram, limits the speed, and finds the
+            events; None: the task of the scenario.
         progress: Called now and then with the simulated time in s.
         engine: What runs it: `drake`, or `compiled`, machine code, which is compiled
             once for each structure of a diagram and then runs many times as fast. What
@@ -118,23 +111,16 @@ def simulate(
     """
     if engine not in ENGINES:
         raise ValueError(f"engine: {engine!r}; allowed: {', '.join(ENGINES)}")
+    task = task or TaskOf(scenario)
+    scenario.Validate()
     if teleoperator is None:
-        diagram = MakeDiagram(scenario)  # Validates the scenario.
+        diagram = task.MakeDiagram(scenario)
     else:
-        scenario.Validate()
         diagram = teleoperator
-        _CheckTeleoperator(scenario, diagram)
+        _CheckTeleoperator(scenario, task, diagram)
     CheckSteps(scenario)
 
-    if isinstance(scenario, TrackingScenario):
-        speed = scenario.divergence_speed
-        speed_limit = SpeedLimit(speed=speed, name=f"{speed:g} m/s")
-    else:
-        ratio = scenario.divergence_speed_ratio
-        speed_limit = SpeedLimit(
-            speed=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
-            name=f"{ratio:g} times the commanded speed",
-        )
+    speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
     run = None
     if engine != "drake":
@@ -151,13 +137,16 @@ def simulate(
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run.times, run.signals)
-    return _MakeRecording(scenario, diagram, run)
+    recording = _MakeRecording(scenario, diagram, run)
+    recording.events = task.FindEvents(recording)
+    return recording
 
 
-def _CheckTeleoperator(scenario: AnyScenario, diagram: Diagram) -> None:
+def _CheckTeleoperator(
+    scenario: AnyScenario, task: Task[Any], diagram: Diagram
+) -> None:
     """Refuses a diagram that was made for another task, or for another robot."""
-    is_tracking = isinstance(scenario, TrackingScenario)
-    for name in ("robot", "reference" if is_tracking else "environment"):
+    for name in task.systems:
         if not diagram.HasSubsystemNamed(name):
             raise ValueError(
                 f"teleoperator: must be made for {scenario.name}, it has no {name}"
@@ -232,21 +221,15 @@ def _RunInDrake(
 
 
 def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Recording:
-    """Makes the recording of a run."""
-    surfaces = (
-        SurfacesOf(diagram.GetSubsystemByName("environment"))
-        if isinstance(scenario, Scenario)
-        else None
-    )
+    """Makes the recording of a run, without its events."""
+    surfaces: tuple[Surface, ...] | None = ()
+    if diagram.HasSubsystemNamed("environment"):
+        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
     return Recording(
         scenario=scenario,
         time=run.times,
         signals=run.signals,
-        events=(
-            _FindEvents(surfaces or (), run.times, run.signals)
-            if isinstance(scenario, Scenario)
-            else []
-        ),
+        events=[],
         surfaces=surfaces or (),
         solver=SolverStatistics(
             scheme=scenario.simulator.integration_scheme,
@@ -259,11 +242,7 @@ def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Rec
         channels=run.channels,
         termination=run.termination,
         reason=run.reason,
-        notes=(
-            [_NO_SURFACES]
-            if isinstance(scenario, Scenario) and surfaces is None
-            else []
-        ),
+        notes=[_NO_SURFACES] if surfaces is None else [],
     )
 
 
@@ -296,31 +275,3 @@ def _EndAtSpeed(
     times[-1] = end
     for name, value in last.items():
         signals[name][-1] = value[0]
-
-
-def _FindEvents(
-    surfaces: Sequence[Surface], times: np.ndarray, signals: dict[str, np.ndarray]
-) -> list[Event]:
-    """Finds the instants at which the tool or the surgeon crosses a border."""
-    events = []
-    for surface_name, names in (
-        (PUNCTURE, ("puncture", "heal")),
-        (CONTACT, ("contact", "release")),
-    ):
-        surface = FindSurface(surfaces, surface_name)
-        if surface is None:
-            continue
-        depth = surface.Depth(signals["tool_position"])[:, np.newaxis]
-        for i in np.flatnonzero(np.diff(depth[:, 0] >= 0)):
-            is_forward = bool(depth[i + 1, 0] >= 0)
-
-            def IsBeyond(d: np.ndarray, forward: bool = is_forward) -> bool:
-                return bool(d[0] >= 0) == forward
-
-            time = find_crossing(times, depth, int(i), IsBeyond)
-            events.append(Event(name=names[0 if is_forward else 1], time=time))
-    mode = signals["surgeon_mode"][:, 0]
-    for i in np.flatnonzero(np.diff(mode)):
-        name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"
-        events.append(Event(name=name, time=float(times[i + 1])))
-    return sorted(events, key=lambda event: event.time)

@@ -3,8 +3,6 @@
 from teleop_drake.sweep.plan import ALIASES, MAX_RUNS, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     CHANNEL_METRICS,
-    TELEOPERATION_METRICS,
-    TRACKING_METRICS,
     FlattenMetrics,
     MetricUnits,
     SelectMetrics,
@@ -17,8 +15,6 @@ __all__ = [
     "ALIASES",
     "CHANNEL_METRICS",
     "MAX_RUNS",
-    "TELEOPERATION_METRICS",
-    "TRACKING_METRICS",
     "FlattenMetrics",
     "MetricUnits",
     "ParseValues",

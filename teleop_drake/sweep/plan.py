@@ -21,13 +21,13 @@ from teleop_drake.scenario import (
     CheckSteps,
     LoadScenario,
     OverriddenPaths,
-    Scenario,
     ScenarioError,
     ScenarioNames,
 )
 from teleop_drake.scenario.scenario import ResolveFiles, ScenarioFiles
 from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
 from teleop_drake.sweep.result import SweepError
+from teleop_drake.tasks import TaskOf
 
 MAX_RUNS = 100_000
 """Most runs of a sweep, so that a typing error cannot exhaust the memory."""
@@ -213,10 +213,9 @@ def _HashFiles(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
     """Returns whether any run may depend on a seed."""
-    return isinstance(scenario, Scenario) and (
-        scenario.forward_channel.draws_random_numbers
-        or scenario.return_channel.draws_random_numbers
-        or any(key in _CHANNEL_KINDS for key in axes)
+    channels = TaskOf(scenario).Channels(scenario).values()
+    return any(channel.draws_random_numbers for channel in channels) or any(
+        key in _CHANNEL_KINDS for key in axes
     )
 
 

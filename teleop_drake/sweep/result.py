@@ -7,35 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.scenario import AnyScenario, TrackingScenario
-
-TELEOPERATION_METRICS = {
-    "start_velocity_overshoot": "m/s",
-    "puncture.time": "s",
-    "puncture.velocity": "m/s",
-    "puncture.force": "N",
-    "puncture.velocity_overshoot": "m/s",
-    "collision.time": "s",
-    "collision.velocity": "m/s",
-    "collision.initial_impact_force": "N",
-    "collision.peak_force": "N",
-    "collision.rebound_velocity": "m/s",
-    "collision.settling_time": "s",
-    "velocity_rms_error.*": "m/s",
-    "force_rms_error.*": "N",
-    "control_force_peak.*": "N",
-    "control_force_variation.*": "N",
-    "diverged": "",
-    "diverged_at": "s",
-}
-"""Scalar metrics of a teleoperation and their units; * stands for each task axis."""
-
-TRACKING_METRICS = {
-    "max_error.*": "m",
-    "rms_error.*": "m",
-    "disturbance_rms_error.*": "N",
-}
-"""The same of a TrackingScenario."""
+from teleop_drake.scenario import AnyScenario
+from teleop_drake.tasks import TaskOf
 
 CHANNEL_METRICS = {
     "sent": "",
@@ -148,15 +121,13 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
     Args:
         scenario: The scenario.
     """
-    if isinstance(scenario, TrackingScenario):
-        units = TRACKING_METRICS
-    else:
-        units = TELEOPERATION_METRICS | {
-            f"{name}.{key}": unit
-            for name in ("forward_channel", "return_channel")
-            if getattr(scenario, name).has_packet_statistics
-            for key, unit in CHANNEL_METRICS.items()
-        }
+    task = TaskOf(scenario)
+    units = dict(task.units) | {
+        f"{name}.{key}": unit
+        for name, channel in task.Channels(scenario).items()
+        if channel.has_packet_statistics
+        for key, unit in CHANNEL_METRICS.items()
+    }
     return {
         name.replace("*", axis): unit
         for name, unit in units.items()

@@ -1,15 +1,144 @@
-"""The demonstration of chapter 3 as one Diagram: an arm learns a disturbance."""
+"""Tracking: the demonstration of chapter 3, in which an arm learns a disturbance."""
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
+from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
 from teleop_drake.scenario import GainMatrix, TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
+from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.panels import AxisPanels, AxisRow
+from teleop_drake.tasks.pieces import Motion, RootMeanSquare, Sample, Split, Trace
+
+UNITS = {
+    "max_error.*": "m",
+    "rms_error.*": "m",
+    "disturbance_rms_error.*": "N",
+}
+"""Scalar metrics of a tracking and their units; * stands for each task axis."""
+
+
+class Tracking(Task[TrackingScenario]):
+    """An arm follows a trajectory while it learns a disturbance."""
+
+    systems = ("robot", "reference")
+    units = UNITS
+
+    def MakeDiagram(self, scenario: TrackingScenario) -> Diagram:
+        """Makes the tracking of chapter 3.
+
+        Args:
+            scenario: What to make.
+
+        Raises:
+            ScenarioError: If the scenario is not valid.
+        """
+        return MakeNetworkTracking(scenario)
+
+    def MakeSpeedLimit(self, scenario: TrackingScenario) -> SpeedLimit:
+        """Returns the speed of the scenario that ends a run as diverged.
+
+        Args:
+            scenario: A valid one.
+        """
+        speed = scenario.divergence_speed
+        return SpeedLimit(speed=speed, name=f"{speed:g} m/s")
+
+    def FindEvents(self, recording: Recording) -> list[Event]:
+        """Returns no event: nothing is met and nobody switches.
+
+        Args:
+            recording: A run.
+        """
+        return []
+
+    def Metrics(self, recording: Recording) -> dict[str, Any]:
+        """Returns the errors of a run.
+
+        Args:
+            recording: A run, all of its numbers finite.
+
+        Returns:
+            What TrackingMetrics() describes.
+        """
+        return TrackingMetrics(recording)
+
+    def Particulars(self, recording: Recording) -> dict[str, Any]:
+        """Returns diverged, and diverged_at in s or None.
+
+        Args:
+            recording: A run.
+        """
+        has_diverged = recording.termination == "diverged"
+        return {
+            "diverged": has_diverged,
+            "diverged_at": float(recording.time[-1]) if has_diverged else None,
+        }
+
+    def Panels(self, recordings: Sequence[Recording]) -> AxisPanels:
+        """Returns the position, the tracking error and the disturbance.
+
+        The desired position and the estimate of the disturbance are beside them.
+
+        Args:
+            recordings: Runs.
+        """
+        return AxisPanels(
+            rows=[
+                AxisRow(
+                    label="position",
+                    unit="m",
+                    signals=["tool_position", "desired_position"],
+                ),
+                AxisRow(
+                    label="error",
+                    unit="m",
+                    signals=["tool_position"],
+                    reference="desired_position",
+                ),
+                AxisRow(
+                    label="disturbance",
+                    unit="N",
+                    signals=["environment_force", "disturbance_estimate"],
+                ),
+            ],
+            names=["actual", "desired, estimated"],
+        )
+
+
+def TrackingMetrics(recording: Recording) -> dict[str, list[float]]:
+    """Returns the metrics of a tracking, each per task axis.
+
+    * max_error (m): max of |r - r_d|.
+    * rms_error (m): rms over the run of r - r_d.
+    * disturbance_rms_error (N): rms over the run of W Phi - F_e, what the network
+      does not know of the disturbance.
+
+    Args:
+        recording: A run, all of its numbers finite.
+    """
+    begin, end = Split(recording.time, [])
+    r, _ = Motion(recording, begin, end)
+    error = r - Sample(recording, "desired_position", begin, end)
+    unknown = Sample(recording, "disturbance_estimate", begin, end) - Sample(
+        recording, "environment_force", begin, end
+    )
+    return {
+        "max_error": [
+            float(np.abs(Trace(axis)).max()) for axis in np.moveaxis(error, 2, 0)
+        ],
+        "rms_error": RootMeanSquare(begin, end, error),
+        "disturbance_rms_error": RootMeanSquare(begin, end, unknown),
+    }
 
 
 def MakeReference(config: TrajectoryConfig) -> Diagram:

@@ -40,14 +40,15 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario with each controller and puts them side by side."""
-    from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, Scenario
+    from teleop_drake.scenario import ARCHITECTURES
+    from teleop_drake.tasks import TaskOf
 
-    if not isinstance(Load(args), Scenario):
+    controllers = list(TaskOf(Load(args)).controllers)
+    if not controllers:
         raise BadInput(
             f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
             "controllers; tracking has one only"
         )
-    controllers = list(CONTROLLERS)
     if args.controllers == "all":
         controllers = list(ARCHITECTURES)
     elif args.controllers is not None:

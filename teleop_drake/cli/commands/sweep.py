@@ -161,10 +161,10 @@ def Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         ARCHITECTURES,
         CONTROLLERS,
         LoadScenario,
-        Scenario,
         ScenarioError,
     )
     from teleop_drake.sweep import MAX_RUNS, ParseValues, SweepError
+    from teleop_drake.tasks import TaskOf
 
     def Parse(option: str, text: str) -> list[Any]:
         try:
@@ -207,10 +207,9 @@ def Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         for item in [*args.vary, *args.set]
     ):
         try:
-            is_teleoperation = isinstance(LoadScenario(args.scenario), Scenario)
+            controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
         except ScenarioError:  # It may be good with its overrides.
-            is_teleoperation = True
-        controllers = list(CONTROLLERS) if is_teleoperation else []
+            controllers = list(CONTROLLERS)
     return ({"controller": controllers} if controllers else {}) | grid, overrides
 
 

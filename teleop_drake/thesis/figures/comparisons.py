@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from teleop_drake.figures.runs import PlotRows, SignalRow
-from teleop_drake.figures.style import WIDTH, AxisName
+from teleop_drake.figures.runs import PlotRows
+from teleop_drake.figures.style import WIDTH
+from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT
 from teleop_drake.thesis.figures.figure import LEGEND_HEIGHT, ROW_HEIGHT, ThesisFigure
 from teleop_drake.thesis.runs import ThesisRuns

@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from teleop_drake.figures.style import COLORS, FONT_SIZE, LINES, AxisName
+from teleop_drake.figures.style import COLORS, FONT_SIZE, LINES
 from teleop_drake.laws.gaussian_network import equidistant_lattice
+from teleop_drake.tasks.panels import AxisName
 from teleop_drake.thesis.claims.requests import ADAPTIVE
 from teleop_drake.thesis.figures.figure import AddLegendAbove, ThesisFigure, TimeFigure
 from teleop_drake.thesis.runs import ThesisRuns
