@@ -205,6 +205,7 @@ def test_the_tables_solver_is_accurate_enough(kind):
     AssertSame(row, expected, columns, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_solver_of_networks_is_accurate_enough():
     case = ("two_dof_puncture", "never", "both", 0.2)
     overrides = Overrides(*case) | {"controller.kind": "wave_variables"}
@@ -290,7 +291,9 @@ def OverNetwork(kind, channel, round_trip):
     return simulate(LoadScenario("two_dof_puncture", overrides))
 
 
-@pytest.mark.parametrize(("channel", "round_trip"), [("loss", 0.2), ("both", 1.0)])
+@pytest.mark.parametrize(
+    ("channel", "round_trip"), Slow([("loss", 0.2), ("both", 1.0)])
+)
 def test_waves_stay_passive_over_networks(channel, round_trip):
     recording = OverNetwork("wave_variables", channel, round_trip)
     energy = Energy(recording).sum(axis=1)

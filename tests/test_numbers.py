@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import Slow
 from independent_solver import solve, thesis_task
 from runs import TASKS, Run
 
@@ -70,7 +71,7 @@ def test_cases_2_and_3_only_adaptive_settles(name):
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", Slow(TASKS, but=[3]))
 @pytest.mark.parametrize(("key", "factor"), [("accuracy", 10), ("max_step_size", 0.5)])
 def test_metrics_have_converged(name, kind, key, factor):
     """A tenth of the accuracy or half the step moves none by more than 0.1 %."""

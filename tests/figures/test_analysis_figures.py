@@ -5,6 +5,7 @@ import functools
 
 import numpy as np
 import pytest
+from grids import Slow
 from matplotlib.figure import Figure
 
 from teleop_drake.analysis.stability import (
@@ -37,7 +38,7 @@ def Lines(ax, width):
 
 
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
-@pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
+@pytest.mark.parametrize("kind", Slow(["direct_force", "adaptive_backstepping"]))
 @pytest.mark.parametrize("plot", [PlotBode, PlotNyquist, PlotStableDelays])
 def test_can_be_drawn(plot, kind, name, tmp_path):
     figure = plot(Analysis(name, kind))

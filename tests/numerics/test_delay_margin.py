@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from grids import Slow
 from scipy.linalg import eigvals
 
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
@@ -214,7 +215,7 @@ def KroneckerFrequencies(A0, A1):
     return np.unique(np.round(frequencies, 6))
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", Slow(range(12), but=[0, 1, 2]))
 def test_matrix_pencil_finds_the_same_frequencies(seed):
     """Random coupled systems with 4 states and 2 delayed signals."""
     random = np.random.default_rng(seed)

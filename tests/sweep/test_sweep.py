@@ -570,6 +570,7 @@ def IsAlive(pid):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
+@pytest.mark.slow  # test_ctrl_c_keeps_what_is_finished() ends a sweep as well.
 def test_kill_and_resume():
     """kill -9 costs the runs in flight; what is resumed is the same, to the byte."""
     options = ["--delay", "0.01:0.2:12", "--jobs", "2"]
