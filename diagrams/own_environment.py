@@ -6,7 +6,7 @@ points; the operator, the events, the metrics and the analysis ask it. So it wor
 wherever an environment is named, in a scenario file or on the command line, if this
 folder is on Python's path:
 
-    teleop-drake run two_dof_collision --set environment.kind=own_environment:Floor
+    teleop-drake run two_dof_collision --set "environment={kind: own_environment:Floor}"
 
 Run `python diagrams/own_environment.py`: it draws the loop with the floor in it beside
 this file (or into the file given as an argument), lets the arm come down on the floor,

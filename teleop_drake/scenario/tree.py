@@ -311,6 +311,8 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
     if value is None and type(None) in options:
         return None
     options = tuple(option for option in options if option is not type(None))
+    # A list or a dict may be one of two options, the other of which is None.
+    schema = options[0] if len(options) == 1 else schema
     build = _BUILDERS.get(options)
     if build is not None:
         return build(value, path)
@@ -327,7 +329,6 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
             _Build(item, item_schema, f"{path}.{ElementName(item, i)}")
             for i, item in enumerate(value)
         ]
-    (schema,) = options
     table = TableOf(schema)
     if table is not None:
         return _BuildKind(value, table, path)

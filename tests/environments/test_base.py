@@ -11,7 +11,7 @@ import pytest
 from teleop_drake.cli import main
 from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.recording import LoadRecording
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
@@ -120,3 +120,15 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert main(["analyze", "two_dof_collision", *own]) == 0
     assert "contact" in capsys.readouterr().out
     assert main(["diagram", "two_dof_collision", *own, "-o", "loop.dot"]) == 0
+
+
+def test_the_layers_do_not_vanish_with_their_kind():
+    kind = "environment.kind=own_environment:Floor"
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("two_dof_collision", [kind])
+    assert str(error.value).startswith("environment.layers = [")
+    assert str(error.value).endswith(
+        "must be [] for a own_environment:Floor environment"
+    )
+    scenario = LoadScenario("two_dof_collision", ["environment.layers=[]", kind])
+    assert scenario.environment.kind == "own_environment:Floor"
