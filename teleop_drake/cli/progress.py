@@ -20,7 +20,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
 
     Args:
         scenario: What to simulate.
-        is_quiet: Whether to show nothing.
+        is_quiet: Whether to show no progress; what is left out is said all the same.
         engine: As simulate() takes it. Why it cannot be used goes to stderr.
 
     Raises:
@@ -33,15 +33,19 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
     try:
         with _Notes():
             if is_quiet:
-                return simulate(scenario, engine=engine)
-            with _Progress(scenario) as progress:
-                return simulate(scenario, progress=progress, engine=engine)
+                recording = simulate(scenario, engine=engine)
+            else:
+                with _Progress(scenario) as progress:
+                    recording = simulate(scenario, progress=progress, engine=engine)
     except (ScenarioError, OSError):
         raise
     except Exception as error:
         raise Failed(
             f"the run failed: {type(error).__name__}: {FirstLine(error)}"
         ) from error
+    for note in recording.notes:
+        print(f"teleop-drake: {note}", file=sys.stderr)
+    return recording
 
 
 @contextmanager

@@ -46,7 +46,8 @@ def RunSummary(
         duration (s, as the scenario asks for), metrics (what RunMetrics returns), final
         (position in m, velocity in m/s and environment_force in N of the last sample,
         n each), with network channels `channels` (the PacketStatistics of each by its
-        name), and solver (the SolverStatistics). Only finite numbers, None, bool, str,
+        name), with something left out `notes` (why, a sentence each), and solver (the
+        SolverStatistics). Only finite numbers, None, bool, str,
         and lists and dicts of these.
 
     Raises:
@@ -55,7 +56,9 @@ def RunSummary(
     task = task or TaskOf(recording.scenario)
     recording = FinitePart(recording)
     scenario = recording.scenario
-    statistics = {}
+    statistics: dict[str, Any] = {}
+    if recording.notes:
+        statistics["notes"] = recording.notes
     if recording.channels:
         statistics["channels"] = {
             name: dataclasses.asdict(channel)

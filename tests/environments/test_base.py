@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
 from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.recording import LoadRecording
@@ -132,3 +133,43 @@ def test_the_layers_do_not_vanish_with_their_kind():
     )
     scenario = LoadScenario("two_dof_collision", ["environment.layers=[]", kind])
     assert scenario.environment.kind == "own_environment:Floor"
+
+
+def test_a_run_without_surfaces_says_so(monkeypatch, capsys):
+    monkeypatch.setattr(Floor, "MakeEnvironment", Wall(tells=False).MakeEnvironment)
+    environment = "environment={kind: own_environment:Floor}"
+    run = ["run", "two_dof_collision", "--duration", "0.1", "--json", "-", "--quiet"]
+    assert main([*run, "--set", environment]) == 0
+    output = capsys.readouterr()
+    (note,) = json.loads(output.out)["notes"]
+    assert output.err == f"teleop-drake: {note}\n"
+    assert main(run) == 0
+    output = capsys.readouterr()
+    assert "notes" not in json.loads(output.out) and output.err == ""
+
+
+def test_three_axes_meet_a_slope():
+    """On a plane that no axis is normal to."""
+    normal_W = np.array([0.6, 0.0, -0.8])
+    surface = Surface("contact", [0.45, 0.0, 0.18], normal_W)
+    scenario = LoadScenario(
+        DIAGRAMS / "own_arm.yaml", ["surgeon.velocity=[0.02, 0.02, -0.1]"]
+    )
+
+    def Make():
+        slope = HuntCrossleyWall(surface=surface, stiffness=500.0, damping=1.0)
+        return MakeTeleoperator(scenario, environment=slope)
+
+    recording = simulate(scenario, teleoperator=Make())
+    contact = recording.EventTimes("contact")[:1]
+    p_WT = recording.Interpolate("tool_position", np.array(contact))[0]
+    assert surface.Depth(p_WT) == pytest.approx(0, abs=1e-8)
+    collision = RunMetrics(recording)["collision"]
+    assert collision["time"] == pytest.approx(contact[0], abs=1e-8)
+    v_WT = recording.Interpolate("tool_velocity", np.array(contact))[0]
+    assert collision["velocity"] == pytest.approx(v_WT @ normal_W, rel=1e-6)
+
+    points = AnalyzeStability(scenario, teleoperator=Make()).points
+    assert [x.model.point.name for x in points] == ["empty", "contact"]
+    deepest = points[-1].model.point.position
+    assert surface.Depth(deepest) > 0
