@@ -8,9 +8,10 @@ from typing import Any
 def Weakly(method: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a bound method as a function that does not keep its object alive.
 
-    Drake keeps the functions of a witness where Python's garbage collector does not
-    see them, so a system that hands in its own methods is never collected, nor the
-    Diagram that it is in. Drake calls them only while the system lives.
+    Drake keeps the functions of a witness or a cache entry where Python's garbage
+    collector does not see them, so a system that hands in its own methods is never
+    collected, nor the Diagram that it is in. Drake calls them only while the system
+    lives.
 
     Args:
         method: A method of an object.

@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from teleop_drake.callbacks import Weakly
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
@@ -113,17 +114,18 @@ class NetworkTrackingController(LeafSystem):
             self._desired_position.ticket(),
             self._desired_velocity.ticket(),
         }
-        # Both the force and the weights need them.
+        # Both the force and the weights need them. The index is kept, not the entry,
+        # which would keep this block alive.
         self._dynamics = self.DeclareCacheEntry(
             "task_dynamics",
-            ValueProducer(allocate=Value[object], calc=self._CalcDynamics),
+            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
             joints,
-        )
+        ).cache_index()
         self._basis = self.DeclareCacheEntry(
             "basis_functions",
-            ValueProducer(allocate=Value[object], calc=self._CalcBasis),
+            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcBasis)),
             position,
-        )
+        ).cache_index()
         for name, size, calc, prerequisites in (
             (
                 "control_force",
@@ -151,9 +153,9 @@ class NetworkTrackingController(LeafSystem):
         rate = weights_rate(
             self._gains,
             s=self._EvalAuxiliaryError(context),
-            M_r=self._dynamics.Eval(context)[0],
+            M_r=self.get_cache_entry(self._dynamics).Eval(context)[0],
             W=self._GetWeights(context),
-            Phi=self._basis.Eval(context),
+            Phi=self.get_cache_entry(self._basis).Eval(context),
         )
         derivatives.SetFromVector(rate.ravel())
 
@@ -196,7 +198,7 @@ class NetworkTrackingController(LeafSystem):
         )
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        M_r, h_r = self._dynamics.Eval(context)
+        M_r, h_r = self.get_cache_entry(self._dynamics).Eval(context)
         output.SetFromVector(
             tracking_force(
                 self._gains,
@@ -207,12 +209,14 @@ class NetworkTrackingController(LeafSystem):
                 M_r=M_r,
                 h_r=h_r,
                 W=self._GetWeights(context),
-                Phi=self._basis.Eval(context),
+                Phi=self.get_cache_entry(self._basis).Eval(context),
             )
         )
 
     def _CalcDisturbanceEstimate(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetWeights(context) @ self._basis.Eval(context))
+        output.SetFromVector(
+            self._GetWeights(context) @ self.get_cache_entry(self._basis).Eval(context)
+        )
 
     def _CalcWeights(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._GetWeights(context).ravel())
