@@ -36,7 +36,7 @@ def Blocks(language):
 
 
 def test_the_commands_are_one_line_each():
-    """.ci/run executes these three."""
+    """.ci/run executes the first two."""
     commands = Blocks("sh")[:3]
     assert [command.count("\n") for command in commands] == [1, 1, 1]
     set_up, tests, slow_tests = commands
