@@ -2,4 +2,85 @@
 
 The model of P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
 Delays", MS thesis, The University of Texas at Arlington, 2012.
+
+What most people need can be had from here, `from teleop_drake import LoadScenario,
+simulate`, say. It is imported when it is first asked for: the package itself imports
+nothing.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from teleop_drake.analysis.stability import AnalyzeStability
+    from teleop_drake.figures.block_diagram import WriteDiagram
+    from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
+    from teleop_drake.recording import LoadRecording, Recording
+    from teleop_drake.scenario import (
+        LoadScenario,
+        Scenario,
+        ScenarioError,
+        ScenarioNames,
+        ScenarioToYaml,
+        TrackingScenario,
+    )
+    from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
+    from teleop_drake.sweep import Sweep
+    from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+    from teleop_drake.teleoperator import MakeTeleoperator
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AnalyzeStability",
+    "LoadRecording",
+    "LoadScenario",
+    "MakeDiagram",
+    "MakeSimulator",
+    "MakeTeleoperator",
+    "PlotComparison",
+    "PlotRun",
+    "Recording",
+    "RunMetrics",
+    "RunSummary",
+    "SaveFigure",
+    "Scenario",
+    "ScenarioError",
+    "ScenarioNames",
+    "ScenarioToYaml",
+    "Sweep",
+    "TrackingScenario",
+    "WriteDiagram",
+    "simulate",
+]
+
+# Where the names above are from.
+_PLACES = {
+    "analysis.stability": ["AnalyzeStability"],
+    "figures.block_diagram": ["WriteDiagram"],
+    "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
+    "recording": ["LoadRecording", "Recording"],
+    "scenario": [
+        *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),
+        *("ScenarioToYaml", "TrackingScenario"),
+    ],
+    "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
+    "sweep": ["Sweep"],
+    "tasks.metrics": ["RunMetrics", "RunSummary"],
+    "teleoperator": ["MakeTeleoperator"],
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports one of the names of the package when it is first asked for."""
+    for place, names in _PLACES.items():
+        if name in names:
+            value = getattr(import_module(f"{__name__}.{place}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Returns what there is, imported or not."""
+    return sorted({*globals(), *__all__})

@@ -117,6 +117,20 @@ _COMMANDS = {
 }
 
 
+class _ShowVersion(argparse.Action):
+    """Prints the versions of this package and of what its numbers depend on."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *args: Any) -> None:
+        from importlib import metadata
+
+        from teleop_drake import __version__
+
+        others = [f"{name} {metadata.version(name)}" for name in ("drake", "numpy")]
+        others.append(f"Python {sys.version.split()[0]}")
+        print(f"teleop-drake {__version__} ({', '.join(others)})")
+        parser.exit()
+
+
 class _CommandParser(_Parser):
     """Imports the file of its command when the command is called.
 
@@ -142,6 +156,9 @@ def MakeParser() -> argparse.ArgumentParser:
         description="Haptic teleoperation under communication delay.",
         epilog="`teleop-drake COMMAND --help` has the options of a command.",
         allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--version", action=_ShowVersion, nargs=0, help="print the versions and exit"
     )
     commands = parser.add_subparsers(
         title="commands",

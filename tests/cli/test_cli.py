@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import teleop_drake
 import teleop_drake.simulation
 from teleop_drake.cli import main
 from teleop_drake.environments.layered_force_field import LayeredForceField
@@ -50,6 +51,14 @@ def test_help(command, capsys):
         main([*command, "--help"])
     assert info.value.code == 0
     assert capsys.readouterr().out.startswith("usage: teleop-drake")
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as info:
+        main(["--version"])
+    assert info.value.code == 0
+    line = capsys.readouterr().out
+    assert line.startswith(f"teleop-drake {teleop_drake.__version__} (drake 1.")
 
 
 def test_module_runs_the_command():
