@@ -114,6 +114,7 @@ _COMMANDS = {
     "diagram": "Draw the block diagram of a scenario.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
+    "docs": "Say where the documentation is, or write it as HTML.",
 }
 
 

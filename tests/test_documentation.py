@@ -1,14 +1,14 @@
-"""The README keeps what it promises."""
+"""The README and the pages of the documentation keep what they promise."""
 
 import re
 import runpy
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from documentation import PAGES, ROOT, TEXT, Blocks
 from league_table import (
     HasBone,
     IsBounded,
@@ -26,35 +26,47 @@ from teleop_drake.figures.runs import PlotComparison, SaveFigure
 from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, LoadScenario
 from teleop_drake.tasks.metrics import RunMetrics
 
-ROOT = Path(__file__).parent.parent
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def Blocks(language):
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
-    return [text for name, text in blocks if name == language]
-
 
 def test_the_commands_are_one_line_each():
     """.ci/run executes the first two."""
-    commands = Blocks("sh")[:3]
-    assert [command.count("\n") for command in commands] == [1, 1, 1]
-    set_up, tests, slow_tests = commands
+    commands = Blocks("sh")
+    assert [command.count("\n") for command in commands] == [1, 1, 1, 1]
+    set_up, _, tests, slow_tests = commands
     assert "teleop-drake compare two_dof_combined" in set_up
     assert "pytest" in tests and "slow" not in tests
     assert slow_tests.endswith(" -m slow\n")
 
 
-def test_links_lead_somewhere():
-    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
-    assert links
-    for link in links:
-        if not link.startswith("http"):
-            assert (ROOT / link).exists(), link
+def Anchors(text):
+    """The anchors that GitHub makes of the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
+
+
+LINKED = [*ROOT.glob("*.md"), *PAGES, *ROOT.glob("*/*.md"), *ROOT.glob("*/thesis/*.md")]
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)]+)\)", text):
+        if link.startswith("http"):
+            continue
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in Anchors(target.read_text("utf-8")), link
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "teleop_drake/docs/index.md").read_text(encoding="utf-8")
+    assert len(PAGES) > 5
+    for page in PAGES:
+        assert page.stem == "index" or f"]({page.name})" in index
 
 
 @pytest.mark.parametrize(
-    "code", Blocks("python"), ids=["energy", "run", "own_controller"]
+    "code", Blocks("python"), ids=["run", "own_controller", "energy"]
 )
 def test_examples_run(code):
     result = subprocess.run(

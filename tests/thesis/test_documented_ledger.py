@@ -1,4 +1,4 @@
-"""The README's ten rows are those of the ledger."""
+"""The ten rows in the documentation are those of the ledger."""
 
 import re
 from pathlib import Path
@@ -9,15 +9,15 @@ from teleop_drake.thesis.ledger import Ledger, ShortLedger
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
-README = Path(__file__).parents[2] / "README.md"
+PAGE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "thesis.md"
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-def test_short_ledger_stands_in_the_readme(thesis_runs):
+def test_short_ledger_stands_in_the_documentation(thesis_runs):
     """Word for word, and each number within one per cent."""
     now = ShortLedger(Ledger(thesis_runs)).strip()
     header = now.splitlines()[0]
-    text = README.read_text("utf-8")
+    text = PAGE.read_text("utf-8")
     committed = text[text.index(header) :][: len(now) + 200].split("\n\n")[0]
     assert NUMBER.sub("#", committed) == NUMBER.sub("#", now)
     for old, new in zip(NUMBER.findall(committed), NUMBER.findall(now), strict=True):
