@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from importlib import metadata
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
+from teleop_drake.validation import Choices, FixedFields, Refuse, ScenarioError, Show
 
 ENTRY_POINT_GROUP = "teleop_drake.kinds"
 """Group of the entry points that name kinds of other packages."""
@@ -23,7 +23,7 @@ KIND_KEYS = ("kind", "model")
 """The keys of a scenario that name a kind; a robot's is `model`."""
 
 
-class KindConfig:
+class KindConfig(FixedFields):
     """Base of the config dataclasses of all seams.
 
     Attributes:

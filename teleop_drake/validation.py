@@ -22,6 +22,32 @@ class ScenarioError(ValueError):
     """Bad input. Its text is one line: the field, its value and what is allowed."""
 
 
+class FixedFields:
+    """Base of config dataclasses: a field that none of them declares is refused.
+
+    It would be set without effect. Names that begin with an underscore are free.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Sets a field.
+
+        Args:
+            name: Of the field.
+            value: What it is to have; it is not checked.
+
+        Raises:
+            AttributeError: If there is no such field.
+        """
+        if not name.startswith("_") and not hasattr(type(self), name):
+            known = getattr(self, "__dataclass_fields__", {})
+            if name not in known:
+                raise AttributeError(
+                    f"{name} = {Show(value)}: {type(self).__name__} has no such field, "
+                    f"must be {Choices(name, known)}"
+                )
+        super().__setattr__(name, value)
+
+
 class _ShortRepr(reprlib.Repr):
     """repr() on one short line, also of numbers that Python refuses to write out."""
 

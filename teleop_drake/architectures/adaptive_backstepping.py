@@ -32,6 +32,7 @@ from teleop_drake.validation import (
     REQUIRED,
     CheckGain,
     CheckNumber,
+    FixedFields,
     GainMatrix,
     Refuse,
     ScenarioError,
@@ -205,7 +206,7 @@ _GAINS = ("Lambda", "G1", "G2", "P")
 
 
 @dataclass(kw_only=True, eq=False)
-class BacksteppingParameters:
+class BacksteppingParameters(FixedFields):
     """The parameters of chapters 4 and 5.
 
     In a scenario they stand in `controller` itself. A gain is a number (times the

@@ -26,7 +26,13 @@ from teleop_drake.laws.four_channel import (
     slave_force,
     slave_packet,
 )
-from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
+from teleop_drake.validation import (
+    CheckGain,
+    CheckNumber,
+    FixedFields,
+    GainMatrix,
+    Refuse,
+)
 
 
 class FourChannelMaster(LeafSystem):
@@ -393,7 +399,7 @@ _GAINS = ("master_damping", "slave_mass", "slave_damping")
 
 
 @dataclass(kw_only=True, eq=False)
-class LocalController:
+class LocalController(FixedFields):
     """C = damping + stiffness / s of a four-channel station."""
 
     # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which

@@ -10,6 +10,7 @@ from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
     CheckVector,
+    FixedFields,
     Refuse,
     Show,
 )
@@ -20,7 +21,7 @@ memory."""
 
 
 @dataclass(kw_only=True, eq=False)
-class NetworkConfig:
+class NetworkConfig(FixedFields):
     """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
 
     # Corners of the lattice of means, m, n entries each, lower < upper.

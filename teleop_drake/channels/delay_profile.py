@@ -11,11 +11,11 @@ from typing import NoReturn
 
 import numpy as np
 
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
 
 @dataclass(kw_only=True)
-class Sinusoid:
+class Sinusoid(FixedFields):
     """A periodic part of the delay, amplitude sin(frequency t + phase)."""
 
     # s, >= 0.

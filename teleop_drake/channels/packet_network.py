@@ -18,7 +18,7 @@ import numpy as np
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
 JITTERS = ("none", "uniform", "normal", "gamma")
 """Every kind of jitter."""
@@ -36,7 +36,7 @@ SNAP = 1e-9
 
 
 @dataclass(kw_only=True)
-class Jitter:
+class Jitter(FixedFields):
     """How the delays of the packets scatter, each independently of the others.
 
     uniform: within sqrt(3) std on either side of the mean.
@@ -58,7 +58,7 @@ class Jitter:
 
 
 @dataclass(kw_only=True)
-class Loss:
+class Loss(FixedFields):
     """Which packets never arrive.
 
     independent: each with `probability`.

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
 RECEIVERS = ("newest", "playout", "extrapolate")
 """Every policy of a receiver."""
 
 
 @dataclass(kw_only=True)
-class Receiver:
+class Receiver(FixedFields):
     """What the receiver makes of the packets; older ones than it has are discarded.
 
     newest:      holds the packet with the newest time stamp.

@@ -13,11 +13,11 @@ from teleop_drake.environments.layered_force_field import (
     LayerSurfaces,
 )
 from teleop_drake.environments.surface import Surface
-from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
+from teleop_drake.validation import REQUIRED, CheckNumber, FixedFields, Refuse
 
 
 @dataclass(kw_only=True, eq=False)
-class LayerConfig:
+class LayerConfig(FixedFields):
     """One layer of the environment, from its start to the next one's (eq. 2.14).
 
     force = stiffness (x - reference) + damping v_x.

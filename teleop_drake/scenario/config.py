@@ -31,6 +31,7 @@ from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
     CheckVector,
+    FixedFields,
     Refuse,
     Within,
 )
@@ -57,7 +58,7 @@ INTEGRATION_SCHEMES = tuple(
 
 
 @dataclass(kw_only=True, eq=False)
-class SurgeonConfig:
+class SurgeonConfig(FixedFields):
     """What the surgeon commands (thesis section 2.5)."""
 
     # v_d until contact is perceived, m/s, n entries, not all zero.
@@ -70,7 +71,7 @@ class SurgeonConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class _ChosenKind:
+class _ChosenKind(FixedFields):
     """The choice of a control architecture; it stands first in a scenario."""
 
     # One of ARCHITECTURES, or module:Class of your own.
@@ -145,7 +146,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
 
 
 @dataclass(kw_only=True, eq=False)
-class TrajectoryConfig:
+class TrajectoryConfig(FixedFields):
     """r_d(t) = centre + amplitude sin(frequency t + phase) (thesis eq. 3.28)."""
 
     # m, n entries.
@@ -159,7 +160,7 @@ class TrajectoryConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class DisturbanceConfig:
+class DisturbanceConfig(FixedFields):
     """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
 
     # One of DISTURBANCES; coupled needs n = 2.
@@ -169,7 +170,7 @@ class DisturbanceConfig:
 
 
 @dataclass(kw_only=True, eq=False)
-class TrackingControllerConfig:
+class TrackingControllerConfig(FixedFields):
     """The controller of chapter 3. A gain is a number or an n x n matrix."""
 
     # One of TRACKING_CONTROLLERS.

@@ -74,6 +74,7 @@ from teleop_drake.validation import (
     CheckNumber,
     CheckVector,
     Choices,
+    FixedFields,
     GainMatrix,
     Refuse,
     ScenarioError,
@@ -122,7 +123,7 @@ _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
 
 @dataclass(kw_only=True, eq=False)
-class _ScenarioBase:
+class _ScenarioBase(FixedFields):
     """What every scenario has."""
 
     # Short name; the file's stem where the file gives none.
@@ -143,6 +144,25 @@ class _ScenarioBase:
         if not isinstance(other, (Scenario, TrackingScenario)):
             return NotImplemented
         return ScenarioToYaml(self) == ScenarioToYaml(other)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what pickle keeps; Drake's SimulatorConfig as a dict of its fields.
+
+        It cannot be pickled itself.
+        """
+        state = dict(self.__dict__)
+        if isinstance(simulator := state.get("simulator"), SimulatorConfig):
+            state["simulator"] = {
+                item.name: getattr(simulator, item.name)
+                for item in SimulatorConfig.__fields__
+            }
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Takes what __getstate__() returned."""
+        self.__dict__.update(state)
+        if isinstance(simulator := state.get("simulator"), dict):
+            self.__dict__["simulator"] = SimulatorConfig(**simulator)
 
     # Mutable, so not hashable.
     __hash__ = None  # type: ignore[assignment]

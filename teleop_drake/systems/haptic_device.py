@@ -8,11 +8,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.validation import FixedFields, Refuse, ScenarioError
 
 
 @dataclass(kw_only=True, eq=False)
-class HapticDeviceConfig:
+class HapticDeviceConfig(FixedFields):
     """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
 
     # Coefficients of H in N s/m, highest power of s first.
