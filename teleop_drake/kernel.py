@@ -77,7 +77,9 @@ class Delay:
         signal: Name of the input port.
         output: Name of the output port.
         initial_value: What comes out at first.
-        time: The delay in s, > 0; not used with packets.
+        time: The delay T in s, > 0, or a function that returns T(t) at the time t in s
+            when the signal comes out: continuous, of slope < 1. Not used with packets.
+        kinks: Where the slope of T(t) jumps, s.
         packets: Returns the packets that are shown until a time in s, by ascending
             `shown`; None: the signal itself comes out, `time` later.
     """
@@ -85,7 +87,8 @@ class Delay:
     signal: str
     output: str
     initial_value: Sequence[float]
-    time: float = math.inf
+    time: float | Callable[[float], float] = math.inf
+    kinks: Sequence[float] = ()
     packets: Callable[[float], Sequence[Packet]] | None = None
 
 

@@ -126,6 +126,11 @@ class DelayProfile:
         """An upper bound of dT/dt, the sum of the maxima of its parts."""
         return self._max_slope
 
+    @property
+    def kinks(self) -> list[float]:
+        """Where the slope of T may jump: the times of the trace, in s."""
+        return self._times[1:-1]
+
     def CheckContinuous(self, least: float) -> None:
         """Checks that a signal can be delayed by T continuously and in order.
 

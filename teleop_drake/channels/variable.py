@@ -10,6 +10,7 @@ from teleop_drake.channels.base import SHORTEST_TIME, ConstantDelay
 from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
+from teleop_drake.kernel import Delay, Kernel
 from teleop_drake.validation import Within
 
 # Keys are multiples of this, in s, so that the two sides of a jump have equal ones
@@ -73,6 +74,20 @@ class VariableDelay(DelayLine):
             initial_value=initial_value,
             shortest_delay=profile.minimum,
             max_sample_interval=max_sample_interval,
+        )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return Kernel(
+            delays=[
+                Delay(
+                    signal="signal",
+                    output="delayed_signal",
+                    time=self._profile,
+                    kinks=self._profile.kinks,
+                    initial_value=self._initial_value,
+                )
+            ]
         )
 
     def StoreKey(self, time: float) -> float:

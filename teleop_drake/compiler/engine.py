@@ -1,6 +1,6 @@
 """Runs a compiled diagram."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,20 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.machine_code import CompileIntegrator
 from teleop_drake.compiler.source import Program
-from teleop_drake.numerics import delay_integrator
-from teleop_drake.numerics.delay_integrator import (
+from teleop_drake.kernel import Delay, Packet
+from teleop_drake.numerics import delay_integrator, delay_problem
+from teleop_drake.numerics.delay_integrator import evaluate_pieces
+from teleop_drake.numerics.delay_problem import (
     Delays,
-    Memory,
     Problem,
     Transitions,
+    make_memory,
 )
+from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
 Array = NDArray[np.float64]
+
+_NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 
 # How many rows are integrated at a time. In between Python notices Ctrl-C.
 _CHUNK = 512
@@ -34,6 +39,8 @@ class CompiledRun:
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
+        as_machine_code: Whether to compile, for which numba is needed; otherwise the
+            same program runs in Python.
 
     Attributes:
         evaluator: Of the diagram.
@@ -51,41 +58,34 @@ class CompiledRun:
         end: float,
         accuracy: float,
         max_step: float,
+        as_machine_code: bool = True,
     ):
-        self.evaluator = Evaluator(system, context, as_machine_code=True)
+        self.evaluator = Evaluator(system, context, as_machine_code=as_machine_code)
+        self._is_machine_code = as_machine_code
         self.failure = ""
         self._accuracy, self._max_step = accuracy, max_step
         program = self.evaluator.program
         self._problem = Problem(
-            *program.parameters, _Delays(program, end), _Transitions(program)
+            *program.parameters,
+            _Delays(program, context.get_time(), end),
+            _Transitions(program),
         )
         x, m, y = self.evaluator.ReadContext(context)
-        n = len(x)
-        next_times = np.array(
-            [
-                x.offset if x.guard is None else np.inf
-                for x, _, _, _ in program.transitions
-            ],
-            float,
-        )
-        width = len(self._problem.delays.initial_values)
-        self._memory = Memory(
-            clock=np.array([context.get_time(), 0.1 * max_step, context.get_time()]),
-            counts=np.zeros(6, np.int64),
+        self._memory = make_memory(
+            self._problem,
             x=x,
             m=m,
             y=y,
-            stages=np.zeros((7, n)),
-            x_stage=np.zeros(n),
-            x_next=np.zeros(n),
-            dx=np.zeros(n),
-            next_packets=self._problem.delays.packet_ranges[:, 0].copy(),
-            next_times=next_times,
-            breaks=np.zeros((1024, 2)),
-            steps=np.zeros((_CHUNK, 2)),
-            values=np.zeros((_CHUNK, 5, width)),
-            row_times=np.zeros(_CHUNK),
-            rows=np.zeros((_CHUNK, len(y))),
+            next_times=np.array(
+                [
+                    x.offset if x.guard is None else np.inf
+                    for x, _, _, _ in program.transitions
+                ],
+                float,
+            ),
+            time=context.get_time(),
+            first_step=0.1 * max_step,
+            room=_CHUNK,
         )
         self._advance: Callable[..., Any] | None = None
 
@@ -97,12 +97,12 @@ class CompiledRun:
     @property
     def num_steps(self) -> int:
         """How many steps it has taken."""
-        return int(self._memory.counts[delay_integrator.STEPS])
+        return int(self._memory.counts[delay_problem.STEPS])
 
     @property
     def num_evaluations(self) -> int:
         """How many evaluations of the time derivatives it has taken."""
-        return int(self._memory.counts[delay_integrator.EVALUATIONS])
+        return int(self._memory.counts[delay_problem.EVALUATIONS])
 
     def Advance(self, end: float) -> tuple[Array, Array]:
         """Integrates for a while.
@@ -123,13 +123,15 @@ class CompiledRun:
             self._max_step,
         )
         if self._advance is None:
-            self._advance = CompileIntegrator(*arguments)
+            self._advance = delay_integrator.advance
+            if self._is_machine_code:
+                self._advance = CompileIntegrator(*arguments)
         status = self._advance(self.evaluator.function, *arguments)
         counts = self._memory.counts
-        num = counts[delay_integrator.ROWS]
+        num = counts[delay_problem.ROWS]
         times = self._memory.row_times[:num].copy()
         rows = self._memory.rows[:num].copy()
-        counts[delay_integrator.ROWS] = 0
+        counts[delay_problem.ROWS] = 0
         if status == delay_integrator.STUCK:
             self.failure = "the smallest step is still too inaccurate"
         elif status == delay_integrator.FULL:
@@ -139,12 +141,13 @@ class CompiledRun:
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""
         memory, counts = self._memory, self._memory.counts
-        num = counts[delay_integrator.POLYNOMIALS]
+        num = counts[delay_problem.POLYNOMIALS]
         delays = self._problem.delays
         reached = self.time
         for d, time in enumerate(delays.times):
             if np.isfinite(time):
-                reached = min(reached, self.time - time)
+                delay = delay_integrator.delay_at(self.time, d, delays)
+                reached = min(reached, self.time - delay)
             elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
                 # Those that are shown later were sent later.
                 _, sent, previous = delays.packets[memory.next_packets[d] - 1]
@@ -161,31 +164,63 @@ class CompiledRun:
         # The polynomial under way is behind the others.
         steps[: num + 1 - oldest] = steps[oldest : num + 1].copy()
         values[: num + 1 - oldest] = values[oldest : num + 1].copy()
-        counts[delay_integrator.POLYNOMIALS] = num - oldest
+        counts[delay_problem.POLYNOMIALS] = num - oldest
         breaks = memory.breaks
-        if counts[delay_integrator.BREAKS] > len(breaks) // 2:
+        if counts[delay_problem.BREAKS] > len(breaks) // 2:
             breaks = np.concatenate([breaks, np.zeros_like(breaks)])
         self._memory = memory._replace(steps=steps, values=values, breaks=breaks)
 
 
-def _Delays(program: Program, end: float) -> Delays:
+def _Delays(program: Program, start: float, end: float) -> Delays:
     delays = [delay for delay, _, _ in program.delays]
-    packets = [[] if d.packets is None else d.packets(end) for d in delays]
-    counts = np.array([len(group) for group in packets], np.int64)
-    ends = np.cumsum(counts)
+    packets = [_Packets(delay, end) for delay in delays]
+    packet_ends = np.cumsum([len(group) for group in packets], dtype=np.int64)
+    packet_firsts = np.concatenate(([0], packet_ends))[:-1]
+    pieces = [
+        fit_pieces(delay.time, start, end, kinks=delay.kinks)
+        if callable(delay.time)
+        else _NO_PIECES
+        for delay in delays
+    ]
+    piece_ends = np.cumsum([len(x.coefficients) for x in pieces], dtype=np.int64)
+    piece_firsts = np.concatenate(([0], piece_ends))[:-1]
     signals = [part for _, part, _ in program.delays]
     outputs = [part for _, _, part in program.delays]
     return Delays(
-        times=np.array([delay.time for delay in delays], float),
+        times=np.array(
+            [
+                _Shortest(x) if callable(delay.time) else delay.time
+                for delay, x in zip(delays, pieces, strict=True)
+            ],
+            float,
+        ),
         signals=np.array([part.start for part in signals], np.int64),
         outputs=np.array([part.start for part in outputs], np.int64),
         sizes=np.array([part.stop - part.start for part in outputs], np.int64),
         initial_values=np.array([x for d in delays for x in d.initial_value], float),
-        packet_ranges=np.column_stack((ends - counts, ends)),
+        packet_ranges=np.column_stack((packet_firsts, packet_ends)),
         packets=np.array([packet for group in packets for packet in group]).reshape(
             -1, 3
         ),
+        piece_ranges=np.column_stack((piece_firsts, piece_ends)),
+        knots=np.concatenate([np.empty(0), *(x.knots for x in pieces)]),
+        coefficients=np.concatenate(
+            [_NO_PIECES.coefficients, *(x.coefficients for x in pieces)]
+        ),
     )
+
+
+def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
+    """Returns the packets of a delay; one at each kink, for nobody, where T varies."""
+    if delay.packets is not None:
+        return delay.packets(end)
+    return [Packet(shown=t, sent=t) for t in sorted(delay.kinks) if t <= end]
+
+
+def _Shortest(pieces: Pieces) -> float:
+    """Returns the shortest of a delay that varies, or a little less."""
+    times = np.linspace(pieces.knots[:-1], pieces.knots[1:], 17).ravel().tolist()
+    return 0.99 * min(evaluate_pieces(*pieces, t) for t in times)
 
 
 def _Transitions(program: Program) -> Transitions:

@@ -10,11 +10,12 @@ from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.compiler.machine_code import CompileEvaluate
-from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel
+from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel, TrackingKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
+from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
@@ -38,6 +39,8 @@ def KernelOf(system: System, context: Context) -> Kernel:
         return PlantKernel(system, context)
     if isinstance(system, ToolInterface):
         return ToolKernel(system)
+    if isinstance(system, NetworkTrackingController):
+        return TrackingKernel(system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")

@@ -9,15 +9,26 @@ from pydrake.systems.framework import Context
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws.gaussian_network import basis_functions
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+from teleop_drake.laws.tracking import (
+    disturbance_estimate,
+    dynamics_vector,
+    tracking_error,
+    tracking_force_vector,
+    weights_rate_vector,
+)
 from teleop_drake.numerics.rigid_body import (
     RigidBodyTree,
     calc_accelerations,
     calc_kinematics,
+    calc_mass_matrix,
     calc_point_acceleration,
     calc_point_motion,
     make_work,
+    mass_matrix,
 )
+from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
@@ -107,6 +118,83 @@ def tool_motion(
     calc_kinematics(tree, state[:n], state[n:], work)
     calc_point_motion(tree, link, point, work, motion)
     return tool_kinematics(motion[:3], motion[6:].reshape(3, n), state, num_axes)
+
+
+def tool_dynamics(
+    tree: RigidBodyTree,
+    link: int,
+    point: Array,
+    num_axes: int,
+    q: Array,
+    v: Array,
+    work: Array,
+    motion: Array,
+) -> Array:
+    """Returns dynamics_vector() of a plant at its tool.
+
+    Args:
+        tree: Its links.
+        link: Index of the link with the tool.
+        point: Where the tool is in the link's frame, m (3).
+        num_axes: Number of task axes.
+        q: Positions of the joints in rad or m (n).
+        v: Their velocities in rad/s or m/s (n).
+        work: As make_work() returns it.
+        motion: To work in (6 + 3 n).
+    """
+    n = len(q)
+    bias, J_dot_qdot = np.empty(n), np.empty(3)
+    calc_mass_matrix(tree, q, v, work, bias)
+    calc_point_motion(tree, link, point, work, motion)
+    calc_point_acceleration(tree, link, point, np.zeros(n), work, J_dot_qdot)
+    J = motion[6:].reshape(3, n)[:num_axes]
+    return dynamics_vector(mass_matrix(work), bias, J, J_dot_qdot[:num_axes])
+
+
+def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
+    """Returns the kernel of the controller of chapter 3, which knows a plant.
+
+    Args:
+        controller: The block.
+
+    Raises:
+        UnsupportedSystem: If ReadPlantTree() cannot read the plant.
+    """
+    plant, frame, network = controller.plant, controller.tool_frame, controller.network
+    plant_context = plant.CreateDefaultContext()
+    read = ReadPlantTree(plant, plant_context)
+    link, X_LB = read.poses[int(frame.body().index())]
+    X_BF = frame.CalcPoseInBodyFrame(plant_context)
+    nv, n, N = plant.num_velocities(), network.num_inputs, network.num_functions
+    motion = ("tool_position", "tool_velocity", "desired_position", "desired_velocity")
+    law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
+    return Kernel(
+        parameters={
+            "gains": controller.gains.as_numbers(),
+            "centres": network.centres,
+            "widths": network.widths,
+            "tree": read.tree,
+            "point": (X_LB @ X_BF).translation(),
+            "work": make_work(nv),
+            "motion": np.zeros(6 + 3 * nv),
+        },
+        rate=(weights_rate_vector, *law),
+        outputs={
+            "basis": (basis_functions, "tool_position", "centres", "widths"),
+            "dynamics": (
+                tool_dynamics, "tree", link, "point", n, "joint_position",
+                "joint_velocity", "work", "motion",
+            ),
+            "auxiliary_error": (tracking_error, "gains", *motion),
+            "control_force": (
+                tracking_force_vector, *law, "tool_velocity", "desired_velocity",
+                "desired_acceleration",
+            ),
+            "disturbance_estimate": (disturbance_estimate, "state", "basis"),
+            "weights_1": "state",
+        },
+        sizes={"basis": N, "dynamics": n * n + n},
+    )  # fmt: skip
 
 
 def ToolKernel(tool: ToolInterface) -> Kernel:

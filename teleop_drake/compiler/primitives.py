@@ -16,11 +16,13 @@ from pydrake.systems.primitives import (
     Multiplexer,
     PassThrough,
     Saturation,
+    Sine,
     VectorLogSink,
+    ZeroOrderHold,
 )
 
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.kernel import Kernel, Term, times
+from teleop_drake.kernel import Kernel, Term, Transition, times
 
 Array = NDArray[np.float64]
 
@@ -47,6 +49,22 @@ def total(*terms: Array) -> Array:
 def limited(u: Array, lower: Array, upper: Array) -> Array:
     """Returns u, no less than `lower` and no more than `upper`."""
     return np.minimum(np.maximum(u, lower), upper)
+
+
+def sine(order: int, u: Any, amplitude: Array, frequency: Array, phase: Array) -> Array:
+    """Returns a derivative of amplitude sin(frequency u + phase).
+
+    Args:
+        order: Of the derivative, 0 to 2.
+        u: The time, or as many numbers as there are amplitudes.
+        amplitude: Amplitudes.
+        frequency: Frequencies.
+        phase: Phases in rad.
+    """
+    quarter_turns = order * (np.pi / 2)
+    angle = frequency * u + phase + quarter_turns
+    result: Array = amplitude * frequency**order * np.sin(angle)
+    return result
 
 
 def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
@@ -109,25 +127,29 @@ def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
 
 
 def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
-    if system.time_period() > 0:
-        raise UnsupportedSystem(system, "its state is discrete")
     inputs = _Inputs(system)
+    has_state = system.num_states() > 0
+    is_discrete = has_state and system.time_period() > 0
+    state = "mode" if is_discrete else "state"
     outputs: dict[str, Term] = {}
     if system.num_output_ports() > 0:
-        outputs = _Output(system, (affine, "y0", "C", "state"))
+        outputs = _Output(system, (affine, "y0", "C", state))
         if system.HasAnyDirectFeedthrough():
-            outputs = _Output(system, (affine_of_two, "y0", "C", "state", "D", *inputs))
-    rate: Term | None = None
-    if system.num_states() > 0:
-        rate = (affine, "f0", "A", "state")
+            outputs = _Output(system, (affine_of_two, "y0", "C", state, "D", *inputs))
+    law: Term | None = None
+    if has_state:
+        law = (affine, "f0", "A", state)
         if inputs:
-            rate = (affine_of_two, "f0", "A", "state", "B", *inputs)
+            law = (affine_of_two, "f0", "A", state, "B", *inputs)
     return Kernel(
         parameters={
             name: getattr(system, name)() for name in ("A", "B", "C", "D", "f0", "y0")
         },
         outputs=outputs,
-        rate=rate,
+        rate=None if is_discrete else law,
+        transitions={"steps": Transition(mode=law, period=system.time_period())}
+        if is_discrete and law is not None
+        else {},
     )
 
 
@@ -142,15 +164,61 @@ def _ConstantVectorSource(system: ConstantVectorSource, context: Context) -> Ker
 
 
 def _Saturation(system: Saturation, context: Context) -> Kernel:
-    u, *limits = _Inputs(system)
-    if limits:
-        raise UnsupportedSystem(system, "its limits are inputs")
     return Kernel(
         parameters={
             "lower": _Response(system, -np.inf),
             "upper": _Response(system, np.inf),
         },
-        outputs=_Output(system, (limited, u, "lower", "upper")),
+        outputs=_Output(system, (limited, *_Inputs(system), "lower", "upper")),
+    )
+
+
+def _Sine(system: Sine, context: Context) -> Kernel:
+    u = _Inputs(system)[0] if system.num_input_ports() > 0 else "time"
+    # Drake does not tell its numbers, but a, f and p can be seen in its outputs, which
+    # are a sin(f u + p) and its first two derivatives.
+    values = np.array([_SineAt(system, x) for x in (0.0, 0.1, 0.25, 0.7, 1.9)])
+    best = np.abs(values[:, 0]).argmax(axis=0)
+    value, slope, curvature = values[best, :, np.arange(len(best))].T
+    where = np.array([0.0, 0.1, 0.25, 0.7, 1.9])[best]
+    f = np.sqrt(np.maximum(-curvature / np.where(value == 0, 1.0, value), 0.0))
+    along = slope / np.where(f == 0, 1.0, f)
+    parameters = {
+        "amplitude": np.hypot(value, along),
+        "frequency": f,
+        "phase": np.arctan2(value, along) - f * where,
+    }
+    return Kernel(
+        parameters=parameters,
+        outputs={
+            system.get_output_port(i).get_name(): (sine, i, u, *parameters)
+            for i in range(3)
+        },
+    )
+
+
+def _SineAt(system: Sine, u: float) -> list[Array]:
+    """Returns the three outputs at a time, or for inputs that are all u."""
+    context = system.CreateDefaultContext()
+    if system.num_input_ports() == 0:
+        context.SetTime(u)
+    else:
+        port = system.get_input_port(0)
+        port.FixValue(context, np.full(port.size(), u))
+    return [np.array(system.get_output_port(i).Eval(context)) for i in range(3)]
+
+
+def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
+    (u,) = _Inputs(system)
+    if context.num_abstract_states() > 0:
+        raise UnsupportedSystem(system, "it holds values that are no vectors")
+    return Kernel(
+        outputs=_Output(system, "mode"),
+        transitions={
+            "samples": Transition(
+                mode=u, period=system.period(), offset=system.offset()
+            )
+        },
     )
 
 
@@ -173,6 +241,8 @@ _KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
     Integrator: _Integrator,
     ConstantVectorSource: _ConstantVectorSource,
     Saturation: _Saturation,
+    Sine: _Sine,
+    ZeroOrderHold: _ZeroOrderHold,
     PassThrough: _PassThrough,
     VectorLogSink: _VectorLogSink,
 }

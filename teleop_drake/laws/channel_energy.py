@@ -20,7 +20,7 @@ def port_power(force: Array, velocity: Array) -> float:
         force: F in N (n).
         velocity: v in m/s (n).
     """
-    return float(np.dot(force, velocity))
+    return float(np.sum(force * velocity))
 
 
 def energy_rates(F_m: Array, v_m: Array, F_s: Array, v_s: Array) -> Array:
@@ -33,3 +33,13 @@ def energy_rates(F_m: Array, v_m: Array, F_s: Array, v_s: Array) -> Array:
         v_s: Velocity of the tool, m/s (n).
     """
     return np.array([port_power(F_m, v_m), port_power(F_s, v_s)])
+
+
+def port_power_vector(force: Array, velocity: Array) -> Array:
+    """Returns port_power() as a vector."""
+    return np.array([port_power(force, velocity)])
+
+
+def difference(of_two: Array) -> Array:
+    """Returns the first of two numbers minus the second, as a vector."""
+    return np.array([of_two[0] - of_two[1]])

@@ -100,6 +100,11 @@ def gaussian_functions(
     return Phi, Phi * (offset @ (u_dot / widths)) * -2.0
 
 
+def basis_functions(u: Array, centres: Array, widths: Array) -> Array:
+    """Returns Phi(u) of (3.1) alone; see gaussian_functions()."""
+    return gaussian_functions(u, np.zeros(u.size), centres, widths)[0]
+
+
 class GaussianNetwork:
     """The basis functions of one network: Phi of (3.1) and its rate of change.
 

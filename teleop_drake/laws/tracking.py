@@ -22,6 +22,7 @@ opposite sign in (3.19) and (3.27), from a wrong sign in front of Phi^T w~ in (3
 """
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,15 @@ from numpy.typing import NDArray
 from teleop_drake.validation import CheckNumber, Refuse
 
 Array = NDArray[np.float64]
+
+
+class TrackingNumbers(NamedTuple):
+    """The constants of the law without any check; see TrackingGains."""
+
+    Lambda: Array
+    G1: Array
+    beta: float
+    nu: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,9 +82,16 @@ class TrackingGains:
         """Number of task axes n."""
         return len(self.Lambda)
 
+    def as_numbers(self) -> TrackingNumbers:
+        """Returns the constants as machine code can read them."""
+        return TrackingNumbers(self.Lambda, self.G1, self.beta, self.nu)
+
+
+Gains = TrackingGains | TrackingNumbers
+
 
 def task_dynamics(
-    *, M: Array, bias: Array, J: Array, J_dot_qdot: Array
+    M: Array, bias: Array, J: Array, J_dot_qdot: Array
 ) -> tuple[Array, Array]:
     """Returns the robot's dynamics as its tool feels them (2.8 to 2.10).
 
@@ -93,22 +110,19 @@ def task_dynamics(
     Raises:
         numpy.linalg.LinAlgError: If the pose is exactly singular.
     """
-    # One factorization serves M^-1 J^T and M^-1 bias.
-    solution = np.linalg.solve(M, np.column_stack([J.T, bias]))
-    M_r = np.linalg.inv(J @ solution[:, :-1])
-    return M_r, M_r @ (J @ solution[:, -1] - J_dot_qdot)
+    # One inverse serves M^-1 J^T and M^-1 bias.
+    M_inv: NDArray[Any] = np.linalg.inv(M)
+    M_r: NDArray[Any] = np.linalg.inv(J @ (M_inv @ J.T))
+    return M_r, M_r @ (J @ (M_inv @ bias) - J_dot_qdot)
 
 
-def tracking_error(
-    gains: TrackingGains, *, r: Array, v: Array, r_d: Array, v_d: Array
-) -> Array:
+def tracking_error(gains: Gains, r: Array, v: Array, r_d: Array, v_d: Array) -> Array:
     """Returns s = (v - v_d) + Lambda (r - r_d) in m/s (n) (3.11)."""
     return v - v_d + gains.Lambda @ (r - r_d)
 
 
 def tracking_force(
-    gains: TrackingGains,
-    *,
+    gains: Gains,
     s: Array,
     velocity_error: Array,
     a_d: Array,
@@ -133,12 +147,64 @@ def tracking_force(
     return W @ Phi + h_r + M_r @ a
 
 
-def weights_rate(
-    gains: TrackingGains, *, s: Array, M_r: Array, W: Array, Phi: Array
-) -> Array:
+def weights_rate(gains: Gains, s: Array, M_r: Array, W: Array, Phi: Array) -> Array:
     """Returns dW/dt in N/s (n, N) (3.27, its sign corrected); see tracking_force()."""
-    g = np.linalg.solve(M_r.T, s)
+    g = np.linalg.inv(M_r.T) @ s
     return -gains.beta * (np.outer(g, Phi) + gains.nu * W)
+
+
+def dynamics_vector(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
+    """Returns task_dynamics() as a vector, [M_r row by row; h_r] (n n + n)."""
+    M_r, h_r = task_dynamics(M, bias, J, J_dot_qdot)
+    return np.concatenate((M_r.ravel(), h_r))
+
+
+def tracking_force_vector(
+    gains: Gains,
+    dynamics: Array,
+    weights: Array,
+    Phi: Array,
+    s: Array,
+    v: Array,
+    v_d: Array,
+    a_d: Array,
+) -> Array:
+    """Returns tracking_force().
+
+    Args:
+        gains: The constants of the law.
+        dynamics: See dynamics_vector().
+        weights: W, row by row (n N).
+        Phi: Basis functions (N).
+        s: See tracking_error(), m/s (n).
+        v: Velocity in m/s (n).
+        v_d: Desired velocity in m/s (n).
+        a_d: Desired acceleration in m/s^2 (n).
+    """
+    n = s.size
+    M_r, h_r = dynamics[: n * n].reshape(n, n), dynamics[n * n :]
+    W = weights.reshape(n, Phi.size)
+    return tracking_force(gains, s, v - v_d, a_d, M_r, h_r, W, Phi)
+
+
+def weights_rate_vector(
+    gains: Gains, dynamics: Array, weights: Array, Phi: Array, s: Array
+) -> Array:
+    """Returns weights_rate(), row by row; see tracking_force_vector()."""
+    n = s.size
+    M_r, W = dynamics[: n * n].reshape(n, n), weights.reshape(n, Phi.size)
+    return weights_rate(gains, s, M_r, W, Phi).ravel()
+
+
+def disturbance_estimate(weights: Array, Phi: Array) -> Array:
+    """Returns W Phi in N (n), which estimates F_e.
+
+    Args:
+        weights: W, row by row (n N).
+        Phi: Basis functions (N).
+    """
+    estimate: Array = weights.reshape(-1, Phi.size) @ Phi
+    return estimate
 
 
 def linear_disturbance(K: Array, r: Array, v: Array) -> Array:

@@ -18,15 +18,25 @@ All functions here are in the part of Python that numba knows.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.numerics.delay_problem import (
+    BREAKS,
+    EVALUATIONS,
+    IS_STARTED,
+    POLYNOMIALS,
+    ROWS,
+    STEPS,
+    Delays,
+    Memory,
+    Problem,
+    Transitions,
+)
 from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Evaluate = Callable[..., None]
 
 # Points of a step at which a delayed signal is kept, as shares of the step.
@@ -41,108 +51,6 @@ _SAME = 1e-12
 
 # How advance() ended.
 DONE, FULL, STUCK = 0, 1, 2
-
-
-class Delays(NamedTuple):
-    """What is delayed; d delays of w numbers in all.
-
-    Attributes:
-        times: The delays in s (d), > 0; infinity where packets are shown.
-        signals: Where in y a delay's signal begins (d).
-        outputs: Where in y its output begins (d).
-        sizes: Width of the signal (d).
-        initial_values: What comes out at first, one after another (w).
-        packet_ranges: First and end of a delay's packets among all (d, 2).
-        packets: When they are shown and sent, and when the one was sent with which they
-            make a line, -infinity without, s (k, 3).
-    """
-
-    times: Array
-    signals: Indices
-    outputs: Indices
-    sizes: Indices
-    initial_values: Array
-    packet_ranges: Indices
-    packets: Array
-
-
-class Transitions(NamedTuple):
-    """Changes of the mode, k in all.
-
-    Attributes:
-        guards: Where in y the guard is (k), -1 if it is periodic.
-        sources: Where in y the new mode begins (k).
-        targets: Where in m it belongs (k).
-        sizes: How many numbers it has (k).
-        periods: Of the periodic ones in s (k).
-    """
-
-    guards: Indices
-    sources: Indices
-    targets: Indices
-    sizes: Indices
-    periods: Array
-
-
-class Problem(NamedTuple):
-    """What belongs to a system.
-
-    Attributes:
-        p: Its parameters.
-        q: Its parameters that are integers.
-        delays: What is delayed.
-        transitions: How the mode changes.
-    """
-
-    p: Array
-    q: Indices
-    delays: Delays
-    transitions: Transitions
-
-
-class Memory(NamedTuple):
-    """What advance() works with and leaves behind.
-
-    Attributes:
-        clock: Time, next step's length, and where it started, in s (3).
-        counts: Steps taken, evaluations, polynomials, breaks, rows, and whether the
-            first stage is known (6).
-        x: Continuous state.
-        m: Discrete state.
-        y: Signals; what is fed from outside is there beforehand.
-        stages: Rates at the stages of a step (7, n).
-        x_stage: State at a stage (n).
-        x_next: State at the end of the step (n).
-        dx: A rate that is not a stage's (n).
-        next_packets: The next packet that will be shown of each delay (d).
-        next_times: When each periodic transition happens next, s (k).
-        breaks: Time and order of the breaks ahead (b, 2).
-        steps: Begin and end of each polynomial in s (c, 2).
-        values: Delayed signals at the nodes (c, 5, w).
-        row_times: Times of the recorded rows (r).
-        rows: Signals of the recorded rows (r, y).
-    """
-
-    clock: Array
-    counts: Indices
-    x: Array
-    m: Array
-    y: Array
-    stages: Array
-    x_stage: Array
-    x_next: Array
-    dx: Array
-    next_packets: Indices
-    next_times: Array
-    breaks: Array
-    steps: Array
-    values: Array
-    row_times: Array
-    rows: Array
-
-
-# The places in `counts`.
-STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED = 0, 1, 2, 3, 4, 5
 
 
 def _add_past(
@@ -191,6 +99,68 @@ def _add_past(
             memory.y[first + i] += share * memory.values[low, a, column + i]
 
 
+def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
+    """Returns the value at x, beyond the ends that of the nearer end.
+
+    It is in the part of Python that numba knows.
+
+    Args:
+        knots: Those of Pieces.
+        coefficients: Those of Pieces.
+        x: Where.
+    """
+    low, high = 0, len(coefficients) - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if knots[middle] <= x:
+            low = middle
+        else:
+            high = middle - 1
+    begin, end = knots[low], knots[low + 1]
+    share = min(max((2 * x - begin - end) / (end - begin), -1.0), 1.0)
+    value: float = 0.0
+    for power in range(coefficients.shape[1] - 1, -1, -1):
+        value = value * share + coefficients[low, power]
+    return value
+
+
+def delay_at(t: float, d: int, delays: Delays) -> float:
+    """Returns a delay in s, infinity where packets are shown.
+
+    Args:
+        t: When the signal comes out, s.
+        d: Of the delay.
+        delays: The delays.
+    """
+    first, end = delays.piece_ranges[d, 0], delays.piece_ranges[d, 1]
+    if first == end:
+        return float(delays.times[d])
+    # Of the varying delays before it, each has one knot more than pieces.
+    before = 0
+    for i in range(d):
+        if delays.piece_ranges[i, 0] < delays.piece_ranges[i, 1]:
+            before += 1
+    knots = delays.knots[first + before : end + before + 1]
+    return evaluate_pieces(knots, delays.coefficients[first:end], t)
+
+
+def _arrival(s: float, d: int, delays: Delays) -> float:
+    """Returns when what is sent at s comes out of a delay, s: t - T(t) = s."""
+    if delays.piece_ranges[d, 0] == delays.piece_ranges[d, 1]:
+        return s + float(delays.times[d])
+    low, high = s, s + delay_at(s, d, delays)
+    while high - delay_at(high, d, delays) < s:
+        low, high = high, high + delay_at(high, d, delays)
+    middle = (low + high) / 2
+    while low < middle < high:
+        if middle - delay_at(middle, d, delays) < s:
+            low = middle
+        else:
+            high = middle
+        middle = (low + high) / 2
+    return high
+
+
 def _fetch(t: float, delays: Delays, memory: Memory) -> None:
     """Puts into y what comes out of the delays.
 
@@ -203,7 +173,7 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
         for i in range(size):
             memory.y[first + i] = 0.0
         if delays.times[d] < math.inf:
-            s = t - delays.times[d]
+            s = t - delay_at(t, d, delays)
             _add_past(s, is_after, 1.0, d, column, delays, memory)
         elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
             _add_past(-math.inf, False, 1.0, d, column, delays, memory)
@@ -333,7 +303,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
                 if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
                     echo = 1
         if echo <= _MAX_ECHO and delays.times[d] < math.inf:
-            _add_break(t + delays.times[d], echo, memory)
+            _add_break(_arrival(t, d, delays), echo, memory)
         column += delays.sizes[d]
 
 

@@ -228,15 +228,32 @@ def calc_accelerations(
         work: As make_work() returns it.
         v_dot: For the result, in rad/s^2 or m/s^2 (n).
     """
+    calc_mass_matrix(tree, q, v, work, v_dot)
+    for i in range(len(v_dot)):
+        v_dot[i] = forces[i] - tree.damping[i] * v[i] - v_dot[i]
+    _solve(work, v_dot)
+
+
+def calc_mass_matrix(
+    tree: RigidBodyTree, q: Array, v: Array, work: Array, bias: Array
+) -> None:
+    """Fills in the mass matrix M and the bias of M v_dot + bias = forces - D v.
+
+    Args:
+        tree: The links.
+        q: Positions of the joints in rad or m (n).
+        v: Their velocities in rad/s or m/s (n).
+        work: As make_work() returns it, for the lower half of M; see mass_matrix().
+        bias: For the Coriolis, centrifugal and gravity terms, N m or N (n).
+    """
     n = len(tree.parents)
     calc_kinematics(tree, q, v, work)
     _calc_bias(tree, v, work)
     for i in range(n - 1, -1, -1):
         row = work[i]
-        bias = 0.0
+        bias[i] = 0.0
         for k in range(6):
-            bias += row[_S + k] * row[_F + k]
-        v_dot[i] = forces[i] - tree.damping[i] * v[i] - bias
+            bias[i] += row[_S + k] * row[_F + k]
         # M, column by column: what the links outboard of joint i weigh for the joints
         # inboard of it.
         L, P = _momentum(row, _get(row, _S), _get(row, _S + 3))
@@ -254,7 +271,20 @@ def calc_accelerations(
                 above[_F + k] += row[_F + k]
             for k in range(10):
                 above[_I + k] += row[_I + k]
-    _solve(work, v_dot)
+
+
+def mass_matrix(work: Array) -> Array:
+    """Returns M (n, n).
+
+    Args:
+        work: As calc_mass_matrix() left it.
+    """
+    n = len(work)
+    M = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            M[i, j] = M[j, i] = work[i, _M + j]
+    return M
 
 
 def _solve(work: Array, b: Array) -> None:

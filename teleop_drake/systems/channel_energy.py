@@ -8,7 +8,12 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.laws.channel_energy import energy_rates, port_power
+from teleop_drake.kernel import Kernel
+from teleop_drake.laws.channel_energy import (
+    difference,
+    energy_rates,
+    port_power_vector,
+)
 from teleop_drake.validation import CheckNumber
 
 
@@ -82,6 +87,22 @@ class ChannelEnergy(LeafSystem):
         ):
             self.DeclareVectorOutputPort(name, 1, calc, prerequisites)
 
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        at_master = ("master_force", "master_velocity")
+        at_slave = ("slave_force", "slave_velocity")
+        return Kernel(
+            rate=(energy_rates, *at_master, *at_slave),
+            outputs={
+                "energy": (difference, "state"),
+                "power": (difference, "rate"),
+                "power_in": (port_power_vector, *at_master),
+                "power_out": (port_power_vector, *at_slave),
+                "energy_in": ("state", 0, 1),
+                "energy_out": ("state", 1, 2),
+            },
+        )
+
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
@@ -98,20 +119,19 @@ class ChannelEnergy(LeafSystem):
         )
 
     def _CalcPower(self, context: Context, output: BasicVector) -> None:
-        power_in, power_out = self._Powers(context)
-        output.SetAtIndex(0, power_in - power_out)
+        output.SetFromVector(difference(self._Powers(context)))
 
     def _CalcPowerIn(self, context: Context, output: BasicVector) -> None:
         F, v = self._master_force.Eval(context), self._master_velocity.Eval(context)
-        output.SetAtIndex(0, port_power(F, v))
+        output.SetFromVector(port_power_vector(F, v))
 
     def _CalcPowerOut(self, context: Context, output: BasicVector) -> None:
         F, v = self._slave_force.Eval(context), self._slave_velocity.Eval(context)
-        output.SetAtIndex(0, port_power(F, v))
+        output.SetFromVector(port_power_vector(F, v))
 
     def _CalcEnergy(self, context: Context, output: BasicVector) -> None:
-        energies = context.get_continuous_state_vector()
-        output.SetAtIndex(0, energies.GetAtIndex(0) - energies.GetAtIndex(1))
+        energies = context.get_continuous_state_vector().CopyToVector()
+        output.SetFromVector(difference(energies))
 
     def _CalcEnergyIn(self, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, context.get_continuous_state_vector().GetAtIndex(0))

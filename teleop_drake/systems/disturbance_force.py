@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
 from teleop_drake.validation import CheckChoice, Refuse
 
@@ -57,6 +58,17 @@ class DisturbanceForce(LeafSystem):
             self._CalcForce,
             prerequisites_of_calc=prerequisites,
         )
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return Kernel(
+            parameters={"gain": self._gain},
+            outputs={
+                "environment_force": (
+                    self._law, "gain", "tool_position", "tool_velocity"
+                )
+            },
+        )  # fmt: skip
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -16,10 +16,11 @@ from teleop_drake.callbacks import Weakly
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
-    task_dynamics,
+    disturbance_estimate,
+    dynamics_vector,
     tracking_error,
-    tracking_force,
-    weights_rate,
+    tracking_force_vector,
+    weights_rate_vector,
 )
 from teleop_drake.validation import Refuse
 
@@ -146,22 +147,44 @@ class NetworkTrackingController(LeafSystem):
                 name, size, calc, prerequisites_of_calc=prerequisites
             )
 
+    @property
+    def gains(self) -> TrackingGains:
+        """The constants of the law."""
+        return self._gains
+
+    @property
+    def network(self) -> GaussianNetwork:
+        """The basis functions."""
+        return self._network
+
+    @property
+    def plant(self) -> MultibodyPlant:
+        """The plant, which is what the controller knows of the robot."""
+        return self._plant
+
+    @property
+    def tool_frame(self) -> Frame:
+        """The tool's frame, whose origin is T."""
+        return self._plant.get_frame(self._tool_frame)
+
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Evaluates the law; called by Drake several times in every step."""
-        rate = weights_rate(
-            self._gains,
-            s=self._EvalAuxiliaryError(context),
-            M_r=self.get_cache_entry(self._dynamics).Eval(context)[0],
-            W=self._GetWeights(context),
-            Phi=self.get_cache_entry(self._basis).Eval(context),
+        derivatives.SetFromVector(
+            weights_rate_vector(
+                self._gains,
+                self.get_cache_entry(self._dynamics).Eval(context),
+                self._GetWeights(context),
+                self.get_cache_entry(self._basis).Eval(context),
+                self._EvalAuxiliaryError(context),
+            )
         )
-        derivatives.SetFromVector(rate.ravel())
 
     def _GetWeights(self, context: Context) -> np.ndarray:
+        """Returns W, row by row."""
         x: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        return x.reshape(self._gains.num_axes, -1)
+        return x
 
     def _CalcDynamics(self, context: Context, output: Value[object]) -> None:
         plant, plant_context = self._plant, self._plant_context
@@ -176,7 +199,7 @@ class NetworkTrackingController(LeafSystem):
             plant_context, JacobianWrtVariable.kV, *of_tool
         )
         output.set_value(
-            task_dynamics(
+            dynamics_vector(
                 M=plant.CalcMassMatrix(plant_context),
                 bias=plant.CalcBiasTerm(plant_context)
                 - plant.CalcGravityGeneralizedForces(plant_context),
@@ -198,28 +221,25 @@ class NetworkTrackingController(LeafSystem):
         )
 
     def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        M_r, h_r = self.get_cache_entry(self._dynamics).Eval(context)
         output.SetFromVector(
-            tracking_force(
+            tracking_force_vector(
                 self._gains,
-                s=self._EvalAuxiliaryError(context),
-                velocity_error=self._tool_velocity.Eval(context)
-                - self._desired_velocity.Eval(context),
-                a_d=self._desired_acceleration.Eval(context),
-                M_r=M_r,
-                h_r=h_r,
-                W=self._GetWeights(context),
-                Phi=self.get_cache_entry(self._basis).Eval(context),
+                self.get_cache_entry(self._dynamics).Eval(context),
+                self._GetWeights(context),
+                self.get_cache_entry(self._basis).Eval(context),
+                self._EvalAuxiliaryError(context),
+                self._tool_velocity.Eval(context),
+                self._desired_velocity.Eval(context),
+                self._desired_acceleration.Eval(context),
             )
         )
 
     def _CalcDisturbanceEstimate(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            self._GetWeights(context) @ self.get_cache_entry(self._basis).Eval(context)
-        )
+        basis = self.get_cache_entry(self._basis).Eval(context)
+        output.SetFromVector(disturbance_estimate(self._GetWeights(context), basis))
 
     def _CalcWeights(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetWeights(context).ravel())
+        output.SetFromVector(self._GetWeights(context))
 
     def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalAuxiliaryError(context))

@@ -10,7 +10,9 @@ from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.simulation import MakeDiagram, simulate
+from teleop_drake.systems.channel_energy import ChannelEnergy
+from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.teleoperator import MakeTeleoperator
 
 
@@ -20,6 +22,13 @@ def test_a_scenario_compiles(name, controller):
     scenario = LoadScenario(name)
     scenario.controller.kind = controller
     CheckKernel(MakeTeleoperator(scenario), num_states=3)
+
+
+@pytest.mark.parametrize(
+    "name", ["network_tracking_linear", "network_tracking_coupled"]
+)
+def test_the_tracking_of_chapter_3_compiles(name):
+    CheckKernel(MakeDiagram(LoadScenario(name)), num_states=3)
 
 
 I = np.eye(2)
@@ -39,6 +48,9 @@ FOUR = {"mass": I, "damping": I, "local_damping": I, "local_stiffness": 9 * I}
             **FOUR, C1=1, C3=0.5, C5=0.1, start=[1, 0], acceleration_bandwidth=50
         ),
         TransportDelay(delay=0, size=2),
+        ChannelEnergy(num_axes=2),
+        DisturbanceForce(kind="linear", gain=I),
+        DisturbanceForce(kind="coupled", gain=I),
     ],
     ids=lambda block: type(block).__name__,
 )

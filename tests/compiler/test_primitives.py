@@ -19,6 +19,8 @@ from pydrake.systems.primitives import (
     PassThrough,
     Saturation,
     Sine,
+    WrapToSystem,
+    ZeroOrderHold,
 )
 
 from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
@@ -46,6 +48,10 @@ NONE = np.zeros
         ConstantVectorSource([1.0, -2.0]),
         Saturation([-0.1, -0.2], [0.3, 0.1]),
         PassThrough(2),
+        Sine([1.0, -2.0, 0.0, 3.0], [3.0, 0.0, 2.0, 1.0], [0.1, 0.2, 0.3, 0.0], True),
+        Sine([1.0, 3.0], [3.0, -1.0], [0.1, 0.0], False),
+        ZeroOrderHold(0.1, 2),
+        LinearSystem(A / 5, B, C, D, 0.1),
     ],
     ids=lambda block: type(block).__name__,
 )
@@ -54,12 +60,9 @@ def test_a_primitive_has_a_kernel(block):
 
 
 def test_a_block_without_a_kernel_is_named():
-    block = Sine(1.0, 1.0, 0.0, 1)
-    block.set_name("hum")
-    with pytest.raises(UnsupportedSystem, match=r"Sine 'hum' .* offers no kernel"):
-        CheckKernel(block)
-    block = LinearSystem(A, B, C, D, 0.1)
-    with pytest.raises(UnsupportedSystem, match="discrete"):
+    block = WrapToSystem(1)
+    block.set_name("turns")
+    with pytest.raises(UnsupportedSystem, match=r"System 'turns' .* offers no kernel"):
         CheckKernel(block)
 
 

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.delay_integrator import (
-    DONE,
-    FULL,
+from teleop_drake.numerics.delay_integrator import DONE, FULL, advance
+from teleop_drake.numerics.delay_problem import (
     Delays,
-    Memory,
     Problem,
     Transitions,
-    advance,
+    make_memory,
 )
+from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
+NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 NO_DELAYS = Delays(
     times=np.empty(0),
     signals=np.empty(0, dtype=int),
@@ -23,6 +23,9 @@ NO_DELAYS = Delays(
     initial_values=np.empty(0),
     packet_ranges=np.empty((0, 2), dtype=int),
     packets=np.empty((0, 3)),
+    piece_ranges=np.empty((0, 2), dtype=int),
+    knots=np.empty(0),
+    coefficients=np.empty((0, 8)),
 )
 NO_TRANSITIONS = Transitions(
     guards=np.empty(0, dtype=int),
@@ -39,25 +42,13 @@ def MakeProblem(delays=NO_DELAYS, transitions=NO_TRANSITIONS):
 
 def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
     problem = problem or MakeProblem()
-    n, width = len(x), int(problem.delays.sizes.sum())
-    periods = problem.transitions.periods
-    return Memory(
-        clock=np.array([0.0, 1e-3, 0.0]),
-        counts=np.zeros(6, dtype=int),
+    return make_memory(
+        problem,
         x=np.array(x, dtype=float),
         m=np.array(m, dtype=float),
         y=np.zeros(num_signals),
-        stages=np.zeros((7, n)),
-        x_stage=np.zeros(n),
-        x_next=np.zeros(n),
-        dx=np.zeros(n),
-        next_packets=problem.delays.packet_ranges[:, 0].copy(),
-        next_times=periods.copy(),
-        breaks=np.zeros((50, 2)),
-        steps=np.zeros((room, 2)),
-        values=np.zeros((room, 5, width)),
-        row_times=np.zeros(room),
-        rows=np.zeros((room, num_signals)),
+        next_times=problem.transitions.periods.copy(),
+        room=room,
     )
 
 
@@ -91,7 +82,7 @@ def decay(t, x, m, p, q, y, dx, everything):
     dx[0] = -y[1]
 
 
-def OneDelay(time, packets=()):
+def OneDelay(time, packets=(), pieces=NO_PIECES):
     return Delays(
         times=np.array([time]),
         signals=np.array([0]),
@@ -100,6 +91,9 @@ def OneDelay(time, packets=()):
         initial_values=np.array([1.0]),
         packet_ranges=np.array([[0, len(packets)]]),
         packets=np.array(packets, dtype=float).reshape(-1, 3),
+        piece_ranges=np.array([[0, len(pieces.coefficients)]]),
+        knots=pieces.knots,
+        coefficients=pieces.coefficients,
     )
 
 
@@ -110,6 +104,21 @@ def test_the_method_of_steps():
     assert advance(decay, problem, memory, 2.5, 1e-9, 0.1) == DONE
     expected = 1 - 2.5 + 1.5**2 / 2 - 0.5**3 / 6
     assert memory.x[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_delay_that_varies():
+    """dx/dt = -x(t - T), T = 0.5 + t/2, so that t - T(t) = (t - 1)/2.
+
+    1 - t up to t = 1, then x(1) - (t - 1) + (t - 1)^2/4 up to t = 3.
+    """
+    pieces = fit_pieces(lambda t: 0.5 + t / 2, 0.0, 2.75)
+    problem = MakeProblem(delays=OneDelay(0.5, pieces=pieces))
+    memory = MakeMemory([1.0], num_signals=2, problem=problem)
+    assert advance(decay, problem, memory, 2.75, 1e-10, 0.1) == DONE
+    assert memory.x[0] == pytest.approx(-1.75 + 1.75**2 / 4, abs=1e-9)
+    times = memory.row_times[: memory.counts[4]]
+    # A step ends where the start comes out.
+    assert times[np.argmin(np.abs(times - 1))] == pytest.approx(1.0, abs=1e-12)
 
 
 def test_packets_are_held():

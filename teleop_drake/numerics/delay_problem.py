@@ -1,0 +1,167 @@
+"""What delay_integrator works with: a system with delays and modes as arrays."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Delays(NamedTuple):
+    """What is delayed; d delays of w numbers in all.
+
+    Attributes:
+        times: The delays in s (d), > 0; infinity where packets are shown. Of one that
+            varies the shortest.
+        signals: Where in y a delay's signal begins (d).
+        outputs: Where in y its output begins (d).
+        sizes: Width of the signal (d).
+        initial_values: What comes out at first, one after another (w).
+        packet_ranges: First and end of a delay's packets among all (d, 2).
+        packets: When they are shown and sent, and when the one was sent with which they
+            make a line, -infinity without, s (k, 3). Where no packets are shown, steps
+            end when one would be: at the kinks of a delay that varies.
+        piece_ranges: First and end of a delay's pieces among all (d, 2); none where the
+            delay is constant.
+        knots: Of the delays that vary, as piecewise.Pieces has them, one after another;
+            each delay has one knot more than it has pieces.
+        coefficients: Of their pieces (p, 8).
+    """
+
+    times: Array
+    signals: Indices
+    outputs: Indices
+    sizes: Indices
+    initial_values: Array
+    packet_ranges: Indices
+    packets: Array
+    piece_ranges: Indices
+    knots: Array
+    coefficients: Array
+
+
+class Transitions(NamedTuple):
+    """Changes of the mode, k in all.
+
+    Attributes:
+        guards: Where in y the guard is (k), -1 if it is periodic.
+        sources: Where in y the new mode begins (k).
+        targets: Where in m it belongs (k).
+        sizes: How many numbers it has (k).
+        periods: Of the periodic ones in s (k).
+    """
+
+    guards: Indices
+    sources: Indices
+    targets: Indices
+    sizes: Indices
+    periods: Array
+
+
+class Problem(NamedTuple):
+    """What belongs to a system.
+
+    Attributes:
+        p: Its parameters.
+        q: Its parameters that are integers.
+        delays: What is delayed.
+        transitions: How the mode changes.
+    """
+
+    p: Array
+    q: Indices
+    delays: Delays
+    transitions: Transitions
+
+
+class Memory(NamedTuple):
+    """What advance() works with and leaves behind.
+
+    Attributes:
+        clock: Time, next step's length, and where it started, in s (3).
+        counts: Steps taken, evaluations, polynomials, breaks, rows, and whether the
+            first stage is known (6).
+        x: Continuous state.
+        m: Discrete state.
+        y: Signals; what is fed from outside is there beforehand.
+        stages: Rates at the stages of a step (7, n).
+        x_stage: State at a stage (n).
+        x_next: State at the end of the step (n).
+        dx: A rate that is not a stage's (n).
+        next_packets: The next packet that will be shown of each delay (d).
+        next_times: When each periodic transition happens next, s (k).
+        breaks: Time and order of the breaks ahead (b, 2).
+        steps: Begin and end of each polynomial in s (c, 2).
+        values: Delayed signals at the nodes (c, 5, w).
+        row_times: Times of the recorded rows (r).
+        rows: Signals of the recorded rows (r, y).
+    """
+
+    clock: Array
+    counts: Indices
+    x: Array
+    m: Array
+    y: Array
+    stages: Array
+    x_stage: Array
+    x_next: Array
+    dx: Array
+    next_packets: Indices
+    next_times: Array
+    breaks: Array
+    steps: Array
+    values: Array
+    row_times: Array
+    rows: Array
+
+
+# The places in `counts`.
+STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED = 0, 1, 2, 3, 4, 5
+
+
+def make_memory(
+    problem: Problem,
+    *,
+    x: Array,
+    m: Array,
+    y: Array,
+    next_times: Array,
+    time: float = 0.0,
+    first_step: float = 1e-3,
+    room: int = 512,
+    room_for_breaks: int = 1024,
+) -> Memory:
+    """Returns what advance() starts with.
+
+    Args:
+        problem: What is integrated.
+        x: Continuous state.
+        m: Discrete state.
+        y: Signals, with what is fed from outside.
+        next_times: When each periodic transition happens first, s; infinity for others.
+        time: In s.
+        first_step: Length of the first step in s.
+        room: For how many polynomials and rows.
+        room_for_breaks: For how many breaks.
+    """
+    n, width = len(x), len(problem.delays.initial_values)
+    return Memory(
+        clock=np.array([time, first_step, time]),
+        counts=np.zeros(6, np.int64),
+        x=x,
+        m=m,
+        y=y,
+        stages=np.zeros((7, n)),
+        x_stage=np.zeros(n),
+        x_next=np.zeros(n),
+        dx=np.zeros(n),
+        next_packets=problem.delays.packet_ranges[:, 0].copy(),
+        next_times=next_times,
+        breaks=np.zeros((room_for_breaks, 2)),
+        steps=np.zeros((room, 2)),
+        values=np.zeros((room, 5, width)),
+        row_times=np.zeros(room),
+        rows=np.zeros((room, len(y))),
+    )

@@ -1,0 +1,74 @@
+"""A smooth function of one variable as polynomials, one after another.
+
+A function in Python becomes numbers, which machine code can read.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_DEGREE = 7
+
+# On a piece the variable goes from -1 to 1. Chebyshev's points with both ends.
+_NODES = np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)[::-1]
+_TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
+# Where a polynomial is compared with the function.
+_TESTS = (_NODES[1:] + _NODES[:-1]) / 2
+_AT_TESTS = np.vander(_TESTS, _DEGREE + 1, increasing=True)
+
+
+class Pieces(NamedTuple):
+    """Polynomials, each of which holds between two knots.
+
+    Attributes:
+        knots: Where the pieces begin, ascending, and where the last one ends (k + 1).
+        coefficients: Of ascending powers of what goes from -1 to 1 on a piece (k, 8).
+    """
+
+    knots: Array
+    coefficients: Array
+
+
+def fit_pieces(
+    function: Callable[[float], float],
+    start: float,
+    end: float,
+    *,
+    kinks: Iterable[float] = (),
+    tolerance: float = 1e-13,
+    shortest: float = 1e-6,
+) -> Pieces:
+    """Returns polynomials that are a function, to within a tolerance.
+
+    Args:
+        function: Continuous, and smooth between its kinks.
+        start: Where it begins.
+        end: Where it ends, > start.
+        kinks: Where a derivative jumps; no piece reaches across one.
+        tolerance: What they may differ by, as a share of the function, or of 1 where it
+            is less.
+        shortest: Pieces are not cut into pieces shorter than this.
+    """
+    inner = sorted({float(x) for x in kinks if start < x < end})
+    ends = [float(start), *inner, float(end)]
+    # The next interval is the last one of the list.
+    intervals = list(itertools.pairwise(ends))[::-1]
+    knots, rows = [float(start)], []
+    while intervals:
+        a, b = intervals.pop()
+        middle, half = (a + b) / 2, (b - a) / 2
+        values = np.array([function(middle + half * x) for x in _NODES.tolist()])
+        row = _TO_COEFFICIENTS @ values
+        tests = np.array([function(middle + half * x) for x in _TESTS.tolist()])
+        error = np.abs(_AT_TESTS @ row - tests).max()
+        if error > tolerance * max(1.0, np.abs(values).max()) and b - a > 2 * shortest:
+            intervals += [(middle, b), (a, middle)]
+            continue
+        knots.append(b)
+        rows.append(row)
+    return Pieces(np.array(knots), np.array(rows))

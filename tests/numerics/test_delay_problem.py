@@ -1,0 +1,42 @@
+"""What the integrator works with; test_delay_integrator.py integrates."""
+
+import numpy as np
+
+from teleop_drake.numerics import delay_problem
+from teleop_drake.numerics.delay_problem import Delays, Problem, make_memory
+
+
+def test_the_counts_have_places_of_their_own():
+    names = "STEPS EVALUATIONS POLYNOMIALS BREAKS ROWS IS_STARTED"
+    places = [getattr(delay_problem, name) for name in names.split()]
+    assert sorted(places) == list(range(6))
+
+
+def test_there_is_room_for_what_is_kept():
+    packets = np.array([[0.5, 0.1, -np.inf], [0.6, 0.2, -np.inf]])
+    delays = Delays(
+        times=np.array([0.1, np.inf]),
+        signals=np.array([0, 2]),
+        outputs=np.array([5, 7]),
+        sizes=np.array([2, 3]),
+        initial_values=np.zeros(5),
+        packet_ranges=np.array([[0, 0], [0, 2]]),
+        packets=packets,
+        piece_ranges=np.zeros((2, 2), int),
+        knots=np.empty(0),
+        coefficients=np.empty((0, 8)),
+    )
+    memory = make_memory(
+        Problem(np.empty(0), np.empty(0, int), delays, None),
+        x=np.zeros(4),
+        m=np.zeros(1),
+        y=np.zeros(10),
+        next_times=np.empty(0),
+        time=2.0,
+        room=30,
+    )
+    assert memory.clock.tolist() == [2.0, 1e-3, 2.0]
+    assert memory.values.shape == (30, 5, 5)
+    assert memory.rows.shape == (30, 10)
+    assert memory.stages.shape == (7, 4)
+    assert memory.next_packets.tolist() == [0, 0]

@@ -1,0 +1,34 @@
+"""Functions as pieces of polynomials, against the functions."""
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.delay_integrator import evaluate_pieces
+from teleop_drake.numerics.piecewise import fit_pieces
+
+
+def wave(t):
+    return 0.3 + 0.1 * math.sin(7 * t + 1) + 0.02 * t
+
+
+def bent(t):
+    """Straight, with kinks at 0.5 and 2."""
+    return float(np.interp(t, [0.0, 0.5, 2.0, 3.0], [0.1, 0.4, 0.2, 0.3]))
+
+
+@pytest.mark.parametrize("function, kinks", [(wave, ()), (bent, (0.5, 2.0))])
+def test_the_pieces_are_the_function(function, kinks):
+    pieces = fit_pieces(function, 0.0, 3.0, kinks=kinks)
+    for t in np.linspace(0, 3, 1001).tolist():
+        assert evaluate_pieces(*pieces, t) == pytest.approx(function(t), abs=2e-13)
+    assert len(pieces.coefficients) < 100
+    assert evaluate_pieces(*pieces, 99.0) == pytest.approx(function(3.0), abs=2e-13)
+
+
+def test_a_kink_that_nobody_told_costs_pieces_but_not_accuracy():
+    pieces = fit_pieces(bent, 0.0, 3.0)
+    assert 20 < len(pieces.coefficients) < 200
+    for t in (0.499, 0.5, 1.999999, 2.1):
+        assert evaluate_pieces(*pieces, t) == pytest.approx(bent(t), abs=1e-7)
