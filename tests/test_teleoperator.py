@@ -5,10 +5,12 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels import SampledChannelConfig
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import DiagramDot
 from teleop_drake.robots import MakeRobot
@@ -226,3 +228,21 @@ def test_outputs_with_the_name_of_another_signal_are_refused(output, owner):
 
 def test_outputs_with_a_name_of_their_own_are_recorded():
     assert MakeTeleoperator(LoadScenario("one_dof"), control_law=Telling("doubt"))
+
+
+def test_a_diagram_is_run_and_analysed_in_any_order():
+    """A run makes the diagram part of another one, in which its Contexts change."""
+    scenario = LoadScenario(
+        "one_dof", {"controller.kind": "direct_force", "duration": 0.05}
+    )
+    teleoperator = MakeTeleoperator(scenario)
+
+    def Analyze() -> list[dict]:
+        analysis = AnalyzeStability(scenario, teleoperator=teleoperator)
+        return [point.ToRecord() for point in analysis.points]
+
+    before = Analyze()
+    first, again = (simulate(scenario, teleoperator=teleoperator) for _ in range(2))
+    assert Analyze() == before
+    np.testing.assert_array_equal(first["tool_position"], again["tool_position"])
+    CheckKernel(teleoperator, num_states=1)  # What a compiled run begins with.

@@ -42,7 +42,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Diagram
 
 from teleop_drake.analysis.cut_diagram import (
     Concatenate,
@@ -61,6 +61,7 @@ from teleop_drake.architectures.time_domain_passivity import (
 )
 from teleop_drake.architectures.wave_variables import WaveSlave
 from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments.surface import SurfacesOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
@@ -175,7 +176,7 @@ class _Linearizer:
     def __init__(self, scenario: Scenario, point: OperatingPoint, diagram: Diagram):
         self._scenario = scenario
         self._point = point
-        self._root = diagram.CreateDefaultContext()
+        self._contexts = ContextsIn(diagram, diagram.CreateDefaultContext())
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
         self._surfaces = SurfacesOf(self._systems["environment"]) or ()
         self._frozen_weights = self._idle_passivity = False
@@ -235,9 +236,7 @@ class _Linearizer:
             self._systems["master"].GetSubsystemByName(name)
             for name in ("surgeon", "haptic_device")
         )
-        contexts = [
-            x.GetMyMutableContextFromRoot(self._root) for x in (surgeon, device)
-        ]
+        contexts = [self._contexts[x] for x in (surgeon, device)]
         hand = FixedInput(
             ports=[surgeon.GetInputPort("haptic_force")], contexts=contexts[:1]
         )
@@ -262,9 +261,6 @@ class _Linearizer:
 
     # The diagram.
 
-    def _Context(self, system: System) -> Context:
-        return system.GetMyMutableContextFromRoot(self._root)
-
     def _Fix(self, *ports: tuple[str, str]) -> FixedInput:
         systems = [self._systems[system] for system, _ in ports]
         return FixedInput(
@@ -272,12 +268,12 @@ class _Linearizer:
                 x.GetInputPort(name)
                 for x, (_, name) in zip(systems, ports, strict=True)
             ],
-            contexts=[self._Context(x) for x in systems],
+            contexts=[self._contexts[x] for x in systems],
         )
 
     def _Eval(self, system: str, port: str) -> Array:
         output = self._systems[system].GetOutputPort(port)
-        value: Array = output.Eval(self._Context(self._systems[system]))
+        value: Array = output.Eval(self._contexts[self._systems[system]])
         return value
 
     def _PacketSizes(self) -> tuple[int, int]:
@@ -291,7 +287,7 @@ class _Linearizer:
     def _FindStates(self, name: str) -> list[States]:
         result = []
         for system in Leaves(self._systems[name]):
-            context = self._Context(system)
+            context = self._contexts[system]
             size = context.num_continuous_states()
             # The environment's is the layer it is in.
             is_sampled = context.num_discrete_state_groups() > 0

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.contexts import ContextsIn
 
 Array = NDArray[np.float64]
 
@@ -91,14 +92,14 @@ def Compare(evaluator: Evaluator, system: System, context: Context) -> None:
         KernelDisagrees: If anything differs; it names the block.
     """
     y, dx = evaluator.Evaluate(context)
-    program = evaluator.program
+    program, contexts = evaluator.program, ContextsIn(system, context)
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
         if not block.system.HasOutputPort(output.port):
             continue  # What belongs to a transition.
         port = block.system.GetOutputPort(output.port)
         if port.get_data_type() == PortDataType.kVectorValued:
-            expected = port.Eval(block.system.GetMyContextFromRoot(context))
+            expected = port.Eval(contexts[block.system])
             _Compare(block.path, output.port, y[part], expected)
     x_dot = system.EvalTimeDerivatives(context).CopyToVector()
     for block, part in zip(evaluator.blocks, program.states, strict=True):

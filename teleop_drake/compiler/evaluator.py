@@ -14,6 +14,7 @@ from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel, Tracking
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.tool_interface import ToolInterface
@@ -68,10 +69,9 @@ class Evaluator:
         self, system: System, context: Context, *, as_machine_code: bool = False
     ):
         self.blocks = Flatten(system)
-        kernels = [
-            KernelOf(block.system, block.system.GetMyContextFromRoot(context))
-            for block in self.blocks
-        ]
+        self._system = system
+        contexts = ContextsIn(system, context)
+        kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
         self.program = Program(self.blocks, kernels)
         compiler = CompileEvaluate if as_machine_code else _InPython
         self.function = compiler(self.program.text, self.program.names)
@@ -99,25 +99,26 @@ class Evaluator:
         Returns:
             x, m, and y with what no kernel delivers.
         """
-        program = self.program
+        program, contexts = self.program, ContextsIn(self._system, context)
         num_y, _, num_m = program.sizes
         y, m = np.zeros(num_y), np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()
         for block, part in zip(self.blocks, program.modes, strict=True):
-            state = block.system.GetMyContextFromRoot(context).get_discrete_state()
+            state = contexts[block.system].get_discrete_state()
             groups = [state.value(i) for i in range(state.num_groups())]
             if groups:
                 m[part] = np.concatenate(groups)
         for (i, name), part in program.fed.items():
-            y[part] = _FedValue(self.blocks[i].system, name, context)
+            block = self.blocks[i]
+            y[part] = _FedValue(block.system, name, contexts[block.system])
         for delay, _, part in program.delays:
             y[part] = delay.initial_value
         return x, m, y
 
 
-def _FedValue(system: System, name: str, root_context: Context) -> Array:
+def _FedValue(system: System, name: str, context: Context) -> Array:
     """Returns the value of an input that is not connected inside of the diagram."""
-    port, context = system.GetInputPort(name), system.GetMyContextFromRoot(root_context)
+    port = system.GetInputPort(name)
     if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
         value: Array = port.Eval(context)
         return value

@@ -76,7 +76,9 @@ def RunCompiled(
     outcome = _Run(run, diagram, duration, speed_limit, progress, start)
     context.SetTime(outcome.times[-1])
     outcome.channels = {
-        system.get_name(): system.Statistics(system.GetMyContextFromRoot(context))
+        system.get_name(): system.Statistics(
+            diagram.GetSubsystemContext(system, context)
+        )
         for system in diagram.GetSystems()
         if isinstance(system, NetworkDelay)
     }

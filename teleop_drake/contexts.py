@@ -1,0 +1,22 @@
+"""The Contexts of the systems in a diagram."""
+
+from pydrake.systems.framework import Context, Diagram, System
+
+
+def ContextsIn(system: System, context: Context) -> dict[System, Context]:
+    """Returns the Context of a system and of every system in it, at any depth.
+
+    System.GetMyContextFromRoot() finds the same ones, but only as long as the diagram
+    is no part of another. A Simulator of MakeSimulator() makes it one, and so may a
+    user, between two runs of it.
+
+    Args:
+        system: A diagram, or a block.
+        context: Its Context, of which those returned are parts.
+    """
+    contexts = {system: context}
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            inner = system.GetMutableSubsystemContext(part, context)
+            contexts |= ContextsIn(part, inner)
+    return contexts
