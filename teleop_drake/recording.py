@@ -1,8 +1,11 @@
 """What a simulation leaves behind: plain arrays, events and solver statistics."""
 
+import importlib
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +20,30 @@ from teleop_drake.scenario import (
     ScenarioFromYaml,
     ScenarioToYaml,
 )
+from teleop_drake.signals import AxesOf, UnitOf
+from teleop_drake.validation import Choices, Show
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+class UnknownSignal(KeyError):
+    """There is no signal of that name. Its text says which there are."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def _FromAbove(place: str) -> Any:
+    """Returns what shows a recording, `module:name` as a user's own kinds are named.
+
+    It stands above this file: whoever shows a recording imports it, and a recording
+    knows only by name who does.
+    """
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(f"teleop_drake.{module}"), name)
 
 
 @dataclass(kw_only=True)
@@ -55,7 +82,7 @@ class SolverStatistics:
     real_time_factor: float
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Recording:
     """All signals of one run.
 
@@ -86,8 +113,120 @@ class Recording:
     notes: list[str] = field(default_factory=list)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Returns the samples (N, k) of a signal."""
-        return self.signals[name]
+        """Returns the samples (N, k) of a signal.
+
+        Args:
+            name: One of `signals`.
+
+        Raises:
+            UnknownSignal: If there is none of that name.
+        """
+        try:
+            return self.signals[name]
+        except KeyError:
+            raise UnknownSignal(
+                f"signal {Show(name)}: must be {Choices(name, self.signals)}"
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        """Returns whether there is a signal of that name."""
+        return name in self.signals
+
+    def __iter__(self) -> Iterator[str]:
+        """Returns the names of the signals."""
+        return iter(self.signals)
+
+    def __repr__(self) -> str:
+        """Returns what was simulated, how it ended and what happened, on one line."""
+        facts = [
+            f"{self.time[-1] if len(self.time) else 0:g} s in {len(self.time)} samples",
+            f"{len(self.signals)} signals",
+            self.termination,
+            *(f"{event.name} at {event.time:.4g} s" for event in self.events[:3]),
+        ]
+        if len(self.events) > 3:
+            facts.append(f"{len(self.events) - 3} more events")
+        scenario = self.scenario
+        return (
+            f"<Recording of {scenario.name}, {scenario.controller.kind}: "
+            f"{', '.join(facts)}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows: the metrics and a small figure."""
+        html: str = _FromAbove("figures.notebook:RecordingHtml")(self)
+        return html
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Returns the names of the signals, for the tab key after `recording["`."""
+        return list(self.signals)
+
+    def plot(self, **options: Any) -> "Figure":
+        """Plots the run; see figures.runs.PlotRun.
+
+        Args:
+            **options: Those of PlotRun().
+        """
+        figure: Figure = _FromAbove("figures.runs:PlotRun")(self, **options)
+        return figure
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns the signals as a table, which needs pandas (the extra `data`).
+
+        A column has a signal's name and the number of its component: `table["psi"]`
+        has all components of psi, `table["psi", 0]` the first. The index is the time in
+        s, which stands twice where something jumps.
+
+        Raises:
+            ImportError: If pandas is not installed.
+        """
+        pandas = _Extra("pandas")
+        return pandas.DataFrame(
+            np.hstack(list(self.signals.values())),
+            index=pandas.Index(self.time, name="time"),
+            columns=pandas.MultiIndex.from_tuples(
+                [
+                    (name, k)
+                    for name, x in self.signals.items()
+                    for k in range(x.shape[1])
+                ],
+                names=["signal", "component"],
+            ),
+        )
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns the signals as a Dataset, which needs xarray (the extra `data`).
+
+        A signal with a value for each task axis has the dimensions `time` and `axis`,
+        any other one `time` and a dimension of its own. `attrs` have units, and of the
+        Dataset the scenario as YAML, the events as JSON, and how the run ended.
+
+        Raises:
+            ImportError: If xarray is not installed.
+        """
+        axes = AxesOf(self["tool_position"].shape[1])
+        variables = {}
+        for name, samples in self.signals.items():
+            unit = UnitOf(name)
+            is_along_axes = unit is not None and samples.shape[1] == len(axes)
+            is_scalar = samples.shape[1] == 1 and not is_along_axes
+            dimension = "axis" if is_along_axes else f"{name}_component"
+            variables[name] = (
+                ("time",) if is_scalar else ("time", dimension),
+                samples[:, 0] if is_scalar else samples,
+                {} if unit is None else {"units": unit},
+            )
+        dataset: xarray.Dataset = _Extra("xarray").Dataset(
+            variables,
+            coords={"time": ("time", self.time, {"units": "s"}), "axis": list(axes)},
+            attrs={
+                "scenario": ScenarioToYaml(self.scenario),
+                "events": json.dumps([asdict(event) for event in self.events]),
+                "termination": self.termination,
+                "reason": self.reason,
+            },
+        )
+        return dataset
 
     @property
     def teleoperation(self) -> Scenario:
@@ -124,7 +263,7 @@ class Recording:
             (M, k) values, as accurate as the solver's steps; before a jump at the
             very instant of the jump.
         """
-        return interpolate(self.time, self.signals[name], np.asarray(times))
+        return interpolate(self.time, self[name], np.asarray(times))
 
     def EventTimes(self, name: str) -> list[float]:
         """Returns the times in s of all events with that name."""
@@ -155,6 +294,20 @@ class Recording:
         arrays["description"] = np.array(json.dumps(description))
         with Replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, time=self.time, **arrays)  # type: ignore[arg-type]
+
+
+def _Extra(name: str) -> Any:
+    """Imports a package of the extra `data`.
+
+    Raises:
+        ImportError: That says how to get it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as e:
+        raise ImportError(
+            f"{name} is not installed: pip install 'teleop-drake[data]'", name=name
+        ) from e
 
 
 def LoadRecording(path: str | Path) -> Recording:

@@ -33,6 +33,41 @@ _OWNERS = {
     "environment_layer": "environment",
 }
 
+# Of the signals that have a value for each task axis.
+_UNITS = {
+    **dict.fromkeys(("tool_position", "felt_position", "desired_position"), "m"),
+    **dict.fromkeys(
+        ("tool_velocity", "felt_velocity", "velocity_command", "desired_velocity"),
+        "m/s",
+    ),
+    **dict.fromkeys(("tool_acceleration", "desired_acceleration"), "m/s^2"),
+    **dict.fromkeys(("environment_force", "control_force", "force_command"), "N"),
+    "disturbance_estimate": "N",
+}
+
+
+def UnitOf(name: str) -> str | None:
+    """Returns the unit of a signal that has a value for each task axis.
+
+    Args:
+        name: Of any signal.
+
+    Returns:
+        The SI unit; None for a signal that is no vector of the task space, or of which
+        only its block knows what it is.
+    """
+    return _UNITS.get(name)
+
+
+def AxesOf(num_axes: int) -> tuple[str, ...]:
+    """Returns the names of the task axes: x, y, z, and numbers from 4 on.
+
+    Args:
+        num_axes: How many there are.
+    """
+    return tuple("xyz"[k] if k < 3 else str(k + 1) for k in range(num_axes))
+
+
 _LOOP = (
     *("master", "forward_channel", "controller"),
     *("robot", "environment", "return_channel"),

@@ -1,0 +1,107 @@
+"""Tests of what a notebook, pandas and xarray make of a recording."""
+
+import importlib
+import re
+
+import numpy as np
+import pytest
+from runs import Run
+
+from teleop_drake.recording import Event, Recording, UnknownSignal
+from teleop_drake.scenario import ScenarioFromYaml
+from teleop_drake.tasks.metrics import RunMetrics
+
+NETWORK = ("forward_channel.kind=network", "forward_channel.sample_period=0.01")
+
+
+def ShortRun() -> Recording:
+    return Run(
+        "two_dof_combined",
+        "adaptive_backstepping",
+        "duration=0.2",
+        "simulator.accuracy=1e-4",
+        *NETWORK,
+    )
+
+
+def test_repr_is_short_and_says_what_happened():
+    recording = ShortRun()
+    text = repr(recording)
+    assert text.startswith(
+        "<Recording of two_dof_combined, adaptive_backstepping: 0.2 s in "
+    )
+    assert len(text) < 200 and "\n" not in text and "completed" in text
+    recording = Recording(**recording.__dict__)
+    recording.events = [Event(name=f"e{i}", time=0.1 * i) for i in range(5)]
+    assert "e0 at 0 s, e1 at 0.1 s, e2 at 0.2 s, 2 more events" in repr(recording)
+
+
+def test_html_has_every_metric_with_its_unit_and_a_figure():
+    recording = ShortRun()
+    html = recording._repr_html_()
+    overshoot = RunMetrics(recording)["start_velocity_overshoot"]
+    row = f"start velocity overshoot</td><td>{overshoot:.5g}</td><td>m/s</td>"
+    assert row in html
+    assert "forward channel sent</td><td>20</td>" in html
+    assert re.search(r'<img alt="Signals of .*two_dof_combined', html)
+    assert "data:image/png;base64,iVBOR" in html
+
+
+def test_html_of_a_run_without_a_number_says_so():
+    recording = Recording(**ShortRun().__dict__)
+    recording.signals = {
+        n: np.full_like(x, np.nan) for n, x in recording.signals.items()
+    }
+    recording.reason = "1 < 2"
+    html = recording._repr_html_()
+    assert "1 &lt; 2" in html and "<table>" not in html
+
+
+def test_plot_is_the_figure_of_the_run():
+    figure = ShortRun().plot()
+    labels = [ax.get_ylabel() for ax in figure.axes]
+    assert any("velocity" in label for label in labels)
+
+
+def test_signals_are_completed_and_a_wrong_one_is_named():
+    recording = ShortRun()
+    assert recording._ipython_key_completions_() == list(recording)
+    assert "psi" in recording and "Psi" not in recording
+    with pytest.raises(KeyError) as info:
+        recording["tool_velocty"]
+    assert str(info.value).endswith("(did you mean 'tool_velocity'?)")
+    with pytest.raises(UnknownSignal):
+        recording.Interpolate("tool", np.array([0.1]))
+
+
+def test_dataframe_has_every_sample():
+    recording = ShortRun()
+    table = recording.to_dataframe()
+    np.testing.assert_array_equal(table.index, recording.time)
+    for name in recording:
+        np.testing.assert_array_equal(table[name], recording[name])
+    assert table["psi", 3].iloc[-1] == recording["psi"][-1, 3]
+
+
+def test_dataset_has_every_sample_with_its_unit():
+    recording = ShortRun()
+    dataset = recording.to_xarray()
+    for name in recording:
+        samples = dataset[name].to_numpy().reshape(recording[name].shape)
+        np.testing.assert_array_equal(samples, recording[name])
+    assert dataset["tool_velocity"].dims == ("time", "axis")
+    assert dataset["tool_velocity"].attrs["units"] == "m/s"
+    assert (
+        dataset["tool_velocity"].sel(axis="y")[-1] == recording["tool_velocity"][-1, 1]
+    )
+    assert dataset["surgeon_mode"].dims == ("time",)
+    assert ScenarioFromYaml(dataset.attrs["scenario"]) == recording.scenario
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    def Refuse(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, "import_module", Refuse)
+    with pytest.raises(ImportError, match=r"pip install 'teleop-drake\[data\]'"):
+        ShortRun().to_dataframe()
