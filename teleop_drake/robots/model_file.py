@@ -2,13 +2,18 @@
 
 import contextlib
 from collections.abc import Iterator
+from contextvars import ContextVar
 from importlib import resources
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
+
+# What the plants made just now tell their shapes to; None: to nobody.
+_SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=None)
 
 
 def ReadModel(name: str) -> ElementTree.Element:
@@ -22,6 +27,22 @@ def ReadModel(name: str) -> ElementTree.Element:
 
 
 @contextlib.contextmanager
+def TellingShapes(scene_graph: SceneGraph) -> Iterator[None]:
+    """Lets the plants that are made meanwhile tell their shapes, for a picture.
+
+    A plant that is simulated does not tell any: they would cost time and serve nobody.
+
+    Args:
+        scene_graph: What the plants tell them to.
+    """
+    token = _SCENE_GRAPH.set(scene_graph)
+    try:
+        yield
+    finally:
+        _SCENE_GRAPH.reset(token)
+
+
+@contextlib.contextmanager
 def NewPlant(gravity: ArrayLike | None = None) -> Iterator[MultibodyPlant]:
     """Gives a continuous plant named `plant`, and finalizes it at the end.
 
@@ -31,6 +52,9 @@ def NewPlant(gravity: ArrayLike | None = None) -> Iterator[MultibodyPlant]:
     """
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
+    scene_graph = _SCENE_GRAPH.get()
+    if scene_graph is not None:
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
     yield plant
     if gravity is not None:
         gravity_W = np.zeros(3)

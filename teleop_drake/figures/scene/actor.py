@@ -1,0 +1,249 @@
+"""One run in the scene: robot, ghost, hand, forces and packets."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Shape, Sphere
+from pydrake.math import RigidTransform
+
+from teleop_drake.figures.scene.pen import Pen
+from teleop_drake.figures.scene.stage import Stage
+from teleop_drake.figures.scene.visuals import AlongZ, RobotVisuals
+from teleop_drake.figures.style import COLORS
+
+Array = NDArray[np.float64]
+
+FORCE_COLOR = "#000000"
+COMMAND_COLOR = "#CC79A7"
+FORWARD_COLOR = "#E69F00"
+RETURN_COLOR = "#009E73"
+"""Of what is drawn of every run; the robots have the colours of the runs."""
+
+_GHOST_OPACITY = 0.35
+
+NUM_BEADS = 12
+"""Number of beads from the tool to the hand."""
+
+# Shares of the shown width.
+_TOOL, _HAND_SIZE, _BEAD, _DOT, _COMMAND = 0.009, 0.02, 0.004, 0.011, 0.003
+_SHAFT, _HEAD = 0.006, 0.016
+
+# How far above tool and hand their forces are drawn, as a share of the shown width.
+_ABOVE = 0.04
+
+LONGEST_ARROW = 0.25
+"""Length of the arrow of the largest force, as a share of the shown width."""
+
+
+@dataclass(kw_only=True)
+class Moment:
+    """What is seen at an instant. Vectors are along the task axes.
+
+    Attributes:
+        tool: p_WT in m (n).
+        joints: q of the robot (nq); None: it is no plant.
+        felt: Where the operator feels the tool, m (n); None: there is no operator.
+        command: Where the commanded motion is by now, m (n); None: nobody commands.
+        tool_force: Of the environment on the tool, N (n).
+        hand_force: What the operator applies, N (n).
+        past: Where the tool was when the packets left that are under way now, m
+            (k, n), the youngest first.
+    """
+
+    tool: Array
+    joints: Array | None = None
+    felt: Array | None = None
+    command: Array | None = None
+    tool_force: Array | None = None
+    hand_force: Array | None = None
+    past: Array | None = None
+
+
+class Actor:
+    """Draws one run.
+
+    The robot is solid, at the bottom. Above it stands the ghost: the robot as the
+    operator feels it, with the hand on its tool. Packets go up from the tool to the
+    hand and down again; a packet that goes up stays at the x at which the tool was
+    when it left, so that those under way trace what the hand is going to feel.
+
+    Args:
+        meshcat: Where to.
+        path: Of the run.
+        run: Its number, from 0 on: decides colour and place.
+        visuals: Of its robot.
+        stage: The stage.
+        newtons: Force of the longest arrow, N.
+        num_dots: Number of dots in each direction.
+        has_operator: Whether somebody feels and commands through channels.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        path: str,
+        *,
+        run: int,
+        visuals: RobotVisuals,
+        stage: Stage,
+        newtons: float,
+        num_dots: int = 0,
+        has_operator: bool = True,
+    ):
+        self.path = path
+        self._meshcat = meshcat
+        self._visuals = visuals
+        self._stage = stage
+        self._metres_per_newton = LONGEST_ARROW * stage.width / newtons
+        self._has_operator = has_operator
+        self.num_dots = num_dots if has_operator else 0
+        self._tint = COLORS[run % len(COLORS)]
+        meshcat.SetTransform(path, RigidTransform(stage.Offset(run)))
+        self._AddRobot("robot", 1.0)
+        self._AddArrow("tool_force")
+        self._AddCommand()
+        if has_operator:
+            self._AddRobot("ghost", _GHOST_OPACITY)
+            self._AddArrow("hand_force")
+            self._Add("hand", Sphere(_HAND_SIZE * stage.width), self._tint)
+            for i in range(NUM_BEADS):
+                self._Add(f"beads/{i}", Sphere(_BEAD * stage.width), RETURN_COLOR)
+            for lane, colour in (("forward", FORWARD_COLOR), ("return", RETURN_COLOR)):
+                for i in range(self.num_dots):
+                    self._Add(f"{lane}/{i}", Sphere(_DOT * stage.width), colour)
+
+    def _Add(self, name: str, shape: Shape, colour: str, opacity: float = 1.0) -> str:
+        path = f"{self.path}/{name}"
+        self._meshcat.SetObject(path, shape, Rgba(*to_rgb(colour), opacity))
+        return path
+
+    def _AddRobot(self, name: str, opacity: float) -> None:
+        """Adds a robot's shapes, in the run's colour where the model gives none."""
+        for part in self._visuals.parts:
+            path = f"{self.path}/{name}/{part.body or 'world'}/{part.name}"
+            rgba = Rgba(*to_rgb(self._tint), opacity)
+            if part.rgba is not None:
+                own = part.rgba
+                rgba = Rgba(own.r(), own.g(), own.b(), own.a() * opacity)
+            self._meshcat.SetObject(path, part.shape, rgba)
+            self._meshcat.SetTransform(path, part.X_BG)
+        tip = f"{name}/tip"
+        self._Add(tip, Sphere(_TOOL * self._stage.width), self._tint, opacity)
+        if name == "ghost":
+            self._meshcat.SetTransform(
+                f"{self.path}/{name}", RigidTransform(self._stage.hand)
+            )
+
+    def _AddArrow(self, name: str) -> None:
+        width = self._stage.width
+        shaft = self._Add(
+            f"{name}/shaft/unit", Cylinder(_SHAFT * width, 1.0), FORCE_COLOR
+        )
+        self._meshcat.SetTransform(shaft, RigidTransform([0, 0, 0.5]))
+        # Its point is at the cone's origin, and z leads to its base.
+        head = MeshcatCone(2 * _HEAD * width, _HEAD * width, _HEAD * width)
+        self._Add(f"{name}/head/cone", head, FORCE_COLOR)
+        self._meshcat.SetTransform(
+            f"{self.path}/{name}/head/cone",
+            AlongZ(np.array([0.0, 0.0, 2 * _HEAD * width]), [0.0, 0.0, -1.0]),
+        )
+
+    def _AddCommand(self) -> None:
+        """Adds a thin upright bar, on both floors at once."""
+        stage = self._stage
+        height = np.linalg.norm(stage.hand) * (1.3 if self._has_operator else 0.4)
+        path = self._Add(
+            "command/bar", Cylinder(_COMMAND * stage.width, height), COMMAND_COLOR
+        )
+        middle = stage.hand / 2 if self._has_operator else np.zeros(3)
+        self._meshcat.SetTransform(path, AlongZ(middle, stage.up))
+
+    def Draw(self, pen: Pen, moment: Moment) -> None:
+        """Draws an instant.
+
+        Args:
+            pen: What it is drawn with.
+            moment: What is seen.
+        """
+        tool = self._visuals.InSpace(moment.tool)
+        self._DrawRobot(pen, "robot", tool, moment.joints)
+        self._DrawArrow(pen, "tool_force", tool, moment.tool_force)
+        if moment.command is None:
+            pen.Show(f"{self.path}/command", False)
+        else:
+            pen.Move(f"{self.path}/command", self._visuals.InSpace(moment.command))
+        if not self._has_operator or moment.felt is None:
+            return
+        felt = self._visuals.InSpace(moment.felt)
+        joints = moment.joints
+        if joints is not None:
+            joints = self._visuals.Pose(moment.felt, joints)
+        self._DrawRobot(pen, "ghost", felt, joints)
+        hand = felt + self._stage.hand
+        pen.Move(f"{self.path}/hand", hand)
+        self._DrawArrow(pen, "hand_force", hand, moment.hand_force)
+        if moment.past is not None:
+            for i, p in enumerate(moment.past):
+                height = self._stage.hand * ((i + 1) / (len(moment.past) + 1))
+                pen.Move(f"{self.path}/beads/{i}", self._visuals.InSpace(p) + height)
+
+    def _DrawRobot(
+        self, pen: Pen, name: str, tool: Array, joints: Array | None
+    ) -> None:
+        if joints is not None:
+            for body, X_WB in self._visuals.BodyPoses(joints).items():
+                pen.Place(f"{self.path}/{name}/{body}", X_WB)
+        pen.Move(f"{self.path}/{name}/tip", tool)
+
+    def _DrawArrow(self, pen: Pen, name: str, tail: Array, force: Array | None) -> None:
+        """Draws a force above a point, at most half as long again as the longest."""
+        vector = np.zeros(3) if force is None else self._visuals.Direction(force)
+        size = float(np.linalg.norm(vector))
+        width = self._stage.width
+        length = min(size * self._metres_per_newton, 1.5 * LONGEST_ARROW * width)
+        head = min(2 * _HEAD * width, length)
+        path = f"{self.path}/{name}"
+        tail = tail + self._stage.up * (_ABOVE * width)
+        # An arrow without length keeps its direction.
+        if length > 1e-3 * width:
+            pen.Place(path, AlongZ(tail, vector))
+        else:
+            pen.Place(path, AlongZ(tail, self._stage.forward))
+        pen.Scale(f"{path}/shaft", [1.0, 1.0, max(length - head, 1e-6 * width)])
+        pen.Move(f"{path}/head", np.array([0.0, 0.0, length - head]))
+        pen.Scale(f"{path}/head", [max(head / (2 * _HEAD * width), 1e-6)] * 3)
+
+    def DotEnds(
+        self, lane: str, sent_from: Array, arrives_at: Array
+    ) -> tuple[Array, Array]:
+        """Returns where a dot begins and ends its way (3) in m.
+
+        Args:
+            lane: `forward` or `return`.
+            sent_from: Where the hand or the tool was when it left, m (n).
+            arrives_at: Where the tool is when it comes down, m (n).
+        """
+        begin = self._visuals.InSpace(sent_from)
+        if lane == "return":
+            return begin, begin + self._stage.hand
+        end = self._visuals.InSpace(arrives_at)
+        side = self._stage.backward
+        return begin + side + self._stage.hand, end + side
+
+    def DrawDots(self, pen: Pen, lane: str, points: Sequence[Array]) -> None:
+        """Draws the packets that are under way in one direction.
+
+        Args:
+            pen: What they are drawn with.
+            lane: `forward` or `return`.
+            points: Where they are (3), m; of more than there are dots, the first ones.
+        """
+        for i in range(self.num_dots):
+            is_shown = i < len(points)
+            path = f"{self.path}/{lane}/{i}"
+            pen.Show(path, is_shown)
+            if is_shown:
+                pen.Move(path, points[i])

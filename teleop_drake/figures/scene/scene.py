@@ -1,0 +1,342 @@
+"""The scene of a teleoperation: made once, then drawn at any instant."""
+
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+
+from teleop_drake.callbacks import Weakly
+from teleop_drake.environments import Surface, SurfacesOf
+from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
+from teleop_drake.figures.scene.pen import Pen
+from teleop_drake.figures.scene.stage import (
+    SCENE,
+    DrawSlabs,
+    MakeStage,
+    SetUpView,
+)
+from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.scenario import AnyScenario
+from teleop_drake.signals import NamedSignals
+
+Array = NDArray[np.float64]
+
+NEEDED = ("tool_position",)
+"""Signals without which there is nothing to draw."""
+
+USED = (
+    *NEEDED,
+    *("joint_position", "environment_force", "desired_position"),
+    *("felt_position", "return_packet_received"),
+    *("force_command", "velocity_command", "forward_packet_sent"),
+)
+"""Every signal that is drawn, as far as the loop has it."""
+
+_SHORTEST_DELAY = 1e-3
+"""In s. Packets that are under way for less are not drawn."""
+
+_NUM_DOTS = 6
+"""Most packets drawn in one direction while a simulation runs."""
+
+
+class OperatorSignals:
+    """What the operator feels and commands, out of the signals of any architecture.
+
+    Args:
+        signals: Samples by name, of an instant (k) or of many (N, k).
+        num_axes: n.
+
+    Attributes:
+        felt: p_WT as the operator feels it, m; None: there is no operator.
+        velocity: The commanded velocity, m/s; likewise.
+        force: What the operator applies, N; likewise.
+    """
+
+    def __init__(self, signals: Mapping[str, Array], num_axes: int):
+        n = num_axes
+        self.felt = self.velocity = self.force = None
+        if "felt_position" in signals:
+            self.felt = signals["felt_position"]
+            self.force = signals["force_command"]
+            self.velocity = signals["velocity_command"]
+        elif "return_packet_received" in signals:  # The thesis's own packets.
+            self.felt = signals["return_packet_received"][..., :n]
+            sent = signals["forward_packet_sent"]
+            self.force, self.velocity = sent[..., :n], sent[..., n : 2 * n]
+
+
+class Scene:
+    """A teleoperation in Meshcat, drawn as it goes on.
+
+    It shows one run: the robot at the bottom, what the operator feels above it, the
+    packets in between; see Actor. It remembers what it has drawn, for packets show what
+    was. That is a picture's memory: the simulation does not depend on it.
+
+    Args:
+        meshcat: Where to. What the package has drawn there before is deleted.
+        scenario: Of the run.
+        surfaces: Of the environment; None: those of the scenario's.
+        newtons: Force of the longest arrow, N; None: by a rule that takes the
+            surgeon's contact force for an arrow of half that length.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        scenario: AnyScenario,
+        *,
+        surfaces: tuple[Surface, ...] | None = None,
+        newtons: float | None = None,
+    ):
+        self._pen = Pen(meshcat)
+        self._num_axes = scenario.num_axes
+        visuals = RobotVisuals(scenario.robot)
+        channels = [
+            getattr(scenario, name, None)
+            for name in ("forward_channel", "return_channel")
+        ]
+        self._has_operator = all(channel is not None for channel in channels)
+        self._delays = [channel.delay if channel else 0.0 for channel in channels]
+        if surfaces is None:
+            surfaces = SurfacesOfScenario(scenario)
+        start = np.array(scenario.robot.start, dtype=float)
+        self._start = start
+        stage = MakeStage(visuals, surfaces, _Reach(scenario, start))
+        SetUpView(meshcat, stage)
+        DrawSlabs(meshcat, f"{SCENE}/environment", stage, visuals, surfaces)
+        self._actor = Actor(
+            meshcat,
+            f"{SCENE}/run",
+            run=0,
+            visuals=visuals,
+            stage=stage,
+            newtons=newtons or NewtonsOf(scenario),
+            num_dots=_NUM_DOTS,
+            has_operator=self._has_operator,
+        )
+        self._visuals = visuals
+        self._history: deque[tuple[float, Array, Array]] = deque()
+        self._command: Array | None = None
+
+    def Draw(self, time: float, signals: Mapping[str, ArrayLike]) -> None:
+        """Draws an instant. Instants are given in their order, from the start on.
+
+        Args:
+            time: In s. One that is earlier than the last one begins anew.
+            signals: By the names that signals.NamedSignals gives them: tool_position,
+                and of USED what else there is.
+        """
+        values = {name: np.asarray(x, dtype=float) for name, x in signals.items()}
+        operator = OperatorSignals(values, self._num_axes)
+        tool = values["tool_position"]
+        felt = tool if operator.felt is None else operator.felt
+        if self._history and time < self._history[-1][0]:
+            self._history.clear()
+        if not self._history:
+            self._command = self._start.copy()
+        elif operator.velocity is not None:
+            assert self._command is not None
+            self._command += operator.velocity * (time - self._history[-1][0])
+        self._history.append((time, tool.copy(), felt.copy()))
+        while time - self._history[0][0] > 2 * max(self._delays) + 1:
+            self._history.popleft()
+        command = self._command if self._has_operator else None
+        self._actor.Draw(
+            self._pen,
+            Moment(
+                tool=tool,
+                joints=values.get("joint_position"),
+                felt=operator.felt,
+                command=values.get("desired_position", command),
+                tool_force=Opposite(values.get("environment_force")),
+                hand_force=operator.force,
+                past=self._Past(time, 1) if self._has_operator else None,
+            ),
+        )
+        if self._has_operator:
+            self._DrawDots(time)
+
+    def _Past(self, time: float, column: int) -> Array:
+        """Returns where the tool was at the beads' ages (k, n)."""
+        delay = self._delays[1]
+        ages = np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * delay
+        return self._At(time - ages, column)
+
+    def _At(self, times: Array, column: int) -> Array:
+        """Returns the tool's (1) or the hand's (2) position at earlier times (k, n)."""
+        known = np.array([entry[0] for entry in self._history])
+        values = np.array([entry[column] for entry in self._history])
+        return np.stack(
+            [np.interp(times, known, values[:, k]) for k in range(self._num_axes)], -1
+        )
+
+    def _DrawDots(self, time: float) -> None:
+        for lane, delay, column in (
+            ("forward", self._delays[0], 2),
+            ("return", self._delays[1], 1),
+        ):
+            points = []
+            if delay >= _SHORTEST_DELAY:
+                period = DotPeriod(delay)
+                last = np.floor(time / period + 1e-9) * period
+                sent = last - period * np.arange(_NUM_DOTS)
+                sent = sent[(time - sent < delay - 1e-9) & (sent >= 0)]
+                froms = self._At(sent, column)
+                for t, p in zip(sent, froms, strict=True):
+                    begin, end = self._actor.DotEnds(lane, p, self._history[-1][1])
+                    points.append(begin + (end - begin) * ((time - t) / delay))
+            self._actor.DrawDots(self._pen, lane, points)
+
+
+def DotPeriod(delay: float) -> float:
+    """Returns the time in s between two packets that are drawn.
+
+    At normal speed a screen shows some twenty pictures while a packet crosses three
+    times this period; of more packets nobody would see which way they go.
+
+    Args:
+        delay: Of the channel, in s.
+    """
+    return max(delay / 4, 0.05)
+
+
+def Opposite(force: Array | None) -> Array | None:
+    """Returns the force on the tool, given that of the tool on the environment.
+
+    Args:
+        force: In N (n) or (N, n); None stays None.
+    """
+    return None if force is None else -force
+
+
+def SurfacesOfScenario(scenario: AnyScenario) -> tuple[Surface, ...]:
+    """Returns the surfaces of a scenario's environment, none if it has none.
+
+    Args:
+        scenario: Any.
+    """
+    tell = getattr(scenario, "Surfaces", None)
+    return () if tell is None else tuple(tell())
+
+
+def NewtonsOf(scenario: AnyScenario) -> float:
+    """Returns the force in N that has the longest arrow while a simulation runs.
+
+    Args:
+        scenario: Any.
+    """
+    surgeon = getattr(scenario, "surgeon", None)
+    force = getattr(surgeon, "contact_force", None)
+    size = 0.0 if force is None else float(np.linalg.norm(force))
+    return 2 * size or 1.0
+
+
+def _Reach(scenario: AnyScenario, start: Array) -> Array:
+    """Returns the start and where the commanded velocity leads to (2, n)."""
+    surgeon = getattr(scenario, "surgeon", None)
+    velocity = getattr(surgeon, "velocity", None)
+    if velocity is None:
+        return np.array([start - 0.3, start + 0.3])
+    return np.array([start, start + np.asarray(velocity) * scenario.duration])
+
+
+class SceneViewer(LeafSystem):
+    """Draws a teleoperation while it is simulated (no equation; a picture).
+
+    | port | name                | size | unit     |
+    |------|---------------------|------|----------|
+    | in   | one for each signal | any  | see USED |
+
+    State: none. It publishes periodically; the solver's steps end there.
+
+    Args:
+        scene: What is drawn.
+        sizes: Of the signals by their names.
+        period: In s.
+    """
+
+    def __init__(self, scene: Scene, sizes: Mapping[str, int], period: float):
+        LeafSystem.__init__(self)
+        self._scene = scene
+        self._names = list(sizes)
+        for name, size in sizes.items():
+            self.DeclareVectorInputPort(name, size)
+        self.DeclarePeriodicPublishEvent(period, 0.0, Weakly(self._Publish))
+
+    def _Publish(self, context: Context) -> EventStatus:
+        signals = {name: self.GetInputPort(name).Eval(context) for name in self._names}
+        self._scene.Draw(context.get_time(), signals)
+        return EventStatus.Succeeded()
+
+
+def AddScene(
+    builder: DiagramBuilder,
+    scenario: AnyScenario,
+    meshcat: Meshcat,
+    *,
+    period: float = 1 / 32,
+    newtons: float | None = None,
+) -> Scene:
+    """Adds a picture of the loop to its diagram; afterwards every simulation is seen.
+
+    Call it after AddTeleoperator(), or after the systems of a tracking were added.
+
+    Args:
+        builder: Of the diagram, with `robot` and what else there is of the loop.
+        scenario: What it was made for.
+        meshcat: Where to.
+        period: Between two pictures, s. The solver's steps end there.
+        newtons: Force of the longest arrow, N; None: see Scene.
+
+    Returns:
+        The scene.
+
+    Raises:
+        RuntimeError: If there is no robot, or it does not tell where its tool is.
+    """
+    systems = builder.GetSystems()
+    signals: dict[str, OutputPort] = NamedSignals(systems)
+    for name in NEEDED:
+        if name not in signals:
+            raise RuntimeError(f"scene: the diagram must have a signal {name!r}")
+    surfaces = None
+    if builder.HasSubsystemNamed("environment"):
+        surfaces = SurfacesOf(builder.GetSubsystemByName("environment")) or ()
+    scene = Scene(meshcat, scenario, surfaces=surfaces, newtons=newtons)
+    used = {name: signals[name] for name in USED if name in signals}
+    viewer = builder.AddNamedSystem(
+        "scene",
+        SceneViewer(scene, {name: port.size() for name, port in used.items()}, period),
+    )
+    for name, port in used.items():
+        builder.Connect(port, viewer.GetInputPort(name))
+    return scene
+
+
+def MakeScene(
+    scenario: AnyScenario,
+    meshcat: Meshcat,
+    *,
+    surfaces: tuple[Surface, ...] | None = None,
+    newtons: float | None = None,
+) -> Scene:
+    """Makes a picture of a loop that is not part of its diagram.
+
+    Its Draw(time, signals) is called by whoever runs the loop, a monitor for example.
+
+    Args:
+        scenario: What is seen.
+        meshcat: Where to.
+        surfaces: Of the environment; None: those of the scenario's.
+        newtons: Force of the longest arrow, N; None: see Scene.
+    """
+    return Scene(meshcat, scenario, surfaces=surfaces, newtons=newtons)

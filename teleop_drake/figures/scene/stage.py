@@ -1,0 +1,262 @@
+"""What the scene stands on: directions, scale, camera, and the slabs of material."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from pydrake.geometry import Box, Meshcat, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+
+from teleop_drake.environments import CONTACT, PUNCTURE, Surface
+from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.figures.style import GREY
+
+Array = NDArray[np.float64]
+
+ROOT = "/teleop"
+"""Path of everything that the package draws."""
+
+SCENE = f"{ROOT}/scale/world"
+"""Path in which lengths are metres and axes are the robot's world."""
+
+# Width of what is shown in Meshcat's units. Its camera sees nothing nearer than a
+# hundredth of one, and tasks are as small as millimetres.
+_SHOWN_WIDTH = 2.0
+
+# Shares of the shown width: the hand's height above the tool, the distance of one run
+# from the next one, and the margins before the start and behind the last surface.
+_HAND, _PITCH = 0.2, 0.42
+_BEFORE, _BEHIND = 0.25, 0.3
+
+# Shares of the shown width: half of the slabs' depth, and how far they reach beyond
+# the tool and the hand.
+_HALF_DEPTH, _OVERLAP = 0.13, 0.07
+
+_FIELD_OF_VIEW = 30.0  # degrees
+
+# Materials, from nothing to the hardest one: colour and opacity.
+_EMPTY = ("#56B4E9", 0.05)
+_SOFT = ("#E69F00", 0.22)
+_HARD = (GREY, 0.45)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """Directions and sizes of a scene, in the robot's world.
+
+    Attributes:
+        centre: Of what is shown of the first run (3), m.
+        forward: Unit vector along which the tool goes (3); to the right in the picture.
+        up: Unit vector from the tool to the hand (3); upwards in the picture.
+        width: Of what is shown along `forward`, m.
+        num_runs: Number of runs, one below the other.
+    """
+
+    centre: Array
+    forward: Array
+    up: Array
+    width: float
+    num_runs: int = 1
+
+    @property
+    def hand(self) -> Array:
+        """From the tool to the hand that feels it (3), m."""
+        return self.up * (_HAND * self.width)
+
+    @property
+    def backward(self) -> Array:
+        """From the lane of the return packets to that of the forward packets (3), m."""
+        return self.forward * (-0.06 * self.width)
+
+    def Offset(self, run: int) -> Array:
+        """Returns how far a run is drawn from its place in the world (3), m.
+
+        Args:
+            run: Its number, from 0 on.
+        """
+        return self.up * (-_PITCH * self.width * run)
+
+    @property
+    def X_SW(self) -> RigidTransform:
+        """Pose of the robot's world in the stage, whose axes are x forward and z up.
+
+        The position is that of the stage's centre.
+        """
+        R = np.array([self.forward, np.cross(self.up, self.forward), self.up])
+        return RigidTransform(RotationMatrix(R), -R @ self.centre)
+
+
+def MakeStage(
+    visuals: RobotVisuals,
+    surfaces: Sequence[Surface],
+    positions: Array,
+    *,
+    num_runs: int = 1,
+) -> Stage:
+    """Returns a stage on which a task is seen.
+
+    Args:
+        visuals: Of the robot.
+        surfaces: Of the environment.
+        positions: Where the tool is sometime, at least at the start (N, n), m.
+        num_runs: Number of runs, one below the other.
+    """
+    forward, finite = _Forward(visuals, surfaces, positions)
+    up = np.eye(3)[2 if abs(forward[2]) < 0.7 else 0]
+    up = up - forward * (up @ forward)
+    up = up / np.linalg.norm(up)
+    start = visuals.InSpace(positions[0])
+    along = np.array([visuals.InSpace(p) @ forward for p in positions])
+    depths = [float(visuals.InSpace(x.point_W) @ forward) for x in finite]
+    # With surfaces the task reaches from the start to the last one, and some further
+    # where the tool does. How far a run went that left them all says little.
+    low, high = float(start @ forward), max([*depths, float(start @ forward)])
+    reach = (high - low) or max(float(np.ptp(along)), 1e-3)
+    limit = 0.5 * reach if depths else np.inf
+    high = max(high, min(float(along.max()), high + limit))
+    low = min(low, max(float(along.min()), low - limit))
+    reach = (high - low) or reach
+    width = reach * (1 + _BEFORE + _BEHIND)
+    centre = start + forward * (
+        low - start @ forward + reach * (0.5 + (_BEHIND - _BEFORE) / 2)
+    )
+    return Stage(centre=centre, forward=forward, up=up, width=width, num_runs=num_runs)
+
+
+def _Forward(
+    visuals: RobotVisuals, surfaces: Sequence[Surface], positions: Array
+) -> tuple[Array, list[Surface]]:
+    """Returns where the tool goes, into the surfaces, and the surfaces on that way."""
+    finite = [x for x in surfaces if np.isfinite(x.point_W).all()]
+    named = [x for name in (CONTACT, PUNCTURE) for x in finite if x.name == name]
+    if not (named or finite):
+        return visuals.Direction(np.eye(positions.shape[1])[0]), []
+    normal_W = (named or finite)[0].normal_W
+    parallel = [x for x in finite if x.normal_W @ normal_W > 0.99]
+    return visuals.Direction(normal_W), parallel
+
+
+def SetUpView(meshcat: Meshcat, stage: Stage) -> None:
+    """Places camera and lights, and what everything else is drawn in.
+
+    Args:
+        meshcat: Where to.
+        stage: The stage.
+    """
+    meshcat.Delete(ROOT)
+    scale = _SHOWN_WIDTH / stage.width
+    meshcat.SetProperty(f"{ROOT}/scale", "scale", [scale] * 3)
+    meshcat.SetTransform(SCENE, stage.X_SW)
+    for path in ("/Grid", "/Axes"):
+        meshcat.SetProperty(path, "visible", False)
+    meshcat.SetProperty("/Background/<object>", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.88, 0.9, 0.92])
+    meshcat.SetCamera(
+        Meshcat.PerspectiveCamera(fov=_FIELD_OF_VIEW, aspect=1.0, near=0.05, far=200.0)
+    )
+    # In the stage's axes: the first run's floors and those of the runs below it.
+    tall = (_HAND + 2 * _OVERLAP + _PITCH * (stage.num_runs - 1)) * _SHOWN_WIDTH
+    middle = (_HAND - _PITCH * (stage.num_runs - 1)) / 2 * _SHOWN_WIDTH
+    shown = max(tall, 0.62 * _SHOWN_WIDTH)
+    distance = 0.55 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
+    target = np.array([0.0, 0.0, middle])
+    meshcat.SetCameraPose(target + distance * np.array([0.12, -0.96, 0.26]), target)
+
+
+def DrawSlabs(
+    meshcat: Meshcat,
+    path: str,
+    stage: Stage,
+    visuals: RobotVisuals,
+    surfaces: Sequence[Surface],
+) -> None:
+    """Draws what is behind each surface, as far as the next one, as translucent slabs.
+
+    The hardest material is grey, others that push back are orange, and where nothing
+    does there is a breath of blue. A surface that is not parallel to the others, or
+    whose material is unknown, is a thin plate.
+
+    Args:
+        meshcat: Where to.
+        path: Of the run.
+        stage: The stage.
+        visuals: Of the robot.
+        surfaces: Of the environment.
+    """
+    centre = float(stage.centre @ stage.forward)
+    edges = (centre - stage.width / 2, centre + stage.width / 2)
+    stacked = [
+        x for x in surfaces if visuals.Direction(x.normal_W) @ stage.forward > 0.99
+    ]
+    begins = [float(_Point(visuals, x) @ stage.forward) for x in stacked]
+    hardest = max((x.material.stiffness for x in stacked if x.material), default=0.0)
+    for i, surface in enumerate(stacked):
+        low = max(begins[i], edges[0])
+        high = min([x for x in begins if x > begins[i]], default=edges[1])
+        high = min(high, edges[1])
+        material = surface.material
+        if material is None:
+            high = low + 0.004 * stage.width
+        if high <= low:
+            continue
+        is_empty = material is not None and not (material.stiffness or material.damping)
+        is_hard = material is not None and material.stiffness == hardest
+        colour = _EMPTY if is_empty else _HARD if is_hard else _SOFT
+        _DrawSlab(meshcat, f"{path}/{i}_{surface.name}", stage, (low, high), colour)
+    for i, surface in enumerate(surfaces):
+        if surface not in stacked and np.isfinite(surface.point_W).all():
+            normal = visuals.Direction(surface.normal_W)
+            _DrawPlate(
+                meshcat,
+                f"{path}/{i}_{surface.name}",
+                stage,
+                _Point(visuals, surface),
+                normal,
+            )
+
+
+def _Point(visuals: RobotVisuals, surface: Surface) -> Array:
+    return np.where(
+        np.isfinite(p := visuals.InSpace(surface.point_W)), p, np.sign(p) * 1e9
+    )
+
+
+def _DrawSlab(
+    meshcat: Meshcat,
+    path: str,
+    stage: Stage,
+    limits: tuple[float, float],
+    colour: tuple[str, float],
+) -> None:
+    low, high = limits
+    height = (_HAND + 2 * _OVERLAP) * stage.width
+    # In the stage's axes, which are forward, away from the camera, and up.
+    middle = np.array(
+        [(low + high) / 2 - stage.centre @ stage.forward, 0, _HAND / 2 * stage.width]
+    )
+    box = Box(high - low, 2 * _HALF_DEPTH * stage.width, height)
+    _DrawTranslucent(
+        meshcat, path, box, stage.X_SW.inverse() @ RigidTransform(middle), colour
+    )
+
+
+def _DrawPlate(
+    meshcat: Meshcat, path: str, stage: Stage, point: Array, normal: Array
+) -> None:
+    size = 2 * _HALF_DEPTH * stage.width
+    thickness = 0.01 * stage.width
+    R = RotationMatrix.MakeFromOneVector(normal, 0)
+    X = RigidTransform(R, point + normal * thickness / 2)
+    _DrawTranslucent(meshcat, path, Box(thickness, size, size), X, _HARD)
+
+
+def _DrawTranslucent(
+    meshcat: Meshcat, path: str, box: Box, X: RigidTransform, colour: tuple[str, float]
+) -> None:
+    meshcat.SetObject(path, box, Rgba(*to_rgb(colour[0]), colour[1]))
+    meshcat.SetTransform(path, X)
+    # Otherwise it hides the ghost, which is translucent as well, behind its front.
+    meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
+    meshcat.SetProperty(f"{path}/<object>", "castShadow", False)

@@ -1,0 +1,201 @@
+"""What a robot looks like: its shapes, and where they are at given joint positions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Capsule, Rgba, Role, SceneGraph, Shape
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+
+from teleop_drake.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
+from teleop_drake.robots.model_file import TellingShapes
+
+Array = NDArray[np.float64]
+
+# Radius of the sticks that stand for links without shapes, as a share of their lengths.
+_STICK = 0.05
+
+# Steps to the joint positions of a ghost, and by how much they are damped, as a share
+# of how far the tool still has to go. Without damping they run to and fro where the arm
+# does not reach the point; with it they are those of Newton's method near the end.
+_NUM_STEPS = 12
+_DAMPING = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One shape of a robot.
+
+    Attributes:
+        name: Unique, of letters, digits and _.
+        body: Of the body that it is fixed to; empty: of the world.
+        shape: What it is.
+        X_BG: Its pose in the body's frame.
+        rgba: Its own colour; None: the model gives none.
+    """
+
+    name: str
+    body: str
+    shape: Shape
+    X_BG: RigidTransform
+    rgba: Rgba | None = None
+
+
+class RobotVisuals:
+    """The shapes of a robot and its kinematics, from a second plant.
+
+    The plant that is simulated knows no shapes, which keeps it as fast as it is. Links
+    without any are sticks between the joints. A robot that is no plant has neither: it
+    is the point of its tool alone.
+
+    Args:
+        robot: The robot of a scenario.
+    """
+
+    def __init__(self, robot: RobotConfig):
+        self._start = np.array(robot.start, dtype=float)
+        self._plant: MultibodyPlant | None = None
+        self.parts: tuple[Part, ...] = ()
+        self._rest = np.zeros(3 - self._start.size)
+        if not isinstance(robot, PlantRobotConfig):
+            return
+        scene_graph = SceneGraph()
+        with TellingShapes(scene_graph):
+            self._plant = robot.LoadPlant()
+        self._context = self._plant.CreateDefaultContext()
+        self.start_q = np.asarray(robot.JointPositions(self._start))
+        # Where no axis of the task goes: an arm that moves in a plane has a height.
+        self._rest = self.Tool(self.start_q)[self._start.size :]
+        parts = _Shapes(self._plant, scene_graph)
+        self.parts = tuple(parts or _Sticks(self._plant, self._context))
+
+    @property
+    def is_plant(self) -> bool:
+        """Whether it has joint positions."""
+        return self._plant is not None
+
+    def InSpace(self, p_WT: ArrayLike) -> Array:
+        """Returns a point of the task as a point in space (3), m.
+
+        Args:
+            p_WT: Along the task axes, m (n).
+        """
+        return np.append(np.asarray(p_WT, dtype=float), self._rest)
+
+    def Direction(self, vector: ArrayLike) -> Array:
+        """Returns a vector along the task axes (n) as one in space (3).
+
+        Args:
+            vector: Any, (n).
+        """
+        vector = np.asarray(vector, dtype=float)
+        return np.append(vector, np.zeros(3 - vector.size))
+
+    def Tool(self, q: ArrayLike) -> Array:
+        """Returns where the tool is in space (3), m.
+
+        Args:
+            q: Joint positions (nq).
+        """
+        assert self._plant is not None
+        self._plant.SetPositions(self._context, q)
+        pose = self._plant.GetFrameByName(TOOL).CalcPoseInWorld(self._context)
+        return np.array(pose.translation())
+
+    def BodyPoses(self, q: ArrayLike) -> dict[str, RigidTransform]:
+        """Returns the poses in the world of the bodies that have shapes, by name.
+
+        Args:
+            q: Joint positions (nq).
+        """
+        if self._plant is None:
+            return {}
+        self._plant.SetPositions(self._context, q)
+        return {
+            name: self._plant.EvalBodyPoseInWorld(
+                self._context, self._plant.GetBodyByName(name)
+            )
+            for name in dict.fromkeys(part.body for part in self.parts if part.body)
+        }
+
+    def Pose(self, p_WT: ArrayLike, q: ArrayLike) -> Array:
+        """Returns joint positions with the tool at a point, near given ones (nq).
+
+        Where the robot does not reach the point, the tool comes near it.
+
+        Args:
+            p_WT: Along the task axes, m (n).
+            q: Joint positions to begin from (nq).
+        """
+        assert self._plant is not None
+        p, q = np.asarray(p_WT, dtype=float), np.array(q, dtype=float)
+        size = float(np.linalg.norm(self.Tool(q))) or 1.0
+        for _ in range(_NUM_STEPS):
+            error = p - self.Tool(q)[: p.size]
+            distance = float(np.linalg.norm(error))
+            if distance < 1e-9 * size:
+                break
+            J = ToolJacobian(self._plant, self._context, p.size)
+            damping = _DAMPING * distance * size * np.eye(p.size)
+            q = q + J.T @ np.linalg.solve(J @ J.T + damping, error)
+        return q
+
+
+def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
+    """Returns the visuals of a plant's model files, none if it has not told any."""
+    if not plant.geometry_source_is_registered():
+        return []
+    inspector = scene_graph.model_inspector()
+    parts = []
+    for i, geometry in enumerate(inspector.GetAllGeometryIds(Role.kIllustration)):
+        frame = inspector.GetFrameId(geometry)
+        is_fixed = frame == inspector.world_frame_id()
+        properties = inspector.GetIllustrationProperties(geometry)
+        parts.append(
+            Part(
+                name=f"shape_{i}",
+                body="" if is_fixed else plant.GetBodyFromFrameId(frame).name(),
+                shape=inspector.GetShape(geometry),
+                X_BG=inspector.GetPoseInFrame(geometry),
+                rgba=properties.GetPropertyOrDefault("phong", "diffuse", None)
+                if properties.HasProperty("phong", "diffuse")
+                else None,
+            )
+        )
+    return parts
+
+
+def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
+    """Returns a stick along each link, to the next joint or to the tool."""
+    ends: list[tuple[str, Array]] = []
+    for i in plant.GetJointIndices():
+        joint = plant.get_joint(i)
+        parent = joint.parent_body()
+        X_BF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+        ends.append((parent.name(), np.array(X_BF.translation())))
+    sizes = [float(np.linalg.norm(p)) for _, p in ends]
+    radius = _STICK * max(sizes, default=0.0)
+    return [
+        Part(
+            name=f"stick_{i}",
+            body="" if body == plant.world_body().name() else body,
+            shape=Capsule(radius=radius, length=size),
+            X_BG=AlongZ(p / 2, p),
+        )
+        for i, ((body, p), size) in enumerate(zip(ends, sizes, strict=True))
+        if size > radius
+    ]
+
+
+def AlongZ(p: ArrayLike, direction: Sequence[float] | Array) -> RigidTransform:
+    """Returns a pose at a point with its z axis along a direction.
+
+    Args:
+        p: The point (3).
+        direction: Not zero (3).
+    """
+    R = RotationMatrix.MakeFromOneVector(np.asarray(direction, dtype=float), 2)
+    return RigidTransform(R, np.asarray(p, dtype=float))

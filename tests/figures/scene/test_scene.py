@@ -1,0 +1,112 @@
+"""The scene: what stands where."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder
+
+from teleop_drake.figures.scene import AddScene, MakeScene
+from teleop_drake.figures.scene.actor import NUM_BEADS
+from teleop_drake.figures.scene.stage import SCENE
+from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.teleoperator import AddTeleoperator
+
+
+class Notes:
+    """A pen that notes down what it is told, by path."""
+
+    def __init__(self):
+        self.poses, self.positions, self.scales, self.shown = {}, {}, {}, {}
+
+    def Place(self, path, X):
+        self.poses[path] = X
+
+    def Move(self, path, p):
+        self.positions[path] = np.array(p)
+
+    def Scale(self, path, factors):
+        self.scales[path] = factors
+
+    def Show(self, path, is_shown):
+        self.shown[path] = is_shown
+
+
+@pytest.fixture(scope="module")
+def meshcat():
+    return Meshcat(0)
+
+
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+def test_simulated_plants_tell_no_shapes(name):
+    robot = LoadScenario(name).robot
+    assert RobotVisuals(robot).parts
+    assert not robot.LoadPlant().geometry_source_is_registered()
+
+
+def test_ghost_reaches_where_it_is_felt():
+    robot = LoadScenario("two_dof_combined").robot
+    visuals = RobotVisuals(robot)
+    q = visuals.Pose([0.9, 0.1], visuals.start_q)
+    np.testing.assert_allclose(visuals.Tool(q), [0.9, 0.1, 0.0], atol=1e-9)
+    # It is the pose near the robot's own, not the one with the elbow on the other side.
+    np.testing.assert_allclose(q, robot.JointPositions([0.9, 0.1]), atol=1e-6)
+    # Out of reach it comes near.
+    far = visuals.Tool(visuals.Pose([1.6, 0.0], visuals.start_q))
+    np.testing.assert_allclose(far, [1.5, 0.0, 0.0], atol=0.01)
+
+
+def test_the_picture_is_of_the_delay(meshcat):
+    """The tool moves at 0.1 m/s and is felt 0.2 s later."""
+    scenario = LoadScenario("two_dof_combined", {"return_channel.delay": 0.2})
+    scene = MakeScene(scenario, meshcat)
+    scene._pen = notes = Notes()
+    for t in np.linspace(0.0, 1.0, 101):
+        tool, felt = ([0.85 + 0.1 * max(x, 0.0), 0.0] for x in (t, t - 0.2))
+        scene.Draw(
+            t,
+            {
+                "tool_position": tool,
+                "return_packet_received": [*felt, 0.1, 0.0],
+                "forward_packet_sent": [0.4, 0.0, 0.05, 0.0],
+                "environment_force": [0.2, 0.0],
+            },
+        )
+    run, x = f"{SCENE}/run", {k: p[0] for k, p in notes.positions.items()}
+    assert x[f"{run}/robot/tip"] == pytest.approx(0.95)
+    assert x[f"{run}/hand"] == pytest.approx(0.93)
+    assert x[f"{run}/command"] == pytest.approx(0.85 + 0.05)
+    # The beads lead from the one to the other, as packets carry what was.
+    beads = [x[f"{run}/beads/{i}"] for i in range(NUM_BEADS)]
+    np.testing.assert_allclose(np.diff(beads), -0.02 / (NUM_BEADS + 1), atol=1e-9)
+    heights = [notes.positions[f"{run}/beads/{i}"][2] for i in range(NUM_BEADS)]
+    assert 0 < heights[0] < heights[-1] < notes.positions[f"{run}/hand"][2]
+    # 0.2 s hold four packets that leave every 0.05 s, one of them just now.
+    assert sum(notes.shown[f"{run}/return/{i}"] for i in range(6)) == 4
+    # The tissue pushes back; the surgeon's force is the larger one, by its factor.
+    z_axes = {k: X.rotation().matrix()[:, 2] for k, X in notes.poses.items()}
+    np.testing.assert_allclose(z_axes[f"{run}/tool_force"], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(z_axes[f"{run}/hand_force"], [1, 0, 0], atol=1e-12)
+    shafts = [notes.scales[f"{run}/{x}_force/shaft"][2] for x in ("tool", "hand")]
+    assert 0 < shafts[0] < shafts[1]
+
+
+def test_every_simulation_is_seen(meshcat):
+    """AddScene draws what the loop's systems put out."""
+    scenario = LoadScenario("one_dof")
+    builder = DiagramBuilder()
+    AddTeleoperator(builder, scenario)
+    scene = AddScene(builder, scenario, meshcat)
+    scene._pen = notes = Notes()
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    assert notes.positions == {} or notes.positions[f"{SCENE}/run/hand"][0] == 0.0
+    for part in ("robot/carriage", "ghost/carriage", "hand", "command", "beads/0"):
+        assert meshcat.HasPath(f"{SCENE}/run/{part}")
+    for surface in ("0_tissue", "1_puncture", "2_contact"):
+        assert meshcat.HasPath(f"{SCENE}/environment/{surface}")
+
+
+def test_a_loop_without_a_robot_is_refused(meshcat):
+    with pytest.raises(RuntimeError, match="tool_position"):
+        AddScene(DiagramBuilder(), LoadScenario("one_dof"), meshcat)
