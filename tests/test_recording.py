@@ -43,7 +43,7 @@ def test_html_has_every_metric_with_its_unit_and_a_figure():
     row = f"start velocity overshoot</td><td>{overshoot:.5g}</td><td>m/s</td>"
     assert row in html
     assert "forward channel sent</td><td>20</td>" in html
-    assert re.search(r'<img alt="Signals of .*two_dof_combined', html)
+    assert re.search(r'<img alt="\d+ panels: velocity v_x \[m', html)
     assert "data:image/png;base64,iVBOR" in html
 
 

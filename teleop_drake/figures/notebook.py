@@ -5,6 +5,7 @@ import html
 import io
 
 from teleop_drake.figures.runs import PlotRun
+from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
 from teleop_drake.sweep import FlattenMetrics, MetricUnits
 from teleop_drake.tasks.metrics import RunSummary
@@ -26,9 +27,10 @@ def RecordingHtml(recording: Recording) -> str:
     except ValueError:
         return title
     buffer = io.BytesIO()
-    PlotRun(recording).savefig(buffer, format="png", dpi=_DPI)
+    figure = PlotRun(recording)
+    figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
-    alternative = html.escape(f"Signals of {recording!r}", quote=True)
+    alternative = html.escape(DescribeFigure(figure), quote=True)
     return (
         f'{title}<div style="display: flex; flex-wrap: wrap; gap: 1em">{table}'
         f'<img alt="{alternative}" src="data:image/png;base64,{image}"></div>'

@@ -6,33 +6,37 @@ colour-blind people can tell apart; line styles tell the runs apart in grey prin
 """
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from teleop_drake.environments import CONTACT, PUNCTURE
+from teleop_drake.figures.saving import SaveFigure
+from teleop_drake.figures.selection import SelectAxisRows, SelectRows, SelectTime
 from teleop_drake.figures.style import (
     BORDER_STYLE,
-    COLORS,
     FONT_SIZE,
     GREY,
-    LINES,
+    MAX_NAMED_COMPONENTS,
     SMALL_FONT_SIZE,
     WIDTH,
+    ComponentStyle,
+    EndStyle,
+    EventStyle,
     FormatAxes,
     RunStyle,
     ScaleAndUnit,
     Widen,
+    WidthOf,
 )
-from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import (
@@ -44,23 +48,19 @@ from teleop_drake.tasks.panels import (
 
 _ROW_HEIGHT = 1.2  # inches
 
+# More runs than these have a panel each; more than those do not fit across a page.
+_MAX_OVERLAID = 3
+_MAX_MULTIPLES = 8
+
 # Points across a panel: enough that no corner shows.
 _NUM_POINTS = 1500
 
 # A run that diverges may widen the range of a panel by this share on either side.
 _DIVERGED_SHARE = 1.0
 
-# Up to this many components of a signal have a name in a legend.
-_MAX_NAMED_COMPONENTS = 4
-
 _EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
 
-# Suffixes that SaveFigure knows, and the metadata that would change with each file.
-_METADATA: dict[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None, "Creator": None},
-    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-}
+__all__ = ["PlotComparison", "PlotRows", "PlotRun", "PlotWeights", "SaveFigure"]
 
 
 @dataclass(kw_only=True)
@@ -79,7 +79,12 @@ class _Curves:
 
 
 def PlotComparison(
-    recordings: Mapping[str, Recording], *, task: Task[Any] | None = None
+    recordings: Mapping[str, Recording],
+    *,
+    task: Task[Any] | None = None,
+    signals: Sequence[str] | None = None,
+    time: tuple[float, float] | None = None,
+    columns: int = 2,
 ) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
 
@@ -94,10 +99,16 @@ def PlotComparison(
         recordings: Runs by the name that the legend gives them, for instance
             {"direct force": ..., "adaptive": ...}; of robots with as many axes.
         task: What says which panels there are; None: the task of the first scenario.
+        signals: Names of the signals to show, any of the recording; None: those that
+            the task shows.
+        time: From when to when, s; None: all of it.
+        columns: Columns of a printed page that the figure spans: 2, or 1, in which only
+            the panels against time have room.
 
     Raises:
         ValueError: If there is no recording, or their numbers of axes differ, or it
-            is a task whose runs are not compared.
+            is a task whose runs are not compared; or what is to be shown is not there.
+        UnknownSignal: If a run does not have one of the signals.
     """
     if not recordings:
         raise ValueError("recordings: empty; allowed: at least one")
@@ -106,16 +117,24 @@ def PlotComparison(
         raise ValueError(
             f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
         )
+    recordings = {name: SelectTime(x, time) for name, x in recordings.items()}
     runs = list(recordings.values())
     panels = (task or TaskOf(runs[0].scenario)).Panels(runs)
     if isinstance(panels, AxisPanels):
         raise ValueError(
             f"recordings: runs of {runs[0].scenario.name}; allowed: teleoperations"
         )
-    return PlotRows(recordings, panels)
+    return PlotRows(recordings, SelectRows(panels, runs, signals), columns=columns)
 
 
-def PlotRun(recording: Recording, *, task: Task[Any] | None = None) -> Figure:
+def PlotRun(
+    recording: Recording,
+    *,
+    task: Task[Any] | None = None,
+    signals: Sequence[str] | None = None,
+    time: tuple[float, float] | None = None,
+    columns: int = 2,
+) -> Figure:
     """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
 
     Of a tracking it plots, per task axis against time, the position
@@ -124,14 +143,26 @@ def PlotRun(recording: Recording, *, task: Task[Any] | None = None) -> Figure:
     Args:
         recording: The run.
         task: What says which panels there are; None: the task of its scenario.
+        signals: Names of the signals to show, any of the recording; None: those that
+            the task shows.
+        time: From when to when, s; None: all of it.
+        columns: Columns of a printed page that the figure spans: 2, or 1, in which only
+            the panels against time have room.
+
+    Raises:
+        UnknownSignal: If the run does not have one of the signals.
+        ValueError: If what is to be shown is not there.
     """
     task = task or TaskOf(recording.scenario)
+    recording = SelectTime(recording, time)
     panels = task.Panels([recording])
     if isinstance(panels, AxisPanels):
-        return _PlotAxes(recording, panels)
+        return _PlotAxes(recording, SelectAxisRows(panels, signals), columns)
+    rows = [*panels, *_TelemetryRows(recording)]
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording},
-        [*panels, *_TelemetryRows(recording)],
+        SelectRows(rows, [recording], signals),
+        columns=columns,
     )
 
 
@@ -155,32 +186,6 @@ def PlotWeights(recording: Recording) -> Figure:
     )
 
 
-def SaveFigure(figure: Figure, path: str | Path) -> None:
-    """Writes a figure; the same figure gives the same bytes.
-
-    The file appears complete or not at all.
-
-    Args:
-        figure: The figure.
-        path: Where to; the suffix, .png, .svg or .pdf, decides the format.
-
-    Raises:
-        OSError: If the file cannot be written.
-        ValueError: If the suffix is none of these.
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in _METADATA:
-        raise ValueError(f"path: {str(path)!r}; allowed: *.png, *.svg or *.pdf")
-    with (
-        Replacing(path) as temporary,
-        matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
-    ):
-        figure.savefig(
-            temporary, format=suffix[1:], dpi=200, metadata=_METADATA[suffix]
-        )
-
-
 def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     return [
         SignalRow(
@@ -199,21 +204,29 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     ]
 
 
-def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> Figure:
+def PlotRows(
+    recordings: Mapping[str, Recording], rows: Sequence[SignalRow], *, columns: int = 2
+) -> Figure:
     """Plots signals of runs together, one row of panels each.
 
     Args:
         recordings: Runs by the name that the legend gives them.
         rows: The signals, from top to bottom.
+        columns: Columns of a printed page that the figure spans, 1 or 2; in one there
+            are no panels against the position.
     """
+    width = WidthOf(columns)
     figure = Figure(
-        figsize=(WIDTH, _ROW_HEIGHT * len(rows) + 0.7),
+        figsize=(width, _ROW_HEIGHT * len(rows) + 0.7),
         # Aligned labels may end up a little further out than the layout reckons.
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
-    axes = figure.subplots(len(rows), 2, sharex="col", sharey="row", squeeze=False)
     runs = list(recordings.values())
     normal_W = ShownNormal(runs)
+    places = _PlacesOf(len(runs), columns)
+    axes = figure.subplots(
+        len(rows), len(places), sharex="col", sharey="row", squeeze=False
+    )
     curves = [_Sample(run, normal_W, "tool_position", [0]) for run in runs]
     for curve in curves:
         curve.y = curve.x[:, np.newaxis]
@@ -227,10 +240,15 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
         return is_position and bool(normal_W[row.components[0]] == 1)
 
     # These hold for the whole column.
-    axes[0, 0].set_xlim(0.0, max(float(run.time[-1]) for run in runs) or 1.0)
-    axes[0, 1].set_xlim(Widen(x_range, x_scale))
+    begin = min(float(run.time[0]) for run in runs)
+    end = max(float(run.time[-1]) for run in runs)
+    for place, ax in zip(places, axes[0], strict=True):
+        if place.is_position:
+            ax.set_xlim(Widen(x_range, x_scale))
+        else:
+            ax.set_xlim(begin, end if end > begin else begin + 1.0)
 
-    for row, (left, right) in zip(rows, axes, strict=True):
+    for row, row_axes in zip(rows, axes, strict=True):
         curves = [_Sample(run, normal_W, row.signal, row.components) for run in runs]
         commands = (
             []
@@ -239,28 +257,77 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
         )
         y_range = _Range(runs, curves, commands)
         scale, unit = ScaleAndUnit(y_range, row.unit)
-        left.set_ylim(Widen(y_range, scale))
-        left.set_ylabel(
+        row_axes[0].set_ylim(Widen(y_range, scale))
+        row_axes[0].set_ylabel(
             f"{row.label}\n[{unit}]" if unit else row.label, fontsize=FONT_SIZE
         )
-        for ax, x_axis_scale in ((left, None), (right, x_scale)):
+        for place, ax in zip(places, row_axes, strict=True):
             FormatAxes(ax)
-            _DrawPanel(ax, row, runs, normal_W, curves, commands, scale, x_axis_scale)
-        for border in borders:
-            right.axvline(border * x_scale, **BORDER_STYLE)
-            if IsX(row):
-                left.axhline(border * scale, **BORDER_STYLE)
-        right.set_visible(not IsX(row))
-        if 1 < len(row.components) <= _MAX_NAMED_COMPONENTS:
-            _AddComponentLegend(left, row)
+            x_axis_scale = x_scale if place.is_position else None
+            _DrawPanel(
+                ax,
+                row,
+                runs,
+                normal_W,
+                curves,
+                commands,
+                scale,
+                x_axis_scale,
+                shown=place.runs,
+            )
+            for border in borders:
+                if place.is_position:
+                    ax.axvline(border * x_scale, **BORDER_STYLE)
+                elif IsX(row):
+                    ax.axhline(border * scale, **BORDER_STYLE)
+            ax.set_visible(not (place.is_position and IsX(row)))
+        if 1 < len(row.components) <= MAX_NAMED_COMPONENTS:
+            _AddComponentLegend(row_axes[0], row)
 
-    left, right = axes[-1]
-    left.set_xlabel("time [s]", fontsize=FONT_SIZE)
-    right.set_xlabel(f"{_PositionName(normal_W)} [{x_unit}]", fontsize=FONT_SIZE)
+    position_label = f"{_PositionName(normal_W)} [{x_unit}]"
+    for place, column in zip(places, axes.T, strict=True):
+        # The lowest one that is there: the position has no panel against itself.
+        lowest = [ax for ax in column if ax.get_visible()][-1:]
+        for ax in lowest:
+            ax.tick_params(labelbottom=True)
+            ax.set_xlabel(
+                position_label if place.is_position else "time [s]", fontsize=FONT_SIZE
+            )
+        if place.is_position:
+            _NameBorders(column[0], borders, x_scale)
+    if len(places) > 2:
+        _TitleMultiples(axes[0], recordings)
+    figure.align_ylabels(axes[:, 0])
+    _AddLegend(figure, recordings, rows, names_runs=len(places) <= 2)
+    return figure
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A column of panels: the numbers of the runs in it, and what they are against."""
+
+    runs: Sequence[int]
+    is_position: bool = False
+
+
+def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
+    """Returns the columns of panels of a figure.
+
+    Three runs can be told apart in one panel. More have a column each.
+    """
+    everyone = range(num_runs)
+    if _MAX_OVERLAID < num_runs <= _MAX_MULTIPLES and columns == 2:
+        return [_Place([i]) for i in everyone]
+    against_time = _Place(everyone)
+    return [against_time] if columns == 1 else [against_time, _Place(everyone, True)]
+
+
+def _NameBorders(ax: Axes, borders: Mapping[float, list[str]], scale: float) -> None:
+    """Writes the names of surfaces above a panel against the position."""
     for border, names in borders.items():
-        axes[0, 1].annotate(
+        ax.annotate(
             "\n".join(names),
-            (border * x_scale, 1.0),
+            (border * scale, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),
             textcoords="offset points",
@@ -268,16 +335,28 @@ def PlotRows(recordings: Mapping[str, Recording], rows: Sequence[SignalRow]) -> 
             va="bottom",
             fontsize=SMALL_FONT_SIZE,
         )
-    figure.align_ylabels(axes[:, 0])
-    _AddLegend(figure, recordings, rows)
-    return figure
 
 
-def _PlotAxes(recording: Recording, panels: AxisPanels) -> Figure:
+def _TitleMultiples(
+    row_axes: Sequence[Axes], recordings: Mapping[str, Recording]
+) -> None:
+    """Writes above each column of panels which run it has, and how that ends."""
+    for i, (ax, (name, run)) in enumerate(
+        zip(row_axes, recordings.items(), strict=True)
+    ):
+        title = "\n".join(textwrap.wrap(name, 14, break_long_words=False))
+        if run.termination == "diverged":
+            title += f"\ndiverges at {run.time[-1]:.3g} s"
+        ax.set_title(title, fontsize=SMALL_FONT_SIZE, color=RunStyle(i)["color"])
+        ax.xaxis.set_major_locator(MaxNLocator(2))
+
+
+def _PlotAxes(recording: Recording, panels: AxisPanels, columns: int) -> Figure:
     n = recording["tool_position"].shape[1]
     rows = panels.rows
+    width = WidthOf(columns)
     figure = Figure(
-        figsize=(WIDTH, _ROW_HEIGHT * len(rows) + 0.7), layout="constrained"
+        figsize=(width, _ROW_HEIGHT * len(rows) + 0.7), layout="constrained"
     )
     axes = figure.subplots(len(rows), n, sharex=True, squeeze=False)
     for row, row_axes in zip(rows, axes, strict=True):
@@ -299,7 +378,8 @@ def _PlotAxes(recording: Recording, panels: AxisPanels) -> Figure:
             for i, curve in enumerate(curves):
                 ax.plot(curve.time, curve.y * scale, **RunStyle(i))
     for ax in axes[-1]:
-        ax.set_xlim(0.0, float(recording.time[-1]) or 1.0)
+        begin, end = map(float, recording.time[[0, -1]])
+        ax.set_xlim(begin, end if end > begin else begin + 1.0)
         ax.set_xlabel("time [s]", fontsize=FONT_SIZE)
     figure.align_ylabels(axes)
     figure.legend(
@@ -308,7 +388,7 @@ def _PlotAxes(recording: Recording, panels: AxisPanels) -> Figure:
             for i, label in enumerate(panels.names)
         ],
         loc="outside upper center",
-        ncols=len(panels.names),
+        ncols=len(panels.names) if columns == 2 else 1,
         fontsize=FONT_SIZE,
         frameon=False,
     )
@@ -324,16 +404,20 @@ def _DrawPanel(
     commands: Sequence[_Curves],
     scale: float,
     x_scale: float | None,
+    shown: Sequence[int],
 ) -> None:
-    """Draws all runs against time or, if x_scale is not None, against position."""
-    for command in commands:
+    """Draws runs against time or, if x_scale is not None, against position."""
+    for command in (commands[i] for i in (shown if commands else ())):
         x = command.time if x_scale is None else command.x * x_scale
         ax.plot(x, command.y * scale, color=GREY, linewidth=0.8, zorder=1)
     count = len(row.components)
-    for i, (run, curve) in enumerate(zip(runs, curves, strict=True)):
+    for i in shown:
+        run, curve = runs[i], curves[i]
         x = curve.time if x_scale is None else curve.x * x_scale
         for k in range(count):
-            style = RunStyle(i) if count == 1 else _ComponentStyle(k, count)
+            style = RunStyle(i) if count == 1 else ComponentStyle(k, count)
+            if len(shown) < len(runs):
+                style["linestyle"] = "-"  # There is nothing to tell it from.
             ax.plot(x, curve.y[:, k] * scale, **style)
         if count > 1:
             continue
@@ -341,7 +425,7 @@ def _DrawPanel(
         if run.termination == "diverged":
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
-            ax.plot(end_x, end_y, **_EndStyle(i), clip_on=False)
+            ax.plot(end_x, end_y, **EndStyle(i), clip_on=False)
 
 
 def _PositionName(normal_W: np.ndarray) -> str:
@@ -433,37 +517,6 @@ def _Range(
     )
 
 
-def _ComponentStyle(k: int, count: int) -> dict[str, Any]:
-    is_named = count <= _MAX_NAMED_COMPONENTS
-    return {
-        "color": COLORS[k % len(COLORS)],
-        "linestyle": LINES[k % len(LINES)] if is_named else "-",
-        "linewidth": 1.1 if is_named else 0.6,
-    }
-
-
-def _EndStyle(i: int) -> dict[str, Any]:
-    return {
-        "color": COLORS[i % len(COLORS)],
-        "marker": "x",
-        "markersize": 5,
-        "linestyle": "none",
-        "zorder": 10,
-    }
-
-
-def _EventStyle(marker: str, color: str) -> dict[str, Any]:
-    return {
-        "marker": marker,
-        "markersize": 3.5,
-        "color": color,
-        "markeredgecolor": "black",
-        "markeredgewidth": 0.5,
-        "linestyle": "none",
-        "zorder": 9,
-    }
-
-
 def _MarkEvents(
     ax: Axes,
     run: Recording,
@@ -482,7 +535,7 @@ def _MarkEvents(
         x = time
         if x_scale is not None:
             x = run.Interpolate("tool_position", time) @ normal_W * x_scale
-        ax.plot(x, y, **_EventStyle(marker, RunStyle(i)["color"]))
+        ax.plot(x, y, **EventStyle(marker, RunStyle(i)["color"]))
 
 
 def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
@@ -496,7 +549,7 @@ def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
     ax.legend(
         handles=[
             Line2D(
-                [], [], label=f"${row.symbol}_{{{name}}}$", **_ComponentStyle(k, count)
+                [], [], label=f"${row.symbol}_{{{name}}}$", **ComponentStyle(k, count)
             )
             for k, name in enumerate(names)
         ],
@@ -507,7 +560,11 @@ def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
 
 
 def _AddLegend(
-    figure: Figure, recordings: Mapping[str, Recording], rows: Sequence[SignalRow]
+    figure: Figure,
+    recordings: Mapping[str, Recording],
+    rows: Sequence[SignalRow],
+    *,
+    names_runs: bool,
 ) -> None:
     if all(len(row.components) > 1 for row in rows):
         return  # Every panel tells its own lines apart.
@@ -515,23 +572,28 @@ def _AddLegend(
     for i, (name, run) in enumerate(recordings.items()):
         style = RunStyle(i)
         if run.termination == "diverged":
-            style |= {**_EndStyle(i), "linestyle": style["linestyle"]}
+            style |= {**EndStyle(i), "linestyle": style["linestyle"]}
             name = f"{name} (diverges at {run.time[-1]:.3g} s)"
-        handles.append(Line2D([], [], label=name, **style))
+        if names_runs:
+            handles.append(Line2D([], [], label=name, **style))
     if any(row.command is not None for row in rows):
         handles.append(
             Line2D([], [], label="commanded velocity", color=GREY, linewidth=0.8)
         )
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(Line2D([], [], label=label, **_EventStyle(marker, GREY)))
+            handles.append(Line2D([], [], label=label, **EventStyle(marker, GREY)))
+    if not handles:
+        return
     # One line if it fits, by the width of an average letter.
-    widths = [0.5 + 0.058 * len(str(handle.get_label())) for handle in handles]
+    width = figure.get_figwidth()
+    margin = 0.5 if width >= WIDTH else 0.75
+    widths = [margin + 0.058 * len(str(handle.get_label())) for handle in handles]
     figure.legend(
         handles=handles,
         loc="outside upper center",
         ncols=(
-            len(handles) if sum(widths) <= WIDTH else max(int(WIDTH / max(widths)), 1)
+            len(handles) if sum(widths) <= width else max(int(width / max(widths)), 1)
         ),
         fontsize=FONT_SIZE,
         frameon=False,

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from teleop_drake.validation import Refuse
+
 # Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 LINES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
@@ -13,8 +15,12 @@ GREY = "#808080"
 
 # Sizes for print: two panels across the width of a text block.
 WIDTH = 7.0  # inches
+COLUMN_WIDTH = 3.45  # inches; one of two columns
 FONT_SIZE = 8  # points
 SMALL_FONT_SIZE = 7  # points
+
+# Up to this many components of a signal have a name in a legend.
+MAX_NAMED_COMPONENTS = 4
 
 BORDER_STYLE: dict[str, Any] = {
     "color": GREY,
@@ -25,6 +31,20 @@ BORDER_STYLE: dict[str, Any] = {
 
 # Keys of a sweep that are delays.
 DELAYS = ("delay", "forward_delay", "return_delay")
+
+
+def WidthOf(columns: int) -> float:
+    """Returns the width in inches of a figure across one or two printed columns.
+
+    Args:
+        columns: 1 or 2.
+
+    Raises:
+        ValueError: If it is another number.
+    """
+    if columns not in (1, 2):
+        Refuse("columns", columns, "1 or 2")
+    return COLUMN_WIDTH if columns == 1 else WIDTH
 
 
 def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
@@ -53,6 +73,40 @@ def RunStyle(i: int) -> dict[str, Any]:
         "linestyle": LINES[i % len(LINES)],
         "linewidth": 1.1,
         "zorder": 2 + i,
+    }
+
+
+def ComponentStyle(k: int, count: int) -> dict[str, Any]:
+    """Returns how component k of a signal of so many components is drawn."""
+    is_named = count <= MAX_NAMED_COMPONENTS
+    return {
+        "color": COLORS[k % len(COLORS)],
+        "linestyle": LINES[k % len(LINES)] if is_named else "-",
+        "linewidth": 1.1 if is_named else 0.6,
+    }
+
+
+def EndStyle(i: int) -> dict[str, Any]:
+    """Returns how the end of run i is drawn that diverges."""
+    return {
+        "color": COLORS[i % len(COLORS)],
+        "marker": "x",
+        "markersize": 5,
+        "linestyle": "none",
+        "zorder": 10,
+    }
+
+
+def EventStyle(marker: str, color: str) -> dict[str, Any]:
+    """Returns how an event is drawn on a curve of a colour."""
+    return {
+        "marker": marker,
+        "markersize": 3.5,
+        "color": color,
+        "markeredgecolor": "black",
+        "markeredgewidth": 0.5,
+        "linestyle": "none",
+        "zorder": 9,
     }
 
 

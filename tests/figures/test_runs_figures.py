@@ -11,6 +11,9 @@ from matplotlib.figure import Figure
 from surfaces import Border
 
 from teleop_drake.figures.runs import PlotComparison, PlotRun, PlotWeights, SaveFigure
+from teleop_drake.figures.saving import DescribeFigure
+from teleop_drake.figures.selection import SelectTime
+from teleop_drake.figures.style import RunStyle
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario
 
@@ -261,6 +264,78 @@ def test_one_sample_can_be_drawn(tmp_path):
         events=[],
     )
     SaveFigure(PlotRun(first), tmp_path / "first.png")
+
+
+def test_a_part_of_the_time_and_some_signals_are_shown():
+    recording = MakeRecording("two_dof_combined", "adaptive_backstepping")
+    figure = PlotRun(
+        recording, signals=["tool_velocity", "forward_packet_sent"], time=(0.33, 1.9)
+    )
+    labels = [" ".join(ax.get_ylabel().split()) for ax in figure.axes[::2]]
+    assert labels == ["velocity $v_x$ [m/s]", "velocity $v_y$ [mm/s]", PACKET]
+    assert figure.axes[0].get_xlim() == (0.33, 1.9)
+    times = np.array([0.33, 1.0, 1.9])
+    line = Curves(figure.axes[0])[-1]
+    shown = np.interp(times, line.get_xdata(), line.get_ydata())
+    expected = recording.Interpolate("tool_velocity", times)[:, 0]
+    np.testing.assert_allclose(shown, expected, atol=1e-7)
+
+
+PACKET = "forward packet sent"
+
+
+def test_a_run_that_diverges_after_the_window_does_not_end_in_it():
+    run = MakeRecording("one_dof", "direct_force", growth=3.0)
+    end = float(run.time[-1])
+    assert SelectTime(run, (0.1, end / 2)).termination == "completed"
+    assert SelectTime(run, (0.1, end + 1)).termination == "diverged"
+    assert SelectTime(run, None) is run
+    for window, reason in (((2.0, 1.0), "later one"), ((end, end + 1), "has ended")):
+        with pytest.raises(ValueError, match=reason):
+            SelectTime(run, window)
+
+
+def test_one_printed_column_has_the_panels_against_time():
+    figure = PlotComparison(Pair("one_dof"), columns=1)
+    assert figure.get_figwidth() < 3.5
+    assert all(ax.get_xlim()[0] == 0 for ax in figure.axes)
+    figure.draw_without_rendering()
+    box = figure.get_tightbbox()
+    assert box.x0 >= -0.01 and box.x1 <= figure.get_figwidth() + 0.01
+
+
+def test_more_than_three_runs_have_a_column_each():
+    runs = {f"law {i}": MakeRecording("one_dof", "direct_force") for i in range(4)}
+    runs["law 2"] = MakeRecording("one_dof", "direct_force", growth=3.0)
+    figure = PlotComparison(runs, signals=["tool_velocity", "control_force"])
+    assert len(figure.axes) == 8
+    assert [ax.get_title().split("\n")[0] for ax in figure.axes[:4]] == list(runs)
+    assert "diverges at" in figure.axes[2].get_title()
+    for i, ax in enumerate(figure.axes[:4]):
+        colors = {to_hex(line.get_color()) for line in Curves(ax)}
+        assert to_hex(RunStyle(i)["color"]) in colors
+        assert to_hex(RunStyle((i + 1) % 4)["color"]) not in colors
+
+
+def test_what_cannot_be_shown_is_refused():
+    run = MakeRecording("one_dof", "direct_force")
+    with pytest.raises(KeyError, match="did you mean 'tool_velocity'"):
+        PlotRun(run, signals=["tool_velocty"])
+    with pytest.raises(ValueError, match=r"^signals = \[\]: must be"):
+        PlotRun(run, signals=[])
+    with pytest.raises(ValueError, match=r"^columns = 3: must be 1 or 2"):
+        PlotRun(run, columns=3)
+
+
+def test_figures_are_described_in_words(tmp_path):
+    figure = PlotComparison(Pair("one_dof"), signals=["tool_velocity"])
+    text = DescribeFigure(figure)
+    assert text.startswith("2 panels: velocity v_x [mm/s]; against time [s] and posit")
+    assert "Legend: direct force, adaptive, commanded velocity" in text
+    SaveFigure(figure, tmp_path / "a.svg")
+    assert "<title>2 panels: velocity v_x" in (tmp_path / "a.svg").read_text()
+    SaveFigure(figure, tmp_path / "a.png")
+    assert b"Description\x002 panels: velocity v_x" in (tmp_path / "a.png").read_bytes()
 
 
 def test_bad_arguments():

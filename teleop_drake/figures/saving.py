@@ -1,0 +1,90 @@
+"""Figures as files: reproducible, complete or not at all, and described in words."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from teleop_drake.files import Replacing
+
+# Suffixes that SaveFigure knows, and the metadata that would change with each file.
+_METADATA: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+_DESCRIPTIONS = {".png": "Description", ".svg": "Title", ".pdf": "Subject"}
+
+FORMATS = tuple(suffix[1:] for suffix in _METADATA)
+"""What a figure can be written as."""
+
+
+def SaveFigure(figure: Figure, path: str | Path) -> None:
+    """Writes a figure; the same figure gives the same bytes.
+
+    The file appears complete or not at all.
+
+    It carries a description in words, what DescribeFigure() returns: in a .png as the
+    text `Description`, in an .svg as its title, in a .pdf as its subject.
+
+    Args:
+        figure: The figure.
+        path: Where to; the suffix, .png, .svg or .pdf, decides the format.
+
+    Raises:
+        OSError: If the file cannot be written.
+        ValueError: If the suffix is none of these.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _METADATA:
+        raise ValueError(f"path: {str(path)!r}; allowed: *.png, *.svg or *.pdf")
+    description = {_DESCRIPTIONS[suffix]: DescribeFigure(figure)}
+    with (
+        Replacing(path) as temporary,
+        matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
+    ):
+        figure.savefig(
+            temporary,
+            format=suffix[1:],
+            dpi=200,
+            metadata={**_METADATA[suffix], **description},
+        )
+
+
+def DescribeFigure(figure: Figure) -> str:
+    """Returns what a figure shows, in words: for those who do not see it.
+
+    Args:
+        figure: Any.
+
+    Returns:
+        What its panels show against what, and the names of its lines.
+    """
+    axes = [ax for ax in figure.axes if ax.get_visible()]
+    shown = _Different(ax.get_ylabel() or ax.get_title() for ax in axes)
+    against = _Different(ax.get_xlabel() for ax in axes)
+    text = f"{len(axes)} panels" if len(axes) > 1 else "One panel"
+    if shown:
+        text += f": {'; '.join(shown)}"
+    if against:
+        text += f"; against {' and '.join(against)}"
+    boxes = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]
+    names = _Different(
+        name.get_text() for box in boxes if box is not None for name in box.get_texts()
+    )
+    if names:
+        text += f". Legend: {', '.join(names)}"
+    return _WithoutMarkup(f"{text}.")
+
+
+def _Different(texts: Iterable[str]) -> list[str]:
+    """Returns texts on a line each, every one once and none that is empty."""
+    return [text for text in dict.fromkeys(" ".join(x.split()) for x in texts) if text]
+
+
+def _WithoutMarkup(text: str) -> str:
+    """Returns a text without the marks of formulas: $F_{e,x}$ is F_e,x."""
+    return re.sub(r"[${}\\]", "", text)

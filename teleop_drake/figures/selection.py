@@ -1,0 +1,125 @@
+"""What of some runs a figure shows: which signals, and which part of the time."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from teleop_drake.recording import Recording
+from teleop_drake.signals import AxesOf, UnitOf
+from teleop_drake.tasks.panels import AxisPanels, SignalRow
+from teleop_drake.validation import Choices, Refuse, Show
+
+# Up to this many components of a signal get a row each where runs are compared.
+_MAX_ROWS = 4
+
+
+def SelectRows(
+    rows: Sequence[SignalRow],
+    recordings: Sequence[Recording],
+    signals: Sequence[str] | None,
+) -> list[SignalRow]:
+    """Returns the rows of a figure that show some signals, in the order asked for.
+
+    Args:
+        rows: Those that there are.
+        recordings: The runs, at least one.
+        signals: Names of signals; of one without a row among them, every component
+            gets one. None: all rows.
+
+    Raises:
+        UnknownSignal: If a run does not have one of them.
+        ValueError: If none is asked for.
+    """
+    if signals is None:
+        return list(rows)
+    if not signals:
+        Refuse("signals", [], "the name of one signal or more")
+    selected: list[SignalRow] = []
+    for signal in signals:
+        sizes = [recording[signal].shape[1] for recording in recordings]
+        own = [row for row in rows if row.signal == signal]
+        selected += own or _RowsOf(signal, sizes, len(recordings))
+    return selected
+
+
+def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]:
+    """Returns rows for a signal that a task does not show of itself."""
+    if len(set(sizes)) > 1:
+        Refuse("signals", signal, f"of one size in all runs, not of {sorted(sizes)}")
+    (size,) = set(sizes)
+    unit, name = UnitOf(signal), signal.replace("_", " ")
+    if num_runs == 1 and size > 1 and unit is None:
+        row = SignalRow(label=name, unit="", signal=signal, components=range(size))
+        return [dataclasses.replace(row, symbol="c")]
+    if size > _MAX_ROWS:
+        Refuse("signals", signal, f"of {_MAX_ROWS} components at most to compare runs")
+    names = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
+    return [
+        SignalRow(
+            label=f"{name} ${names[k]}$" if size > 1 else name,
+            unit=unit or "",
+            signal=signal,
+            components=[k],
+        )
+        for k in range(size)
+    ]
+
+
+def SelectAxisRows(panels: AxisPanels, signals: Sequence[str] | None) -> AxisPanels:
+    """Returns the rows that have one of some signals.
+
+    Args:
+        panels: Those that there are.
+        signals: Names of signals. None: all rows.
+
+    Raises:
+        ValueError: If there is no row for one of them.
+    """
+    if signals is None:
+        return panels
+    known = dict.fromkeys(name for row in panels.rows for name in row.signals)
+    for signal in signals:
+        if signal not in known:
+            Refuse("signals", signal, Choices(signal, known))
+    rows = [row for row in panels.rows if not {*row.signals}.isdisjoint(signals)]
+    return dataclasses.replace(panels, rows=rows)
+
+
+def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Recording:
+    """Returns the part of a run within a window of time.
+
+    Args:
+        recording: The run.
+        window: From when to when, s. None: all of it.
+
+    Returns:
+        Its samples there, and at the ends of the window those between samples. It is
+        completed if the run went on.
+
+    Raises:
+        ValueError: If the window is none, or the run ends before it.
+    """
+    if window is None:
+        return recording
+    begin, end = window
+    if not 0 <= begin < end:
+        Refuse("time", list(window), "from a time >= 0 to a later one (s)")
+    times = recording.time
+    last = float(times[-1])
+    if begin >= last:
+        Refuse("time", list(window), f"before {Show(last)} s, when the run has ended")
+    inside = (times >= begin) & (times <= end)
+    edges = np.array([t for t in (begin, end) if t not in times and t < last])
+    all_times = np.concatenate([times[inside], edges])
+    order = np.argsort(all_times, kind="stable")
+    return dataclasses.replace(
+        recording,
+        time=all_times[order],
+        signals={
+            name: np.concatenate([x[inside], recording.Interpolate(name, edges)])[order]
+            for name, x in recording.signals.items()
+        },
+        events=[event for event in recording.events if begin <= event.time <= end],
+        termination=recording.termination if end >= last else "completed",
+    )
