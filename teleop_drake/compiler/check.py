@@ -2,10 +2,13 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, PortDataType, System
+from pydrake.systems.framework import Context, Diagram, PortDataType, System
 
+from teleop_drake.compiler.check_run import CheckRun, KernelDisagrees
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
+
+__all__ = ["CheckKernel", "CheckNear", "Compare", "KernelDisagrees"]
 
 Array = NDArray[np.float64]
 
@@ -14,18 +17,22 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-9
 
 
-class KernelDisagrees(ValueError):
-    """A kernel that does not compute what its block does."""
-
-
-def CheckKernel(system: System, *, num_states: int = 10) -> None:
+def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
     """Checks the kernel of a block, or those of all blocks in a diagram.
 
-    Outputs and time derivatives are compared at random inputs, states and times.
+    Outputs and time derivatives are compared at random inputs, states and times, and in
+    the modes that the kernels get into there. A block by itself that has transitions or
+    delays is run as well, with sinusoids at its inputs, in Drake's Simulator and by its
+    kernel: they show whether its modes change when and as they should. For that it
+    becomes part of a diagram, and cannot be part of another one.
 
     Args:
         system: The block or the diagram.
         num_states: How often to compare.
+
+    Returns:
+        The transitions, by the names in the kernel, that did not happen in the run and
+        were therefore not compared with the block; see Transition.
 
     Raises:
         UnsupportedSystem: If a block offers no kernel.
@@ -43,6 +50,34 @@ def CheckKernel(system: System, *, num_states: int = 10) -> None:
         x = context.get_continuous_state_vector().CopyToVector()
         context.SetContinuousState(_Near(x, rng))
         Compare(evaluator, system, context)
+        if _ChangeModes(evaluator, context):
+            Compare(evaluator, system, context)
+    program = evaluator.program
+    if isinstance(system, Diagram) or not (program.transitions or program.delays):
+        return []
+    return CheckRun(system)
+
+
+def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
+    """Makes the transitions that are due in a context; returns whether any is.
+
+    A periodic one is taken for due.
+    """
+    y, _ = evaluator.Evaluate(context)
+    program = evaluator.program
+    _, m, _ = evaluator.ReadContext(context)
+    before = m.copy()
+    for _, guard, source, target in program.transitions:
+        if guard is None or y[guard][0] > 0:
+            m[target] = y[source]
+    for block, part in zip(evaluator.blocks, program.modes, strict=True):
+        own = block.system.GetMyMutableContextFromRoot(context)
+        first = part.start
+        for i in range(own.num_discrete_state_groups()):
+            size = own.get_discrete_state(i).size()
+            own.SetDiscreteState(i, m[first : first + size])
+            first += size
+    return not np.array_equal(m, before)
 
 
 def CheckNear(evaluator: Evaluator, system: System, context: Context) -> None:

@@ -1,18 +1,29 @@
 """Every block of the package has a kernel that computes what the block does."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.systems.primitives import ZeroOrderHold
 
 from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
 from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
+from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
+from teleop_drake.channels.network import NetworkDelay
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.channels.receiver import Receiver
+from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.channels.variable import VariableDelay
+from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
+from teleop_drake.environments import LayerConfig, Surface
+from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram, simulate
 from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.systems.disturbance_force import DisturbanceForce
+from teleop_drake.systems.surgeon import Surgeon, past_surface, with_stop
 from teleop_drake.teleoperator import MakeTeleoperator
 
 
@@ -56,6 +67,103 @@ FOUR = {"mass": I, "damping": I, "local_damping": I, "local_stiffness": 9 * I}
 )
 def test_a_variant_has_a_kernel(block):
     CheckKernel(block)
+
+
+def layers():
+    return [
+        LayerConfig(name=name, start=start, stiffness=k, damping=d, reference=start)
+        for name, start, k, d in (
+            ("tissue", 0.2, 80.0, 3.0),
+            ("free", 0.8, 0.0, 0.0),
+            ("bone", 1.2, 800.0, 3.0),
+        )
+    ]
+
+
+def bent_profile():
+    return DelayProfile(
+        delay=0.2,
+        sinusoid=Sinusoid(amplitude=0.05, frequency=4.0),
+        trace=([0.0, 0.5, 0.9, 3.0], [0.0, 0.1, 0.05, 0.2]),
+    )
+
+
+def network():
+    return PacketNetwork(
+        profile=DelayProfile(delay=0.1),
+        sample_period=0.02,
+        jitter=Jitter(kind="gamma", std=0.02),
+        loss=Loss(kind="independent", probability=0.2),
+        seed=1,
+        stream="here",
+    )
+
+
+def surgeon():
+    return Surgeon(
+        velocity=[0.1, 0.0],
+        contact_force=[1.0, 2.0],
+        contact_surface=Surface("contact", np.array([0.5, 0.0]), np.array([1.0, 0.0])),
+        stop_time=0.9,
+    )
+
+
+# What changes its mode, or delays, and is therefore run.
+BLOCKS = {
+    "surgeon": surgeon,
+    "layers": lambda: LayeredForceField(layers=layers(), num_axes=2),
+    "transport": lambda: TransportDelay(delay=0.3, size=2, initial_value=[1, 2]),
+    "sampled": lambda: SampledDelay(delay=0.3, size=2, sample_period=0.07),
+    "variable": lambda: VariableDelay(profile=bent_profile(), size=1),
+    "network": lambda: NetworkDelay(
+        network=network(), receiver=Receiver(policy="extrapolate"), size=2
+    ),
+    "hold": lambda: ZeroOrderHold(0.1, 2),
+}
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_transitions_and_delays_are_checked(block):
+    assert CheckKernel(BLOCKS[block](), num_states=3) == []
+
+
+WRONG_PLACE = (past_surface, "mode", "felt_position", "normal", "normal")
+
+
+def wrong(block, **changes):
+    """Returns a block whose kernel is not its own in one respect."""
+    system = BLOCKS[block]()
+    kernel = system.Kernel()
+    (name, first), *_ = kernel.transitions.items() or [("", None)]
+    if first is not None:
+        changed = {
+            "transitions": {**kernel.transitions, name: replace(first, **changes)}
+        }
+    else:
+        changed = {"delays": [replace(kernel.delays[0], **changes)]}
+    system.Kernel = lambda: replace(kernel, **changed)
+    return system
+
+
+@pytest.mark.parametrize(
+    "block, changes",
+    [
+        ("surgeon", {"guard": WRONG_PLACE}),
+        ("surgeon", {"mode": (with_stop, "mode")}),
+        ("transport", {"time": 0.301}),
+        ("transport", {"initial_value": [1, 2.1]}),
+        ("variable", {"time": lambda t: 0.2}),
+        ("network", {"packets": lambda end: []}),
+    ],
+)
+def test_a_wrong_transition_or_delay_is_found(block, changes):
+    with pytest.raises(KernelDisagrees, match="its kernel says"):
+        CheckKernel(wrong(block, **changes), num_states=1)
+
+
+def test_what_did_not_happen_is_told():
+    block = Surgeon(velocity=[0.1], stop_time=99.0)
+    assert CheckKernel(block) == ["stops"]
 
 
 @pytest.mark.slow
