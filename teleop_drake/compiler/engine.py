@@ -45,6 +45,7 @@ class CompiledRun:
     Attributes:
         evaluator: Of the diagram.
         failure: Why it cannot go on; empty if it can.
+        error: What was raised in the midst of a step, after which it cannot go on.
 
     Raises:
         UnsupportedSystem: If a block of the diagram cannot be compiled.
@@ -63,6 +64,7 @@ class CompiledRun:
         self.evaluator = Evaluator(system, context, as_machine_code=as_machine_code)
         self._is_machine_code = as_machine_code
         self.failure = ""
+        self.error: Exception | None = None
         self._accuracy, self._max_step = accuracy, max_step
         program = self.evaluator.program
         self._problem = Problem(
@@ -95,6 +97,15 @@ class CompiledRun:
         return float(self._memory.clock[0])
 
     @property
+    def is_finite(self) -> bool:
+        """Whether all numbers are that it computed last."""
+        memory = self._memory
+        return all(
+            bool(np.isfinite(x).all())
+            for x in (memory.x, memory.x_stage, memory.x_next, memory.stages)
+        )
+
+    @property
     def num_steps(self) -> int:
         """How many steps it has taken."""
         return int(self._memory.counts[delay_problem.STEPS])
@@ -113,7 +124,7 @@ class CompiledRun:
         Returns:
             The times (k) and the signals y (k, num_y) at the ends of the steps. A time
             that stands twice marks a jump. The run has ended if its time is `end` or
-            there is a failure.
+            there is a failure or an error.
         """
         arguments = (
             self._problem,
@@ -126,14 +137,22 @@ class CompiledRun:
             self._advance = delay_integrator.advance
             if self._is_machine_code:
                 self._advance = CompileIntegrator(*arguments)
-        status = self._advance(self.evaluator.function, *arguments)
+        status = delay_integrator.DONE
+        try:
+            status = self._advance(self.evaluator.function, *arguments)
+        except Exception as error:
+            self.error = error
         counts = self._memory.counts
         num = counts[delay_problem.ROWS]
         times = self._memory.row_times[:num].copy()
         rows = self._memory.rows[:num].copy()
         counts[delay_problem.ROWS] = 0
         if status == delay_integrator.STUCK:
-            self.failure = "the smallest step is still too inaccurate"
+            # In the words of Drake.
+            self.failure = (
+                "Error control wants to select step smaller than minimum allowed "
+                f"({1e-14 * max(1.0, abs(self.time)):g})"
+            )
         elif status == delay_integrator.FULL:
             self._MakeRoom()
         return times, rows

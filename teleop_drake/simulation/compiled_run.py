@@ -15,7 +15,11 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.signals import NamedSignals
-from teleop_drake.simulation.failures import FirstLine
+from teleop_drake.simulation.failures import (
+    FirstLine,
+    IsArithmetic,
+    ReasonOfDivergence,
+)
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
@@ -97,7 +101,11 @@ def _Run(
     pieces: list[tuple[np.ndarray, np.ndarray]] = []
     termination, reason, is_too_fast = "completed", "", False
     with Interruption() as interruption:
-        while run.time < duration and termination == "completed":
+        while (
+            run.time < duration
+            and termination == "completed"
+            and not interruption.has_come
+        ):
             times, rows = run.Advance(duration)
             speeds = np.linalg.norm(rows[:, places["tool_velocity"]], axis=1)
             too_fast = np.flatnonzero(~(speeds <= speed_limit.speed))
@@ -106,13 +114,13 @@ def _Run(
                 is_too_fast = bool(np.isfinite(speeds[end]))
                 termination, reason = "diverged", speed_limit.Reason(speeds[end])
                 times, rows = times[: end + is_too_fast], rows[: end + is_too_fast]
-            elif run.failure:
-                termination, reason = "diverged", run.failure
-            elif interruption.has_come:
-                termination, reason = "interrupted", "interrupted by the user"
+            elif run.failure or run.error is not None:
+                termination, reason = "diverged", run.failure or _ReasonOf(run)
             pieces.append((times, rows))
             if progress is not None:
                 progress(run.time)
+    if interruption.has_come:  # However it ended, as in Drake's Simulator.
+        termination, reason = "interrupted", "interrupted by the user"
     times, rows = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     return Outcome(
         times=times,
@@ -124,6 +132,14 @@ def _Run(
         reason=reason,
         is_too_fast=is_too_fast,
     )
+
+
+def _ReasonOf(run: CompiledRun) -> str:
+    """Returns why a run ended by what a law raised, or raises it if it is a mistake."""
+    assert run.error is not None
+    if not (IsArithmetic(run.error) or not run.is_finite):
+        raise run.error
+    return ReasonOfDivergence(run.error)
 
 
 @functools.cache

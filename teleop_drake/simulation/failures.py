@@ -55,12 +55,19 @@ def IsDivergence(error: BaseException, root_context: Context) -> bool:
         error: What came out of the Simulator's AdvanceTo().
         root_context: Of the Simulator, as the error left it.
     """
-    if isinstance(error, ArithmeticError | np.linalg.LinAlgError):
-        return True
-    if _IsGivingUp(error):
+    if IsArithmetic(error) or _IsGivingUp(error):
         return True
     state = root_context.get_continuous_state_vector().CopyToVector()
     return not np.isfinite(state).all()
+
+
+def IsArithmetic(error: BaseException) -> bool:
+    """Returns whether an error is of numbers: a singular matrix, an overflow.
+
+    Args:
+        error: The error.
+    """
+    return isinstance(error, ArithmeticError | np.linalg.LinAlgError)
 
 
 def _IsGivingUp(error: BaseException) -> bool:

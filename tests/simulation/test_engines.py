@@ -1,13 +1,20 @@
 """Compiled runs against those of Drake's Simulator."""
 
+import functools
+import signal
 import warnings
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import LeafSystem
 
+from teleop_drake.compiler import engine
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.kernel import Kernel
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.simulation import compiled_run, simulate
 from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.teleoperator import MakeTeleoperator
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
@@ -101,9 +108,9 @@ def test_packets_are_those_of_drake(channel):
     times = [np.round(run.time, 9) for run in (compiled, drake)]
     common, ours, theirs = np.intersect1d(*times, return_indices=True)
     assert len(common) > 90
-    for name, signal in drake.signals.items():
-        error = np.abs(compiled[name][ours] - signal[theirs]).max()
-        assert error < 2e-6 * max(np.ptp(signal), 1e-12), name
+    for name, values in drake.signals.items():
+        error = np.abs(compiled[name][ours] - values[theirs]).max()
+        assert error < 2e-6 * max(np.ptp(values), 1e-12), name
 
 
 def test_a_run_that_is_too_fast_ends_at_its_limit():
@@ -116,6 +123,100 @@ def test_a_run_that_is_too_fast_ends_at_its_limit():
     assert compiled.termination == drake.termination == "diverged"
     assert compiled.time[-1] == pytest.approx(drake.time[-1], abs=1e-4)
     assert RunSummary(compiled)["metrics"]["diverged"]
+
+
+@pytest.fixture
+def in_python(monkeypatch):
+    """What the compiled engine does about a run, without machine code."""
+    slow = functools.partial(CompiledRun, as_machine_code=False)
+    monkeypatch.setattr(compiled_run, "CompiledRun", slow)
+    monkeypatch.setattr(compiled_run, "_HasNumba", lambda: True)
+
+
+class Wall(LeafSystem):
+    """A force that depends on the velocity."""
+
+    def __init__(self, law):
+        LeafSystem.__init__(self)
+        self.set_name("environment")
+        self._law = law
+        self.DeclareVectorInputPort("tool_position", 1)
+        self._v = self.DeclareVectorInputPort("tool_velocity", 1)
+        self.DeclareVectorOutputPort(
+            "environment_force", 1, self._CalcForce, {self._v.ticket()}
+        )
+
+    def _CalcForce(self, context, output):
+        output.SetFromVector(self._law(self._v.Eval(context)))
+
+    def Kernel(self):
+        return Kernel(
+            outputs={"environment_force": (self._law, "tool_velocity")},
+            unused=("tool_position",),
+        )
+
+
+def chattering(v):
+    return 1e16 * np.sign(v - 0.02)
+
+
+def dividing(v):
+    """The tool gets so fast on its way to 1 mm/s; differences of the force do not."""
+    if v[0] > 0.0011:
+        raise ZeroDivisionError("nobody divides")
+    return 0 * v
+
+
+def mistaken(v):
+    if v[0] > 0.0011:
+        raise KeyError("a mistake")
+    return 0 * v
+
+
+def run_against(law, kind):
+    scenario = LoadScenario(
+        "one_dof",
+        ["duration=1", "controller.kind=direct_force", "divergence_speed_ratio=1000"],
+    )
+    teleoperator = MakeTeleoperator(scenario, environment=Wall(law))
+    return simulate(scenario, teleoperator=teleoperator, engine=kind)
+
+
+@pytest.mark.parametrize(
+    "law, reason, step",
+    [
+        (chattering, "Error control wants to select step smaller than minimum", 0),
+        (dividing, "numbers left the finite within a step: nobody divides", 0.1),
+    ],
+)
+def test_a_run_that_blows_up_does_so_in_both_engines(in_python, law, reason, step):
+    drake, compiled = (run_against(law, kind) for kind in ("drake", "compiled"))
+    for run in (drake, compiled):
+        assert run.termination == "diverged"
+        assert reason in run.reason
+    assert compiled.time[-1] == pytest.approx(drake.time[-1], abs=step)
+
+
+def test_a_mistake_comes_out_as_it_is(in_python):
+    with pytest.raises(KeyError, match="a mistake"):
+        run_against(mistaken, "compiled")
+
+
+def test_ctrl_c_keeps_what_there_is(in_python, monkeypatch):
+    monkeypatch.setattr(engine, "_CHUNK", 30)
+    times = []
+
+    def interrupt(time):
+        times.append(time)
+        signal.raise_signal(signal.SIGINT)
+
+    scenario = LoadScenario(
+        "one_dof", ["controller.kind=direct_force", "simulator.max_step_size=1e-3"]
+    )
+    run = simulate(scenario, progress=interrupt, engine="compiled")
+    assert (run.termination, run.reason) == ("interrupted", "interrupted by the user")
+    assert len(times) == 1 and run.time[-1] == times[0] < scenario.duration
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_what_cannot_be_compiled_says_why():
