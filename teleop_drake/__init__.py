@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.figures.block_diagram import WriteDiagram
+    from teleop_drake.figures.explore import Explore
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
@@ -33,6 +34,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AnalyzeStability",
+    "Explore",
     "LoadRecording",
     "LoadScenario",
     "MakeDiagram",
@@ -58,6 +60,7 @@ __all__ = [
 _PLACES = {
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
+    "figures.explore": ["Explore"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [

@@ -1,8 +1,8 @@
 """The notebooks: they run in a kernel of their own, and are committed clean.
 
 Every cell runs, with deprecation warnings as errors and in a directory with nothing but
-the league table. Where there is a live slider it is moved, and its cell runs again
-without ipywidgets. The short run of the tests takes the first notebook, and the imports
+the league table. A slider of its Explorer is moved, and that cell runs again without
+ipywidgets. The short run of the tests takes the first notebook, and the imports
 of all.
 """
 
@@ -23,7 +23,6 @@ from nbclient.exceptions import CellExecutionError
 TESTS = Path(__file__).parent
 FAILING = TESTS / "failing_notebook.ipynb"
 NOTEBOOKS = sorted((TESTS.parent / "notebooks").glob("*.ipynb"))
-WITH_SLIDER = [path for path in NOTEBOOKS if "ipywidgets" in path.read_text("utf-8")]
 
 # The standard preamble, after the imports.
 PREAMBLE = '\n\nset_matplotlib_formats("retina")\n'
@@ -38,11 +37,14 @@ assert sys.executable == {sys.executable!r}, sys.executable
 """
 
 MOVE_SLIDER = """\
-first = picture.value
-slider.value = 0.2
-assert picture.value != first
-slider.value = 0.1
-assert picture.value == first
+first = explorer.picture.value
+slider = next(iter(explorer.sliders.values()))
+before = slider.value
+slider.value = slider.options[len(slider.options) // 2][1]
+assert "simulated" in explorer.status.value
+assert explorer.picture.value != first
+slider.value = before
+assert explorer.picture.value == first
 """
 
 HIDE_WIDGETS = "sys.modules['ipywidgets'] = None"
@@ -83,13 +85,10 @@ def test_runs(path, tmp_path):
     notebook = Read(path)
     for file in path.parent.glob("league_table.*"):
         shutil.copy(file, tmp_path)
-    if path in WITH_SLIDER:
-        (slider,) = [
-            cell for cell in CodeCells(notebook) if "ipywidgets" in cell.source
-        ]
-        notebook.cells += map(
-            nbformat.v4.new_code_cell, [MOVE_SLIDER, HIDE_WIDGETS, slider.source]
-        )
+    (slider,) = [cell for cell in CodeCells(notebook) if "Explore(" in cell.source]
+    notebook.cells += map(
+        nbformat.v4.new_code_cell, [MOVE_SLIDER, HIDE_WIDGETS, slider.source]
+    )
     Execute(notebook, tmp_path)
     cells = CodeCells(notebook)
     shown = [
@@ -104,8 +103,7 @@ def test_runs(path, tmp_path):
         if "image/png" in data or "<svg" in data.get("text/html", "")
     ]
     assert len(pictures) >= 4
-    if path in WITH_SLIDER:
-        assert "image/png" in cells[-1].outputs[-1].data
+    assert "image/png" in cells[-1].outputs[-1].data
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -117,11 +115,6 @@ def test_what_they_take_from_the_package_is_there(path):
                 module = importlib.import_module(node.module)
                 for alias in node.names:
                     assert hasattr(module, alias.name), (node.module, alias.name)
-
-
-def test_sliders_are_where_they_are_promised():
-    stems = [path.stem for path in WITH_SLIDER]
-    assert {"02_delay_one_dof", "03_delay_two_dof"} <= set(stems)
 
 
 @pytest.mark.parametrize(

@@ -205,6 +205,21 @@ def ParseOverrides(
     return pairs
 
 
+def GetPath(tree: Any, dotted: str) -> Any:
+    """Returns one value in a tree of dicts and lists.
+
+    Args:
+        tree: Where from.
+        dotted: The path of the value.
+
+    Raises:
+        ScenarioError: If there is no such value.
+    """
+    for part in dotted.split("."):
+        tree = tree[_FindKey(tree, part, dotted)]
+    return tree
+
+
 def SetPath(tree: Any, dotted: str, value: Any) -> str:
     """Replaces one value in a tree of dicts and lists.
 
