@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import yaml
 
 import teleop_drake as dut
 
@@ -37,3 +39,11 @@ def test_every_name_has_one_place():
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match=r"'teleop_drake' .* 'Simulate'"):
         _ = dut.Simulate
+
+
+def test_citation_and_changelog_are_of_this_version():
+    root = Path(__file__).parent.parent
+    citation = yaml.safe_load((root / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == dut.__version__
+    changelog = (root / "CHANGELOG.md").read_text("utf-8")
+    assert f"\n## {dut.__version__}" in changelog

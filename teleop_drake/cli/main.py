@@ -41,7 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return Fail(FAILED, "standard output is closed")
     try:
         args = MakeParser().parse_args(argv)
-        _ImportDrake()
+        if args.command_name not in _WITHOUT_DRAKE:
+            _ImportDrake()
         exit_code: int = args.command(args)
         sys.stdout.flush()
         return exit_code
@@ -50,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _ImportDrake() -> None:
-    """Imports pydrake, which every command needs, and lets Ctrl-C wait meanwhile.
+    """Imports pydrake, which most commands need, and lets Ctrl-C wait meanwhile.
 
     Its machine code would turn that into other errors, print a traceback, or abort.
     """
@@ -114,8 +115,12 @@ _COMMANDS = {
     "diagram": "Draw the block diagram of a scenario.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
+    "completion": "Let the tab key of a shell complete commands and scenarios.",
     "docs": "Say where the documentation is, or write it as HTML.",
 }
+
+# Commands that answer at once.
+_WITHOUT_DRAKE = ("completion",)
 
 
 class _ShowVersion(argparse.Action):
@@ -138,12 +143,16 @@ class _CommandParser(_Parser):
     That file has AddOptions(parser) and Execute(args), which returns the exit code.
     """
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def AddOptionsOfCommand(self) -> None:
+        """Adds the options of the command, if it does not have them yet."""
         if self.get_default("command") is None:
             name = self.prog.split()[-1]
             command = importlib.import_module(f"teleop_drake.cli.commands.{name}")
             command.AddOptions(self)
             self.set_defaults(command=command.Execute)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self.AddOptionsOfCommand()
         return super().parse_known_args(args, namespace)
 
 
