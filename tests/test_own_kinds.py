@@ -68,6 +68,7 @@ def test_compare_and_sweep(capsys):
     Run(
         capsys,
         *("sweep", "one_dof", *Options(CHANNEL, SHORT), "--delay", "0.05,0.1"),
+        *("--engine", "drake"),
         *("--vary", "controller.parameters.damping=0.1,0.4"),
         *("--controllers", "own_kinds:BrakedForce", "--out", "out", "--jobs", "1"),
     )
@@ -92,6 +93,9 @@ def test_the_law_is_the_own_one():
     assert law.HasSubsystemNamed("braked_force")
 
 
+ONE_JOB = ("--jobs", "1", "--engine", "drake")
+
+
 def test_a_robot_without_a_plant(capsys):
     """It works wherever nothing derives from its inertia, which it does not tell."""
     direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)
@@ -101,7 +105,14 @@ def test_a_robot_without_a_plant(capsys):
     np.testing.assert_allclose(
         recording["tool_position"], expected["tool_position"], atol=1e-9
     )
-    Run(capsys, *("sweep", "one_dof", *direct, "--delay", "0.05,0.1"), "--jobs", "1")
+    Run(
+        capsys,
+        *("sweep", "one_dof", *direct, "--delay", "0.05,0.1"),
+        "--jobs",
+        "1",
+        "--engine",
+        "drake",
+    )
     options = [*direct, "--set", "controller.initial_psi=1"]
     assert "wave" in Run(
         capsys, "compare", "one_dof", *options, "--controllers", "wave_variables"

@@ -74,18 +74,20 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
-def AddEngineOption(parser: argparse.ArgumentParser) -> None:
+def AddEngineOption(parser: argparse.ArgumentParser, default: str = "drake") -> None:
     """Adds --engine.
 
     Args:
         parser: The parser of the command.
+        default: The engine without the option.
     """
     parser.add_argument(
         "--engine",
         choices=("drake", "compiled", "auto"),
-        default="drake",
+        default=default,
         help="what runs it: Drake's Simulator, or machine code, which is compiled once "
-        "(the extra `fast`); auto: machine code where possible (default: drake)",
+        "(the extra `fast`); auto: machine code where possible "
+        f"(default: {default})",
     )
 
 

@@ -1,6 +1,7 @@
 """Progress of long work, on stderr."""
 
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -13,6 +14,10 @@ from teleop_drake.cli.exit_codes import Failed
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
     from teleop_drake.scenario import AnyScenario
+
+
+# For how long nothing is shown, in s of real time.
+_PATIENCE = 2.0
 
 
 def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
@@ -59,40 +64,68 @@ def _Notes() -> Iterator[None]:
             print(f"teleop-drake: {note.message}", file=sys.stderr)
 
 
-@contextmanager
-def _Progress(scenario: "AnyScenario") -> Iterator[Callable[[float], None]]:
-    """Yields a function that shows the simulated time on stderr.
+class _Progress:
+    """Shows on stderr what a run is doing; a context manager.
 
     It begins after 2 s of real time. A terminal gets one line that changes, a file
     gets a line every 10 s.
-    """
-    is_terminal = sys.stderr.isatty()
-    period = 0.2 if is_terminal else 10.0
-    next_report = time.monotonic() + 2.0
-    is_shown = False
 
-    def Report(simulated_time: float) -> None:
-        nonlocal next_report, is_shown
-        if time.monotonic() < next_report:
-            return
-        next_report = time.monotonic() + period
-        is_shown = True
-        text = (
-            f"{scenario.name}, {scenario.controller.kind}: "
-            f"{simulated_time:.1f} of {scenario.duration:g} s"
-        )
+    Args:
+        scenario: What is run.
+    """
+
+    def __init__(self, scenario: "AnyScenario"):
+        self._scenario = scenario
+        self._is_terminal = sys.stderr.isatty()
+        self._period = 0.2 if self._is_terminal else 10.0
+        self._next_report = time.monotonic() + _PATIENCE
+        self._is_shown = False
+        self._timer: threading.Timer | None = None
+
+    def __enter__(self) -> "_Progress":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._StopTimer()
+        if self._is_shown and self._is_terminal:
+            print(file=sys.stderr)
+
+    def __call__(self, simulated_time: float) -> None:
+        """Shows the simulated time.
+
+        Args:
+            simulated_time: In s.
+        """
+        self._StopTimer()
+        if time.monotonic() >= self._next_report:
+            self._next_report = time.monotonic() + self._period
+            self._Show(f"{simulated_time:.1f} of {self._scenario.duration:g} s")
+
+    def Say(self, text: str) -> None:
+        """Shows a text, if what it is about takes its time.
+
+        Args:
+            text: What is done until the next call.
+        """
+        self._StopTimer()
+        self._timer = threading.Timer(_PATIENCE, self._Show, [text])
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _StopTimer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _Show(self, text: str) -> None:
+        self._is_shown = True
+        text = f"{self._scenario.name}, {self._scenario.controller.kind}: {text}"
         print(
-            f"\r{text}" if is_terminal else text,
-            end="" if is_terminal else "\n",
+            f"\r{text:<60}" if self._is_terminal else text,
+            end="" if self._is_terminal else "\n",
             file=sys.stderr,
             flush=True,
         )
-
-    try:
-        yield Report
-    finally:
-        if is_shown and is_terminal:
-            print(file=sys.stderr)
 
 
 @contextmanager

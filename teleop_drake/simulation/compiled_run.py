@@ -12,8 +12,10 @@ from pydrake.systems.framework import Diagram
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.compiler.check import CheckNear
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation.failures import (
     FirstLine,
@@ -23,6 +25,7 @@ from teleop_drake.simulation.failures import (
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
+from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
 
 
@@ -44,24 +47,22 @@ def RunCompiled(
         config: How accurately.
         duration: How long, s.
         speed_limit: When to end early.
-        progress: Called now and then with the simulated time in s.
+        progress: Called now and then with the simulated time in s. If it has a method
+            Say(), that is told before what may have to be compiled.
 
     Raises:
         CannotCompile: If a block, the solver that is asked for, or the machine has no
             machine code.
         KernelDisagrees: If the machine code does not compute what the diagram does.
     """
-    if not _HasNumba():
-        raise CannotCompile("numba is not installed; the extra `fast` has it")
-    if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
-        raise CannotCompile(
-            "compiled runs use runge_kutta5 with error control, not "
-            f"{config.integration_scheme}"
-        )
+    _CheckSolver(config)
     context = diagram.CreateDefaultContext()
     context.SetAccuracy(EVENT_ACCURACY)
     diagram.ExecuteInitializationEvents(context)
     start = clock.monotonic()
+    say: Callable[[str], None] | None = getattr(progress, "Say", None)
+    if say is not None:
+        say("compiling ...")
     try:
         run = CompiledRun(
             diagram,
@@ -87,6 +88,37 @@ def RunCompiled(
         if isinstance(system, NetworkDelay)
     }
     return outcome
+
+
+def WhyNotCompiled(scenario: AnyScenario) -> str:
+    """Returns why a scenario runs in Drake's Simulator only; empty: it does not.
+
+    Nothing is compiled for that.
+
+    Args:
+        scenario: A valid one.
+    """
+    try:
+        _CheckSolver(scenario.simulator)
+        diagram = TaskOf(scenario).MakeDiagram(scenario)
+        Evaluator(diagram, diagram.CreateDefaultContext())
+    except (CannotCompile, UnsupportedSystem) as error:
+        return str(error)
+    return ""
+
+
+def _CheckSolver(config: SimulatorConfig) -> None:
+    """Raises CannotCompile if there is no numba, or another solver is asked for."""
+    if not _HasNumba():
+        raise CannotCompile(
+            "numba is not installed; the extra `fast` has it, and makes many runs many "
+            "times as fast"
+        )
+    if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
+        raise CannotCompile(
+            "compiled runs use runge_kutta5 with error control, not "
+            f"{config.integration_scheme}"
+        )
 
 
 def _Run(

@@ -26,6 +26,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.scenario.scenario import ResolveFiles, ScenarioFiles
 from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
+from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.tasks import TaskOf
 
@@ -74,7 +75,7 @@ def PlanSweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
-    engine: str = "drake",
+    engine: str = "auto",
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
@@ -86,8 +87,10 @@ def PlanSweep(
 
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
-        SweepError: If the grid cannot be used.
+        SweepError: If the grid cannot be used, or there is no such engine.
     """
+    if engine not in ENGINES:
+        raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
     if isinstance(overrides, Mapping):
         overrides = [_Override(path, _ToPlain(x)) for path, x in overrides.items()]
     elif isinstance(overrides, str):

@@ -14,6 +14,7 @@ from typing import Any
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
@@ -29,7 +30,7 @@ def Sweep(
     grid: Mapping[str, Iterable[Any]],
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
-    engine: str = "drake",
+    engine: str = "auto",
     executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -53,7 +54,8 @@ def Sweep(
         grid: Values by key. A key is the dotted path of a field as LoadScenario takes
             it, or one of ALIASES. The last key varies fastest.
         overrides: For all runs, as LoadScenario takes them.
-        engine: As simulate() takes it.
+        engine: As simulate() takes it; `auto` runs what can be compiled as machine
+            code, and says of what cannot why.
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
             open. None makes WorkerProcesses.
@@ -63,8 +65,9 @@ def Sweep(
             run done again, delete its line in runs.jsonl.
         progress: Called with the number of runs that are finished and the number of
             all, at the start and after each.
-        notice: Called with a line of text if runs in `out` have to be done again,
-            because their lines were changed; None: warnings.warn.
+        notice: Called with a line of text if runs cannot be machine code, or if runs in
+            `out` have to be done again because their lines were changed; None:
+            warnings.warn.
 
     Returns:
         The records of all runs.
@@ -127,6 +130,10 @@ def RunSweep(
         if progress is not None:
             progress(len(records), len(plan.points))
         runs = [run for run in range(len(plan.points)) if run not in records]
+        if runs and plan.engine != "drake":
+            why = WhyNotCompiled(plan.scenario)
+            if why:
+                (notice or warnings.warn)(f"run in Drake's Simulator: {why}")
         if runs and executor is None:
             executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(runs)))
             stack.callback(executor.shutdown, cancel_futures=True)
@@ -157,7 +164,9 @@ def _Simulate(
 
     def Submit(run: int) -> None:
         overrides = [*plan.overrides, *PointOverrides(plan.points[run])]
-        future = executor.submit(_SimulateOne, plan.source, overrides, plan.engine)
+        # Why it is not machine code was said once for all.
+        engine = "drake" if plan.engine == "drake" else "auto"
+        future = executor.submit(_SimulateOne, plan.source, overrides, engine)
         pending[run] = future
         future.add_done_callback(lambda future: finished.put((run, future)))
 

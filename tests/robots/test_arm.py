@@ -235,6 +235,7 @@ def test_sweep(capsys, tmp_path):
     Run(
         capsys,
         *("sweep", "--delay", "0.01,0.02", "--controllers", "direct_force"),
+        *("--engine", "drake"),
         *("--out", str(tmp_path), "--jobs", "1"),
     )
     lines = (tmp_path / "runs.jsonl").read_text().splitlines()

@@ -2,6 +2,8 @@
 
 import csv
 import fcntl
+import functools
+import importlib.util
 import json
 import os
 import re
@@ -48,7 +50,12 @@ from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
 SHORT = {"duration": 0.2, "simulator.accuracy": 1e-5}
-OPTIONS = ["--duration", "0.2", "--accuracy", "1e-5"]
+OPTIONS = ["--duration", "0.2", "--accuracy", "1e-5", "--engine", "drake"]
+
+# What can run so soon is not worth compiling.
+Sweep, PlanSweep = (
+    functools.partial(function, engine="drake") for function in (Sweep, PlanSweep)
+)
 
 
 @pytest.fixture(autouse=True)
@@ -639,6 +646,38 @@ def test_command(capsys, monkeypatch):
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "one_dof: 8 runs, 8 completed, 0 diverged, 0 failed"
     assert {"collision_time.png", "force_rms_error_x.png"} <= set(os.listdir("out"))
+
+
+def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
+    """By default, and if it cannot be, that is said once and not in each run."""
+    from teleop_drake import sweep
+    from teleop_drake.cli.main import MakeParser
+
+    assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
+    assert MakeParser().parse_args(["run", "one_dof"]).engine == "drake"
+    engines, said = [], []
+
+    def Simulate(source, overrides, engine):
+        engines.append(engine)
+        return {"status": "failed", "reason": "not run", "metrics": None}
+
+    monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", Simulate)
+    for overrides in (SHORT, {**SHORT, "simulator.integration_scheme": "runge_kutta3"}):
+        grid = {"delay": [0.1, 0.2]}
+        sweep.Sweep(
+            "one_dof", grid, overrides=overrides, executor=threads, notice=said.append
+        )
+    assert engines == ["auto"] * 4
+    if importlib.util.find_spec("numba"):
+        assert said == [
+            "run in Drake's Simulator: compiled runs use runge_kutta5 with error "
+            "control, not runge_kutta3"
+        ]
+    monkeypatch.setattr("teleop_drake.simulation.compiled_run._HasNumba", lambda: False)
+    sweep.Sweep("one_dof", grid, overrides=SHORT, executor=threads, notice=said.append)
+    assert said[-1].startswith("run in Drake's Simulator: numba is not installed")
+    with pytest.raises(SweepError, match="engine = 'steam': must be one of drake"):
+        sweep.PlanSweep("one_dof", grid, engine="steam")
 
 
 def test_the_controllers_are_a_choice():

@@ -37,7 +37,9 @@ def cluster():
 @pytest.fixture(scope="module")
 def expected():
     with WorkerProcesses(2) as executor:
-        return Sweep("one_dof", GRID, overrides=OVERRIDES, executor=executor).records
+        return Sweep(
+            "one_dof", GRID, overrides=OVERRIDES, engine="drake", executor=executor
+        ).records
 
 
 @pytest.mark.slow  # test_sweep.py kills processes of its own.
@@ -55,6 +57,7 @@ def test_a_killed_worker_costs_no_run(cluster, expected):
             "one_dof",
             GRID,
             overrides=OVERRIDES,
+            engine="drake",
             executor=client.get_executor(pure=False),
             out="out",
             progress=Progress,
@@ -71,8 +74,20 @@ def test_a_killed_worker_costs_no_run(cluster, expected):
 def test_the_command(cluster, expected, capsys):
     options = ["--duration", "0.5", "--accuracy", "1e-5", "--delay", "0.01:0.12:12"]
     options += ["--controllers", "adaptive_backstepping", "--json", "-"]
+    options += ["--engine", "drake"]
     assert (
-        main(["sweep", "one_dof", *options, "--dask", cluster.scheduler_address]) == 0
+        main(
+            [
+                "sweep",
+                "one_dof",
+                *options,
+                "--engine",
+                "drake",
+                "--dask",
+                cluster.scheduler_address,
+            ]
+        )
+        == 0
     )
     records = json.loads(capsys.readouterr().out)
     assert [x["metrics"] for x in records] == [x["metrics"] for x in expected]
@@ -86,6 +101,7 @@ def test_no_workers(capsys):
         address = cluster.scheduler_address
         threading.Timer(2.0, cluster.scale, [1]).start()
         options = ["--duration", "0.01", "--controllers", "direct_force"]
+        options += ["--engine", "drake"]
         assert main(["sweep", "one_dof", *options, "--dask", address]) == 0
     assert f"{address} has no workers; the runs wait" in capsys.readouterr().err
 

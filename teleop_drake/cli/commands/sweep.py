@@ -70,7 +70,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="do only what is missing in --out"
     )
-    AddEngineOption(parser)
+    AddEngineOption(parser, default="auto")
     AddRunOptions(
         parser,
         json_help="write a list with the records of all runs as JSON; `-`: to stdout, "
