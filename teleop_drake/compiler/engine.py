@@ -28,6 +28,9 @@ _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 # How many rows are integrated at a time. In between Python notices Ctrl-C.
 _CHUNK = 512
 
+# What the integrator tries at least, s.
+_SHORTEST = 1e-14
+
 
 class CompiledRun:
     """A run of a diagram in machine code.
@@ -141,7 +144,9 @@ class CompiledRun:
         try:
             status = self._advance(self.evaluator.function, *arguments)
         except Exception as error:
-            self.error = error
+            status = delay_integrator.FULL
+            if not self._MakesStepShorter(error):
+                self.error = error
         counts = self._memory.counts
         num = counts[delay_problem.ROWS]
         times = self._memory.row_times[:num].copy()
@@ -156,6 +161,19 @@ class CompiledRun:
         elif status == delay_integrator.FULL:
             self._MakeRoom()
         return times, rows
+
+    def _MakesStepShorter(self, error: Exception) -> bool:
+        """Rejects the step that has raised an error; returns whether it was too long.
+
+        Args:
+            error: If it is of numbers, then the state that was tried may be to blame.
+        """
+        is_of_numbers = isinstance(error, ArithmeticError | np.linalg.LinAlgError)
+        clock = self._memory.clock
+        if not (is_of_numbers or not self.is_finite):
+            return False
+        clock[1] *= 0.1
+        return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""

@@ -23,7 +23,7 @@ from teleop_drake.simulation.failures import (
     ReasonOfDivergence,
 )
 from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import Interruption
+from teleop_drake.simulation.run_monitor import CheckPace, Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
@@ -139,6 +139,7 @@ def _Run(
             and not interruption.has_come
         ):
             times, rows = run.Advance(duration)
+            CheckPace(run.num_steps, run.time, duration)
             speeds = np.linalg.norm(rows[:, places["tool_velocity"]], axis=1)
             too_fast = np.flatnonzero(~(speeds <= speed_limit.speed))
             if too_fast.size > 0:
@@ -171,7 +172,7 @@ def _ReasonOf(run: CompiledRun) -> str:
     assert run.error is not None
     if not (IsArithmetic(run.error) or not run.is_finite):
         raise run.error
-    return ReasonOfDivergence(run.error)
+    return ReasonOfDivergence(run.error, has_error_control=True)
 
 
 @functools.cache

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 from pydrake.systems.framework import Context, System
 
-# How Drake's own complaints begin, in 1.51 to 1.58: two of the integrator, which finds
-# no step that is short enough, and one of MultibodyPlant.
+# How Drake's own complaints begin, in 1.51 to 1.58: of the integrator, which finds no
+# step that is short enough, and of MultibodyPlant.
 _GIVING_UP = (
     "Error control wants to select step smaller",
     "Integrator has been directed to a near zero-length step",
-    "Detected NaN in",
 )
+_NOT_FINITE = "Detected NaN in"
 
 # How the SystemExit begins that pydrake makes of a violated contract.
 _VIOLATED_CONTRACT = "Failure at "
@@ -28,16 +28,18 @@ def FirstLine(error: BaseException) -> str:
     return text or type(error).__name__
 
 
-def ReasonOfDivergence(error: BaseException) -> str:
+def ReasonOfDivergence(error: BaseException, *, has_error_control: bool) -> str:
     """Returns why a run ended that blew up.
 
     Args:
         error: For which IsDivergence().
+        has_error_control: Whether shorter steps have been tried.
     """
     reason = FirstLine(error)
-    if _IsGivingUp(error):
+    if IsGivingUp(error):
         return reason
-    # The integrator does not hear of it, and cannot try a shorter step by itself.
+    if has_error_control:
+        return f"numbers leave the finite, however short the step is: {reason}"
     return (
         f"numbers left the finite within a step: {reason}; a shorter "
         "simulator.max_step_size may tell whether the step was to blame"
@@ -55,7 +57,7 @@ def IsDivergence(error: BaseException, root_context: Context) -> bool:
         error: What came out of the Simulator's AdvanceTo().
         root_context: Of the Simulator, as the error left it.
     """
-    if IsArithmetic(error) or _IsGivingUp(error):
+    if IsArithmetic(error) or IsGivingUp(error) or _IsOfDrake(error, _NOT_FINITE):
         return True
     state = root_context.get_continuous_state_vector().CopyToVector()
     return not np.isfinite(state).all()
@@ -70,8 +72,17 @@ def IsArithmetic(error: BaseException) -> bool:
     return isinstance(error, ArithmeticError | np.linalg.LinAlgError)
 
 
-def _IsGivingUp(error: BaseException) -> bool:
-    return isinstance(error, RuntimeError) and str(error).startswith(_GIVING_UP)
+def IsGivingUp(error: BaseException) -> bool:
+    """Returns whether the integrator has found no step that is short enough.
+
+    Args:
+        error: What came out of the Simulator's AdvanceTo().
+    """
+    return _IsOfDrake(error, _GIVING_UP)
+
+
+def _IsOfDrake(error: BaseException, beginning: str | tuple[str, ...]) -> bool:
+    return isinstance(error, RuntimeError) and str(error).startswith(beginning)
 
 
 @contextlib.contextmanager

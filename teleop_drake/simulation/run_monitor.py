@@ -14,11 +14,37 @@ from pydrake.systems.framework import (
     EventStatus,
 )
 
+from teleop_drake.scenario.scenario import MAX_STEPS
 from teleop_drake.signals import NamedSignals
 from teleop_drake.tasks.base import SpeedLimit
+from teleop_drake.validation import ScenarioError
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
+
+# Error control may want a few more than a run is forced to take.
+_MOST_STEPS = 2 * MAX_STEPS
+
+
+def CheckPace(num_steps: int, time: float, duration: float) -> None:
+    """Refuses to go on with a run that takes steps without end.
+
+    A loop may be so stiff that the solver takes ever so many steps of nanoseconds.
+
+    Args:
+        num_steps: How many it has taken.
+        time: How far it has come, s.
+        duration: How far it should, s.
+
+    Raises:
+        ScenarioError: If it has taken more than twice MAX_STEPS.
+    """
+    if num_steps > _MOST_STEPS and time < duration:
+        raise ScenarioError(
+            f"duration = {duration:g}: must be at most {time:.3g} s here, which took "
+            f"{num_steps} steps; the loop is so stiff that the solver needs steps of "
+            f"{time / num_steps:.2g} s"
+        )
 
 
 class Interruption:
@@ -106,9 +132,12 @@ class RunMonitor:
         diagram: Diagram,
         root_context: Context,
         *,
+        duration: float,
         speed_limit: SpeedLimit,
         progress: Callable[[float], None] | None,
     ):
+        self._duration = duration
+        self._num_steps = 0
         self.recorder = Recorder(diagram, root_context)
         self.failure = ""
         self.interruption = Interruption()
@@ -122,6 +151,8 @@ class RunMonitor:
         """Records the end of a step; ends the run if it cannot go on."""
         now = self.recorder.Sample()
         time = root_context.get_time()
+        self._num_steps += 1
+        CheckPace(self._num_steps, time, self._duration)
         speed = math.hypot(*now[self._velocity])
         if not speed <= self._speed_limit.speed:
             self.failure = self._speed_limit.Reason(speed)

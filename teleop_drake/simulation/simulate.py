@@ -85,8 +85,9 @@ def simulate(
     A run ends early, as a recording that says why, if the tool's speed exceeds
     divergence_speed_ratio times the commanded speed (divergence_speed, for a
     TrackingScenario), if the solver finds no step that is short enough, if numbers
-    leave the finite, or with the step at Ctrl-C (at once at a second one). Any other
-    error of a block comes out as it is, with a note that names the block.
+    leave the finite (under error control: however short the step is), or with the step
+    at Ctrl-C (at once at a second one). Any other error of a block comes out as it is,
+    with a note that names the block.
 
     Args:
         scenario: What to simulate.
@@ -104,7 +105,7 @@ def simulate(
         The recording.
 
     Raises:
-        ScenarioError: If the scenario is not valid, or would take too many steps.
+        ScenarioError: If the scenario is not valid, or takes too many steps.
         KernelDisagrees: If the machine code does not compute what the diagram does.
         ValueError: If the teleoperator is not one for this scenario, or what it
             puts out is not finite at the start, or there is no such engine.
@@ -171,6 +172,7 @@ def _RunInDrake(
     monitor = RunMonitor(
         diagram,
         simulator.get_mutable_context(),
+        duration=duration,
         speed_limit=speed_limit,
         progress=progress,
     )
@@ -191,7 +193,9 @@ def _RunInDrake(
                 interruption.has_come or IsDivergence(error, simulator.get_context())
             ):
                 raise
-            termination, reason = "diverged", ReasonOfDivergence(error)
+            is_controlled = not simulator.get_integrator().get_fixed_step_mode()
+            reason = ReasonOfDivergence(error, has_error_control=is_controlled)
+            termination = "diverged"
     if interruption.has_come:  # However it ended: more runs may be to come.
         termination, reason = "interrupted", "interrupted by the user"
     elif monitor.failure:
@@ -200,12 +204,12 @@ def _RunInDrake(
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
     times, signals = monitor.recorder.Finish()
-    integrator, root_context = simulator.get_integrator(), simulator.get_context()
+    root_context = simulator.get_context()
     return Outcome(
         times=times,
         signals=signals,
-        steps=integrator.get_num_steps_taken(),
-        derivative_evaluations=integrator.get_num_derivative_evaluations(),
+        steps=simulator.CountSteps(),
+        derivative_evaluations=simulator.CountEvaluations(),
         wall_time=wall_time,
         termination=termination,
         reason=reason,

@@ -1,18 +1,22 @@
 """The Simulator for teleoperators: simulate() runs it, and so should everybody."""
 
+import math
 import weakref
 from collections.abc import Callable
 
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
+    InitializeParams,
     Simulator,
     SimulatorConfig,
     SimulatorStatus,
 )
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
+from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
 from teleop_drake.simulation.stale_cache_guard import GuardOf, MakeGuarded
 from teleop_drake.simulation.stepping import LongestStep, Stepping
+from teleop_drake.simulation.trial_step import TrialStep
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
 # better than a microsecond.
@@ -23,7 +27,7 @@ _ENDS = (EventStatus.Severity.kReachedTermination, EventStatus.Severity.kFailed)
 _Monitor = Callable[[Context], EventStatus | None]
 
 
-def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> Simulator:
+def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> "TeleoperatorSimulator":
     """Makes the Simulator of a diagram that has delays or walls in it.
 
     It does what simulate() does, to the last bit; Drake's own Simulator, with the same
@@ -34,7 +38,9 @@ def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> Simulator:
     * takes no step longer than the shortest delay, whatever the configuration says,
     * ends steps where a signal jumps, and where the echo of a jump arrives, and takes
       short ones behind it, from which a delayed signal is interpolated,
-    * repeats a rejected step as if it were the first attempt (StaleCacheGuard).
+    * repeats a rejected step as if it were the first attempt (StaleCacheGuard),
+    * under error control, tries a shorter step where numbers leave the finite within a
+      step, or a block cannot compute with them (TrialStep).
 
     Args:
         diagram: What to simulate; not part of another Diagram. Its Context, or that of
@@ -62,11 +68,15 @@ class TeleoperatorSimulator(Simulator):
     def __init__(self, diagram: Diagram):
         guarded = MakeGuarded(diagram)
         Simulator.__init__(self, guarded)
-        GuardOf(guarded).Watch(self)
+        self._trial = TrialStep()
+        GuardOf(guarded).Watch(self, self._trial)
         self._diagram = guarded
         self._stepping: Stepping | None = None
         self._monitor: _Monitor | None = None
         self._is_stopped = False
+        self._is_rejected = False
+        self._is_put_back = False
+        self._num_steps = self._num_evaluations = 0
         # Neither may know the other and live: Python does not see what Drake holds.
         reference = weakref.ref(self)
 
@@ -94,6 +104,15 @@ class TeleoperatorSimulator(Simulator):
         """Returns what set_monitor() has set, or None."""
         return self._monitor
 
+    def CountSteps(self) -> int:
+        """Returns how many steps the run has taken."""
+        return self._num_steps + int(self.get_integrator().get_num_steps_taken())
+
+    def CountEvaluations(self) -> int:
+        """Returns how many evaluations of the time derivatives it has taken."""
+        num_evaluations = self.get_integrator().get_num_derivative_evaluations()
+        return self._num_evaluations + int(num_evaluations)
+
     def Initialize(self, *arguments: object, **keywords: object) -> SimulatorStatus:
         """Begins a run at the Context as it is, as in Drake."""
         integrator = self.get_mutable_integrator()
@@ -104,9 +123,11 @@ class TeleoperatorSimulator(Simulator):
         longest_step = min(longest_step, LongestStep(self._diagram))
         integrator.set_maximum_step_size(longest_step)
         self._stepping = Stepping(self._diagram, longest_step)
+        self._num_steps = self._num_evaluations = 0
         context = self.get_mutable_context()
         if context.get_accuracy() is None:
             context.SetAccuracy(EVENT_ACCURACY)
+        self._trial.Begin(context)
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:
@@ -140,9 +161,53 @@ class TeleoperatorSimulator(Simulator):
                 if self._IsEndedByOthers(status):
                     return status
             stop = min(stepping.NextStop(context), boundary_time)
-            status = Simulator.AdvanceTo(self, stop, interruptible)
+            try:
+                status = Simulator.AdvanceTo(self, stop, interruptible)
+            except (Exception, SystemExit) as error:
+                if not IsDivergence(error, context) or IsGivingUp(error):
+                    raise
+                if not self._BeginAgain():
+                    raise
+                continue
+            if self._is_rejected:
+                self._BeginAgain()
+                continue
             if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
                 return status
+
+    def _ShorterStep(self) -> float | None:
+        """Returns the longest step to try instead of a failed one; None: none is."""
+        if self.get_integrator().get_fixed_step_mode():
+            return None
+        assert self._stepping is not None
+        return self._trial.ShorterStep(self.get_context(), self._stepping.step_limit)
+
+    def _BeginAgain(self) -> bool:
+        """Goes back to the start of a step that failed; returns whether it can."""
+        step = self._ShorterStep()
+        if step is None:
+            return False
+        assert self._stepping is not None
+        integrator = self.get_mutable_integrator()
+        self._num_steps, self._num_evaluations = (
+            self.CountSteps(),
+            self.CountEvaluations(),
+        )
+        self._trial.PutBack(self.get_mutable_context())
+        self._stepping.Reject(step, integrator)
+        # Drake wants the first step to be no longer than the longest.
+        first_step = integrator.get_initial_step_size_target()
+        integrator.request_initial_step_size_target(step)
+        self._is_rejected, self._is_put_back = False, True
+        try:
+            # Otherwise Drake would not go on after an error.
+            Simulator.Initialize(
+                self, InitializeParams(suppress_initialization_events=True)
+            )
+        finally:
+            self._is_put_back = False
+            integrator.request_initial_step_size_target(first_step)
+        return True
 
     def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
         """Returns whether something else than the stepping ended AdvanceTo()."""
@@ -152,6 +217,14 @@ class TeleoperatorSimulator(Simulator):
     def _EndStep(self, root_context: Context) -> EventStatus:
         """Calls the monitor; ends AdvanceTo() if there is more to do."""
         self._is_stopped = False
+        if self._is_put_back:
+            return EventStatus.DidNothing()
+        state = root_context.get_continuous_state_vector().CopyToVector()
+        if not math.isfinite(state.sum()) and self._ShorterStep() is not None:
+            # The norm of the error has overlooked it.
+            self._is_rejected = True
+            return EventStatus.ReachedTermination(self._diagram, "not finite")
+        self._trial.Begin(root_context)
         if self._monitor is not None:
             status = self._monitor(root_context)
             if status is not None and status.severity() in _ENDS:

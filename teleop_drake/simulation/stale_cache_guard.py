@@ -40,6 +40,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from teleop_drake.simulation.trial_step import TrialStep
+
 
 class StaleCacheGuard(LeafSystem):
     """Marks everything that is cached as out of date whenever time goes back.
@@ -50,27 +52,31 @@ class StaleCacheGuard(LeafSystem):
 
     def __init__(self) -> None:
         LeafSystem.__init__(self)
-        self._simulators: weakref.WeakSet[Simulator] = weakref.WeakSet()
+        self._simulators: weakref.WeakKeyDictionary[Simulator, TrialStep] = (
+            weakref.WeakKeyDictionary()
+        )
         # Of the last evaluation. No result depends on it.
         self._time = -math.inf
 
-    def Watch(self, simulator: Simulator) -> None:
-        """Adds a Simulator to those whose repeated steps are watched.
+    def Watch(self, simulator: Simulator, trial: TrialStep) -> None:
+        """Adds a Simulator to those whose steps are watched.
 
         Args:
             simulator: Of the whole diagram. It is not kept alive.
+            trial: Looks at the state before each evaluation.
         """
-        self._simulators.add(simulator)
+        self._simulators[simulator] = trial
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
     ) -> None:
-        """Looks at the time; there are no derivatives."""
+        """Looks at the time and the state; there are no derivatives."""
         time = context.get_time()
-        if time < self._time:
-            for simulator in self._simulators:
+        has_gone_back, self._time = time < self._time, time
+        for simulator, trial in self._simulators.items():
+            if has_gone_back:
                 simulator.get_mutable_context().SetAllCacheEntriesOutOfDate()
-        self._time = time
+            trial.Look(simulator.get_context())
 
 
 _NAME = "stale_cache_guard"

@@ -115,6 +115,17 @@ class Stepping:
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
+        self._rejected_step = math.inf
+
+    def Reject(self, step: float, integrator: IntegratorBase) -> None:
+        """Makes the next step short; those after it grow again.
+
+        Args:
+            step: The longest that it may be, in s.
+            integrator: What takes the steps.
+        """
+        self._rejected_step = self.step_limit = step
+        integrator.set_maximum_step_size(step)
 
     def EndStep(self, root_context: Context, integrator: IntegratorBase) -> bool:
         """Takes note of the end of a step, and limits the next ones.
@@ -132,8 +143,7 @@ class Stepping:
             if (last.depth < 0) != (motion.depth < 0):
                 self._crossing_time = time
         is_at_jump = self.IsAtJump(time)
-        if self._has_delay_lines:
-            self._LimitStep(time, is_at_jump, integrator)
+        self._LimitStep(time, is_at_jump, integrator)
         return (
             is_at_jump
             or self._ApproachTime() < math.inf
@@ -165,16 +175,20 @@ class Stepping:
     def _LimitStep(
         self, time: float, is_at_jump: bool, integrator: IntegratorBase
     ) -> None:
-        """Makes the steps after a jump short, and then longer and longer."""
+        """Makes steps after a jump or a failure short, and then longer and longer."""
         if is_at_jump:
             self._last_jump = time
-        shortest = _FIRST_STEP * self.longest_step
-        step = min(
-            _STEP_GROWTH * (time - self._last_jump),
-            _STEP_GROWTH_AFTER_CROSSING * (time - self._crossing_time),
-            self.longest_step,
-        )
-        step = max(step, shortest)
+        step = self.longest_step
+        if self._has_delay_lines:
+            step = min(
+                _STEP_GROWTH * (time - self._last_jump),
+                _STEP_GROWTH_AFTER_CROSSING * (time - self._crossing_time),
+                step,
+            )
+            step = max(step, _FIRST_STEP * self.longest_step)
+        if self._rejected_step < step:
+            self._rejected_step *= 2
+            step = min(step, self._rejected_step)
         if step != self.step_limit:
             self.step_limit = step
             integrator.set_maximum_step_size(step)

@@ -201,9 +201,12 @@ def test_a_solver_that_cannot_go_on_ends_the_recording():
 @pytest.mark.parametrize(
     "overrides",
     [
-        {"environment.layers.tissue.stiffness": 1e4},
-        {"controller.G1": 1e5},
-        {"controller.adaptation_rate": 1e8},
+        pytest.param(
+            {"environment.layers.tissue.stiffness": 1e4}, marks=pytest.mark.slow
+        ),
+        pytest.param({"controller.G1": 1e5}, marks=pytest.mark.slow),
+        # Without error control there is no shorter step to try.
+        {"controller.adaptation_rate": 1e8, "simulator.use_error_control": False},
         {
             f"environment.layers.{name}.stiffness": 1e9
             for name in ("tissue", "free", "bone")
@@ -218,8 +221,9 @@ def test_numbers_that_leave_the_finite_end_the_recording(overrides):
         )
     )
     assert recording.termination == "diverged"
-    # The integrator may have tried too long a step.
-    assert re.match("numbers left.*max_step_size|Error control", recording.reason)
+    # Without error control there was one attempt.
+    reasons = "Error control|numbers left.*max_step_size|the tool's speed"
+    assert re.match(reasons, recording.reason)
     assert recording.time[-1] < 0.3
     for values in recording.signals.values():
         assert np.all(np.isfinite(values))

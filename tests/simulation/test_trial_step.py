@@ -1,0 +1,123 @@
+"""Tests of steps that are tried in vain: a shorter one is, and the run ends."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
+
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import MakeSimulator, run_monitor, simulate
+
+SCHEMES = ["runge_kutta3", "runge_kutta5"]
+
+K = 2000.0  # 1/s
+
+
+class Decay(LeafSystem):
+    """Three states with dx/dt = -K (x - cos t), and rates that may fail."""
+
+    def __init__(self, fail):
+        LeafSystem.__init__(self)
+        self.fail = fail
+        self.num_calls = 0
+        self.DeclareContinuousState(3)
+        # How many events there were, one every 0.1 s.
+        self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self.count)
+
+    def count(self, context, values):
+        number = context.get_discrete_state_vector().GetAtIndex(0)
+        values.set_value(np.array([number + 1]))
+        return EventStatus.Succeeded()
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        self.num_calls += 1
+        assert self.num_calls < 50_000, "it never ends"
+        x = context.get_continuous_state_vector().CopyToVector()
+        rate = -K * (x - np.cos(context.get_time()))
+        derivatives.get_mutable_vector().SetFromVector(
+            self.fail(context.get_time(), x, rate)
+        )
+
+
+def make_simulator(fail, scheme, **config):
+    builder = DiagramBuilder()
+    system = builder.AddNamedSystem("decay", Decay(fail))
+    diagram = builder.Build()
+    config = {"integration_scheme": scheme, "max_step_size": 0.05} | config
+    simulator = MakeSimulator(diagram, SimulatorConfig(accuracy=1e-6, **config))
+    context = system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    context.SetContinuousState(np.full(3, 1.4))
+    return simulator, context
+
+
+def raise_far_away(time, x, rate):
+    """Fails where no solution is, but where a step that is too long comes to."""
+    if np.abs(x).max() > 1.5:
+        raise np.linalg.LinAlgError("too far away")
+    return rate
+
+
+def not_finite_far_away(time, x, rate):
+    rate[1] = rate[1] if np.abs(x).max() <= 1.5 else np.nan
+    return rate
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("fail", [raise_far_away, not_finite_far_away])
+def test_a_step_that_fails_is_tried_again_as_a_shorter_one(fail, scheme):
+    simulator, context = make_simulator(fail, scheme)
+    simulator.AdvanceTo(0.25)
+    x = context.get_continuous_state_vector().CopyToVector()
+    expected = (K * np.cos(0.25) + np.sin(0.25)) * K / (K**2 + 1)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-5)
+    # What happens at the start of a step happens once.
+    assert context.get_discrete_state_vector().GetAtIndex(0) == 3
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+@pytest.mark.parametrize("index", [0, 1])
+def test_rates_that_are_not_finite_end_the_run(index, number, scheme):
+    """Drake alone goes on without end (index 0), or says that all is well (1)."""
+
+    def fail(time, x, rate):
+        rate[index] = number if time > 0.05 else rate[index]
+        return rate
+
+    simulator, context = make_simulator(fail, scheme)
+    with pytest.raises((ArithmeticError, RuntimeError)):
+        simulator.AdvanceTo(0.45)
+    assert context.get_time() == pytest.approx(0.05, abs=1e-6)
+
+
+def test_a_step_of_fixed_length_is_not_tried_again():
+    simulator, context = make_simulator(
+        raise_far_away, "runge_kutta3", use_error_control=False
+    )
+    with pytest.raises(np.linalg.LinAlgError):
+        simulator.AdvanceTo(0.45)
+    assert context.get_time() <= 0.05
+
+
+RATE = {"controller.adaptation_rate": 1e8, "duration": 1e-6}
+
+
+def test_the_longest_step_does_not_decide_whether_a_run_diverges():
+    """At once the estimates go where the law cannot be evaluated, with 0.002 s."""
+    runs = [
+        simulate(LoadScenario("two_dof_combined", RATE | step))
+        for step in ({}, {"simulator.max_step_size": 1e-6})
+    ]
+    for run in runs:
+        assert run.termination == "completed"
+        assert run.solver.derivative_evaluations > 6 * run.solver.steps
+    ends = [run["control_force"][-1] for run in runs]
+    assert np.abs(ends[0]).max() > 1e-3
+    np.testing.assert_allclose(*ends, rtol=1e-3)
+
+
+def test_steps_without_end_are_refused(monkeypatch):
+    monkeypatch.setattr(run_monitor, "_MOST_STEPS", 30)
+    with pytest.raises(ScenarioError, match=r"duration = 1e-06: must be at most .* s"):
+        simulate(LoadScenario("two_dof_combined", RATE))
