@@ -1,5 +1,6 @@
 """Whether a block does over time what its kernel says: transitions and delays."""
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -24,7 +25,7 @@ _DURATION, _STEP = 1.5, 0.005
 _NUM_SAMPLES, _NEAR_A_JUMP = 60, 1e-5
 
 # Packets and samplers are likely to act at round times, s.
-_NOT_ROUND = 1e-3 * np.e
+_NOT_ROUND = 1e-3 * math.e
 
 # As a share of the largest element. A jump at another instant is far more.
 _TOLERANCE = 1e-5
