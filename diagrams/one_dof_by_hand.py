@@ -20,11 +20,11 @@ from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.operators import Surgeon
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
 from teleop_drake.simulation import MakeSimulator
 from teleop_drake.systems.haptic_device import HapticDevice
-from teleop_drake.systems.surgeon import Surgeon
 
 
 def MakeOneDofByHand() -> Diagram:

@@ -99,6 +99,8 @@ class Recording:
         termination: `completed`, `diverged` or `interrupted`.
         reason: Why it did not complete; empty if it did.
         notes: What is left out, and why: a sentence each.
+        has_constant_command: Whether the operator commands scenario.surgeon.velocity
+            until contact, as its block told; metrics compare with it.
     """
 
     scenario: AnyScenario
@@ -111,6 +113,7 @@ class Recording:
     termination: str = "completed"
     reason: str = ""
     notes: list[str] = field(default_factory=list)
+    has_constant_command: bool = True
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal.
@@ -289,6 +292,7 @@ class Recording:
             "termination": self.termination,
             "reason": self.reason,
             "notes": self.notes,
+            "has_constant_command": self.has_constant_command,
         }
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
         arrays["description"] = np.array(json.dumps(description))
@@ -342,4 +346,6 @@ def LoadRecording(path: str | Path) -> Recording:
             termination=description["termination"],
             reason=description["reason"],
             notes=description["notes"],
+            # Recordings of the first version know of no other operator.
+            has_constant_command=description.get("has_constant_command", True),
         )

@@ -23,7 +23,6 @@ from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStatio
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.haptic_device import HapticDevice
-from teleop_drake.systems.surgeon import Surgeon
 from teleop_drake.validation import Refuse
 
 __all__ = [
@@ -40,6 +39,8 @@ def MakeMasterStation(
     master_side: System | None = None,
     *,
     surfaces: Sequence[Surface] | None = None,
+    operator: System | None = None,
+    haptic_device: System | None = None,
 ) -> Diagram:
     """Makes the surgeon, the haptic device and the master side, named `master`.
 
@@ -63,10 +64,15 @@ def MakeMasterStation(
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
         surfaces: Of the environment, of which the surgeon feels the contact; None:
             those of the scenario's.
+        operator: An operator of your own in the place of the scenario's; see
+            OperatorConfig.MakeOperator for its ports.
+        haptic_device: A device of your own in the place of the scenario's, with the
+            inputs velocity_command and felt_velocity and the output haptic_force (n
+            each). It may leave out inputs.
 
     Raises:
-        ValueError: If a parameter is not allowed.
-        RuntimeError: If the master side lacks one of these ports.
+        ValueError: If a parameter is not allowed, or a port does not have n entries.
+        RuntimeError: If a system lacks one of these ports.
     """
     n = scenario.num_axes
     if surfaces is None:
@@ -74,16 +80,15 @@ def MakeMasterStation(
     builder = DiagramBuilder()
     surgeon = builder.AddNamedSystem(
         "surgeon",
-        Surgeon(
-            velocity=scenario.surgeon.velocity,
-            contact_force=scenario.surgeon.contact_force,
-            contact_surface=FindSurface(surfaces, CONTACT),
-            stop_time=scenario.surgeon.stop_time,
+        operator
+        or scenario.surgeon.MakeOperator(
+            start=scenario.robot.start, contact_surface=FindSurface(surfaces, CONTACT)
         ),
     )
     device = builder.AddNamedSystem(
         "haptic_device",
-        HapticDevice(
+        haptic_device
+        or HapticDevice(
             numerator=scenario.haptic_device.numerator,
             denominator=scenario.haptic_device.denominator,
             num_axes=n,
@@ -110,12 +115,15 @@ def MakeMasterStation(
             side.GetInputPort, ("haptic_force", "velocity_command")
         )
     builder.ExportInput(return_packet, "return_packet")
-    builder.Connect(felt_position, surgeon.GetInputPort("felt_position"))
-    builder.Connect(felt_velocity, device.GetInputPort("felt_velocity"))
-    builder.Connect(command, device.GetInputPort("velocity_command"))
-    builder.Connect(
-        device.GetOutputPort("haptic_force"), surgeon.GetInputPort("haptic_force")
-    )
+    for source, target, input_name in (
+        (felt_position, surgeon, "felt_position"),
+        (felt_velocity, surgeon, "felt_velocity"),
+        (felt_velocity, device, "felt_velocity"),
+        (command, device, "velocity_command"),
+        (device.GetOutputPort("haptic_force"), surgeon, "haptic_force"),
+    ):
+        if target.HasInputPort(input_name):
+            builder.Connect(source, target.GetInputPort(input_name))
     builder.Connect(force, haptic_force)
     builder.Connect(command, velocity_command)
     builder.ExportOutput(forward_packet, "forward_packet")

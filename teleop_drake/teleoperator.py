@@ -18,6 +18,8 @@ def MakeTeleoperator(
     environment: System | None = None,
     forward_channel: System | None = None,
     return_channel: System | None = None,
+    operator: System | None = None,
+    haptic_device: System | None = None,
 ) -> Diagram:
     """Makes the teleoperator, six systems with the names of Fig. 2.1.
 
@@ -45,6 +47,11 @@ def MakeTeleoperator(
             `delayed_signal`, both as wide as the forward packet.
         return_channel: A channel of your own with the same ports, as wide as the
             return packet.
+        operator: An operator of your own; see OperatorConfig.MakeOperator for its ports
+            and what it may tell. Limits of a run, operating points of an analysis and
+            defaults of the controller still go by the scenario's surgeon.velocity.
+        haptic_device: A haptic device of your own; inputs velocity_command and
+            felt_velocity, output haptic_force (n each).
 
     Returns:
         The Diagram, named `teleoperator`. Its default context is the start.
@@ -66,6 +73,8 @@ def MakeTeleoperator(
         environment=environment,
         forward_channel=forward_channel,
         return_channel=return_channel,
+        operator=operator,
+        haptic_device=haptic_device,
     )
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
@@ -82,6 +91,8 @@ def AddTeleoperator(
     environment: System | None = None,
     forward_channel: System | None = None,
     return_channel: System | None = None,
+    operator: System | None = None,
+    haptic_device: System | None = None,
 ) -> None:
     """Adds the teleoperator's six systems and connects them.
 
@@ -99,6 +110,8 @@ def AddTeleoperator(
         environment: An environment of your own.
         forward_channel: A channel of your own.
         return_channel: A channel of your own.
+        operator: An operator of your own.
+        haptic_device: A haptic device of your own.
 
     Raises:
         ScenarioError: If the scenario is not valid.
@@ -121,7 +134,13 @@ def AddTeleoperator(
         raise ValueError("control_law: must be None with an architecture, which has it")
     master = builder.AddNamedSystem(
         "master",
-        MakeMasterStation(scenario, architecture.master_side, surfaces=surfaces),
+        MakeMasterStation(
+            scenario,
+            architecture.master_side,
+            surfaces=surfaces,
+            operator=operator,
+            haptic_device=haptic_device,
+        ),
     )
     forward_channel = builder.AddNamedSystem(
         "forward_channel",

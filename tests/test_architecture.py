@@ -126,6 +126,7 @@ MIRRORED = (
     "systems",
     "channels",
     "environments",
+    "operators",
     "architectures",
     "robots",
     "laws",

@@ -62,11 +62,12 @@ from teleop_drake.architectures.time_domain_passivity import (
 from teleop_drake.architectures.wave_variables import WaveSlave
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.environments.surface import SurfacesOf
+from teleop_drake.environments.surface import CONTACT, SurfacesOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.operators import Surgeon
+from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.scenario import Scenario
-from teleop_drake.systems.surgeon import Surgeon
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -102,9 +103,10 @@ def LinearizeLoop(
 ) -> LoopModel:
     """Linearises both ends of the loop at an operating point.
 
-    The surgeon is in velocity mode. Unless the point has a forward packet, the forces
-    in it, and the states of the controller that are not frozen, are chosen such that
-    the tool keeps its velocity: what the surgeon's device would have settled to.
+    The surgeon is in velocity mode; one who closes the loop is part of it, as
+    OperatorConfig.MakeLinearOperator() says. Unless the point has a forward packet, the
+    forces in it, and the states of the controller that are not frozen, are chosen such
+    that the tool keeps its velocity: what the surgeon's device would have settled to.
 
     Args:
         scenario: A valid one.
@@ -118,7 +120,12 @@ def LinearizeLoop(
             filter of samples), a law bends at the point, the point is at a border of a
             layer, or the robot cannot be there.
     """
-    diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
+    diagram = teleoperator or MakeTeleoperator(
+        scenario,
+        operator=scenario.surgeon.MakeLinearOperator(
+            start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
+        ),
+    )
     linearizer = _Linearizer(scenario, point, diagram)
     model = linearizer.Linearize()
     speed = float(np.linalg.norm(point.velocity))
@@ -152,7 +159,8 @@ def LinearizeTwoPort(
 ) -> TwoPortModel:
     """Linearises what is between the surgeon's hand and the environment.
 
-    As LinearizeLoop, at the same forces and velocities.
+    As LinearizeLoop, at the same forces and velocities. It does not depend on who
+    holds the device.
 
     Args:
         scenario: A valid one.
@@ -162,7 +170,9 @@ def LinearizeTwoPort(
     Raises:
         ValueError: As LinearizeLoop.
     """
-    diagram = MakeTeleoperator(scenario) if teleoperator is None else teleoperator
+    diagram = teleoperator or MakeTeleoperator(
+        scenario, operator=Surgeon(velocity=scenario.surgeon.velocity)
+    )
     return _Linearizer(scenario, point, diagram).LinearizeTwoPort()
 
 
@@ -236,6 +246,11 @@ class _Linearizer:
             self._systems["master"].GetSubsystemByName(name)
             for name in ("surgeon", "haptic_device")
         )
+        if not isinstance(surgeon, ModalOperator) or surgeon.num_continuous_states():
+            raise ValueError(
+                f"surgeon: {type(surgeon).__name__}; allowed: an operator without "
+                "dynamics, because the two-port ends at the hand"
+            )
         contexts = [self._contexts[x] for x in (surgeon, device)]
         hand = FixedInput(
             ports=[surgeon.GetInputPort("haptic_force")], contexts=contexts[:1]
@@ -291,7 +306,9 @@ class _Linearizer:
             size = context.num_continuous_states()
             # The environment's is the layer it is in.
             is_sampled = context.num_discrete_state_groups() > 0
-            is_sampled &= name != "environment" and type(system) is not Surgeon
+            is_sampled &= name != "environment" and not isinstance(
+                system, ModalOperator
+            )
             is_sampled |= context.num_abstract_states() > 0
             if isinstance(system, TransportDelay) and name in self._delays:
                 if system.delay > 0:

@@ -386,6 +386,9 @@ def AnalyzeStability(
         LinearizeLoop(scenario, point, teleoperator=teleoperator) for point in points
     ]
     notes = [note for note in (forward.note, back.note) if note]
+    operator_note = scenario.surgeon.LinearNote()
+    if teleoperator is None and operator_note is not None:
+        notes.append(operator_note)
     for model in models[:1]:
         notes += _Assumptions(model, delay)
     if scenario.controller.Chosen().has_gains_of_delay:

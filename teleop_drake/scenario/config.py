@@ -1,4 +1,4 @@
-"""The parts of a scenario: robot, surgeon, channels, tissue, controller and solver.
+"""The parts of a scenario that have no folder: controller, tracking, solver.
 
 Each is a dataclass, with its unit and where its default is from beside every field,
 and has a function that checks it: the Check functions raise a ScenarioError that names
@@ -30,7 +30,6 @@ from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
     CheckNumber,
-    CheckVector,
     FixedFields,
     Refuse,
     Within,
@@ -55,19 +54,6 @@ INTEGRATION_SCHEMES = tuple(
     if scheme not in ("cenic", "velocity_implicit_euler")
 )
 """Drake's integration schemes that can simulate a teleoperator."""
-
-
-@dataclass(kw_only=True, eq=False)
-class SurgeonConfig(FixedFields):
-    """What the surgeon commands (thesis section 2.5)."""
-
-    # v_d until contact is perceived, m/s, n entries, not all zero.
-    velocity: np.ndarray = REQUIRED
-    # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
-    # It has no effect where the environment has no contact surface.
-    contact_force: np.ndarray | None = None
-    # Time of the final stop, s, >= 0; null: never.
-    stop_time: float | None = None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -195,22 +181,6 @@ def DefaultSimulator() -> SimulatorConfig:
         accuracy=1e-8,
         max_step_size=0.005,
     )
-
-
-def CheckSurgeonConfig(surgeon: SurgeonConfig, n: int) -> None:
-    """Checks `surgeon`.
-
-    Args:
-        surgeon: What to check.
-        n: Number of task axes.
-    """
-    CheckVector("surgeon.velocity", surgeon.velocity, n, "m/s")
-    if not np.any(surgeon.velocity):
-        Refuse("surgeon.velocity", surgeon.velocity, "non-zero on at least one axis")
-    if surgeon.contact_force is not None:
-        CheckVector("surgeon.contact_force", surgeon.contact_force, n, "N")
-    if surgeon.stop_time is not None:
-        CheckNumber("surgeon.stop_time", surgeon.stop_time, "s", minimum=0)
 
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:

@@ -42,17 +42,16 @@ from teleop_drake.environments import (
 )
 from teleop_drake.environments.slopes import StiffnessAndDamping
 from teleop_drake.kinds import KindConfig
+from teleop_drake.operators import OperatorConfig, SurgeonConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
     DISTURBANCES,
     MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
     CheckSimulatorConfig,
-    CheckSurgeonConfig,
     ControllerConfig,
     DefaultSimulator,
     DisturbanceConfig,
-    SurgeonConfig,
     TrackingControllerConfig,
     TrajectoryConfig,
 )
@@ -99,6 +98,7 @@ __all__ = [
     "LayerConfig",
     "LayersEnvironmentConfig",
     "LoadScenario",
+    "OperatorConfig",
     "OverriddenPaths",
     "RobotConfig",
     "Scenario",
@@ -201,7 +201,7 @@ class Scenario(_ScenarioBase):
     anything that numpy.asarray takes for a vector; call `Validate` afterwards.
     """
 
-    surgeon: SurgeonConfig = field(default_factory=SurgeonConfig)
+    surgeon: OperatorConfig = field(default_factory=SurgeonConfig)
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
     forward_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
@@ -372,6 +372,7 @@ def CheckSteps(scenario: AnyScenario) -> None:
             channel = getattr(scenario, path)
             steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
             steps[f"{path}.sample_period"] = channel.PacketPeriod()
+        steps["surgeon"] = scenario.surgeon.LongestStep()
     steps["simulator.max_step_size"] = scenario.simulator.max_step_size
     field, shortest = min(steps.items(), key=lambda item: item[1])
     num_steps = scenario.duration / shortest
@@ -506,7 +507,8 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
         maximum=1000,
     )
     n = scenario.num_axes
-    CheckSurgeonConfig(scenario.surgeon, n)
+    if reads_files or not _Files(scenario.surgeon):
+        scenario.surgeon.Check("surgeon", n)
     scenario.haptic_device.Check("haptic_device")
     for path in ("forward_channel", "return_channel"):
         channel = getattr(scenario, path)

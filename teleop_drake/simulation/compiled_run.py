@@ -25,6 +25,7 @@ from teleop_drake.simulation.failures import (
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import CheckPace, Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
+from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
 
@@ -69,7 +70,7 @@ def RunCompiled(
             context,
             end=duration,
             accuracy=config.accuracy,
-            max_step=config.max_step_size,
+            max_step=min(config.max_step_size, LongestStep(diagram, of_delays=False)),
         )
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error

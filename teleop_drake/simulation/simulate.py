@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
@@ -54,6 +54,7 @@ def simulate(
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "drake",
+    advance: Callable[[Simulator, float], None] | None = None,
 ) -> Recording:
     """Simulates a scenario from its start and records all signals of the loop.
 
@@ -100,6 +101,10 @@ def simulate(
             once for each structure of a diagram and then runs many times as fast. What
             cannot be compiled is run by Drake, and a warning says why; with `auto`
             nothing does.
+        advance: Takes the Simulator, initialized, and the duration in s, and calls
+            AdvanceTo() as often as it likes, to set inputs in between for example; it
+            may return earlier. With it the engine is Drake's. None: AdvanceTo(duration)
+            at once.
 
     Returns:
         The recording.
@@ -124,7 +129,7 @@ def simulate(
     speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
     run = None
-    if engine != "drake":
+    if engine != "drake" and advance is None:
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
@@ -133,7 +138,7 @@ def simulate(
             if engine == "compiled":
                 warnings.warn(f"run in Drake's Simulator: {error}", stacklevel=2)
     if run is None:
-        run = _RunInDrake(*what)
+        run = _RunInDrake(*what, advance)
     if run.termination == "diverged":
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     if run.is_too_fast:
@@ -166,6 +171,7 @@ def _RunInDrake(
     duration: float,
     speed_limit: SpeedLimit,
     progress: Callable[[float], None] | None,
+    advance: Callable[[Simulator, float], None] | None,
 ) -> Outcome:
     """Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
     simulator = MakeSimulator(diagram, config)
@@ -185,7 +191,10 @@ def _RunInDrake(
         try:
             with NamingBlocks():
                 if not (monitor.failure or interruption.has_come):
-                    simulator.AdvanceTo(duration)
+                    if advance is None:
+                        simulator.AdvanceTo(duration)
+                    else:
+                        advance(simulator, duration)
         except KeyboardInterrupt:
             interruption.has_come = True
         except Exception as error:
@@ -247,7 +256,19 @@ def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Rec
         termination=run.termination,
         reason=run.reason,
         notes=[_NO_SURFACES] if surfaces is None else [],
+        has_constant_command=_HasConstantCommand(diagram),
     )
+
+
+def _HasConstantCommand(diagram: Diagram) -> bool:
+    """Returns whether the operator in a diagram, if there is one, tells so."""
+    if not diagram.HasSubsystemNamed("master"):
+        return True
+    master = diagram.GetSubsystemByName("master")
+    if not (isinstance(master, Diagram) and master.HasSubsystemNamed("surgeon")):
+        return True
+    surgeon = master.GetSubsystemByName("surgeon")
+    return bool(getattr(surgeon, "has_constant_command", False))
 
 
 def _WithFiniteEnd(

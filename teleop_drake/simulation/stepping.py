@@ -4,9 +4,9 @@ The blocks say what there is to know, each by a member that it has or has not:
 
 | member          | of             | says                                 |
 |-----------------|----------------|--------------------------------------|
-| longest_step    | a delay        | no step may be longer, s             |
+| longest_step    | a delay, an operator | no step may be longer, s       |
 | NextJumpTime()  | a channel      | when its output jumps next, s        |
-| jump_times      | an operator    | when its outputs jump in any case, s |
+| jump_times      | an operator    | when its outputs jump or have a kink, s |
 | contact_surface | an operator    | where it perceives contact           |
 | Surfaces()      | an environment | where its force has a kink or jumps  |
 """
@@ -37,10 +37,19 @@ _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
-def LongestStep(diagram: Diagram) -> float:
-    """Returns the longest step in s that the delays in a diagram allow, or infinity."""
+def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
+    """Returns the longest step in s that the systems in a diagram allow, or infinity.
+
+    Args:
+        diagram: What is simulated.
+        of_delays: Whether delays count.
+    """
     return min(
-        (getattr(system, "longest_step", math.inf) for system in _Systems(diagram)),
+        (
+            getattr(system, "longest_step", math.inf)
+            for system in _Systems(diagram)
+            if of_delays or not hasattr(system, "NextJumpTime")
+        ),
         default=math.inf,
     )
 

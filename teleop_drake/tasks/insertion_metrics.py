@@ -93,10 +93,13 @@ class _Pieces:
 def InsertionMetrics(recording: Recording) -> dict[str, Any]:
     """Returns the metrics of an insertion.
 
-    With v_d = surgeon.velocity (constant), and all times simulation time. The surfaces
-    are those that the environment told; x is the direction of the normal into the
-    surface in question. An overshoot is one in the direction of the command: s = -1 if
-    v_d_x < 0, else 1. Without a surface of the name there is no puncture or collision.
+    With v_d = surgeon.velocity, and all times simulation time. An operator of another
+    kind than constant_velocity does not command that all the time: there overshoots
+    compare with the command as it arrives at the slave at each instant, v_dd below.
+    The surfaces are those that the environment told; x is the direction of the normal
+    into the surface in question. An overshoot is one in the direction of the command:
+    s = -1 if v_d_x < 0, else 1. Without a surface of the name there is no puncture or
+    collision.
 
     * start_velocity_overshoot (m/s): max of s (v_x - v_d_x) before the puncture,
       without a puncture before the contact, else over the whole run; at least 0. Where
@@ -144,7 +147,8 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
     t_contact = pieces.FirstCrossing(surface, True)
     has_diverged = recording.termination == "diverged"
 
-    excess = _Excess(pieces.v, v_d, _FirstNormal(recording.surfaces, v_d))
+    command = v_d if recording.has_constant_command else pieces.v_dd
+    excess = _Excess(pieces.v, command, _FirstNormal(recording.surfaces, v_d))
     num_pieces = len(excess)
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
     start_end = pieces.CountBefore(start_ends[0]) if start_ends else num_pieces
@@ -160,7 +164,7 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
             "velocity": ValueBefore(v_x, i),
             "force": ValueBefore(F_x, i),
             "velocity_overshoot": Maximum(
-                _Excess(pieces.v, v_d, pierced.normal_W), i, j
+                _Excess(pieces.v, command, pierced.normal_W), i, j
             ),
         }
 
@@ -212,9 +216,15 @@ def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
 
 
 def _Excess(v: np.ndarray, v_d: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Returns by how much v (M, 8, n) exceeds v_d along a normal (M, 8)."""
-    along = float(v_d @ normal)
-    excess: np.ndarray = (-1.0 if along < 0 else 1.0) * (v @ normal - along)
+    """Returns by how much v (M, 8, n) exceeds v_d along a normal (M, 8).
+
+    Args:
+        v: Velocity of the tool.
+        v_d: What is commanded, (n,) or (M, 8, n).
+        normal: (n,).
+    """
+    along = v_d @ normal
+    excess: np.ndarray = np.where(along < 0, -1.0, 1.0) * (v @ normal - along)
     return excess
 
 

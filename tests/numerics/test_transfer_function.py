@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.numerics.transfer_function import (
+    all_pass_of_delay,
     low_frequency_resistance,
     realize_transfer_function,
 )
@@ -74,3 +75,16 @@ def test_low_frequency_resistance():
     assert low_frequency_resistance([2, 3, 4], [1, 0]) == pytest.approx(3.0)
     with pytest.raises(ValueError, match="denominator"):
         low_frequency_resistance([1.0], [0.0])
+
+
+def test_all_pass_of_a_delay():
+    A, B, C, D = all_pass_of_delay(0.3, order=6, num_axes=2)
+    for w in (0.5, 5.0, 15.0, 20.0):
+        H = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
+        # To 0.11 % where |s| delay is 6, much better below.
+        error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()
+        assert error < (1.2e-3 if w == 20.0 else 2e-5)
+        assert np.isclose(abs(H[0, 0]), 1.0)
+    assert np.abs(A).max() < 20 / 0.3
+    with pytest.raises(ValueError, match="order = 3: must be even"):
+        all_pass_of_delay(0.3, order=3)

@@ -8,7 +8,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the scenarios, the controllers and the robots."""
+    """Prints the scenarios, the controllers, the operators and the robots."""
+    from teleop_drake.operators import OPERATOR_KINDS
     from teleop_drake.robots import ROBOT_KINDS
     from teleop_drake.scenario import (
         ARCHITECTURES,
@@ -25,5 +26,6 @@ def Execute(args: argparse.Namespace) -> int:
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
     print("Other architectures\n  " + ", ".join(others))
+    print("Operators\n  " + ", ".join(OPERATOR_KINDS.names))
     print("Robots\n  " + ", ".join(ROBOT_KINDS.names))
     return 0

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.environments import Surface
-from teleop_drake.systems.surgeon import Surgeon
+from teleop_drake.operators import Surgeon
 
 
 class Bench:

@@ -1,12 +1,16 @@
-"""The surgeon: commands a velocity, then a force, then a stop."""
+"""What the operators have in common: a velocity until contact is felt, then a force."""
 
 import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DependencyTicket,
     DiscreteValues,
     Event,
     EventStatus,
@@ -19,7 +23,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
-from teleop_drake.kernel import Kernel, Transition
+from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 
 Array = NDArray[np.float64]
@@ -28,15 +32,15 @@ Array = NDArray[np.float64]
 _ONCE = 1e12
 
 
-class Surgeon(LeafSystem):
-    """Commands a velocity until contact is felt, then a constant force (section 2.5).
+class ModalOperator(LeafSystem):
+    """Base of the operators that command a velocity, then a force, then a stop.
 
-        mode 0, velocity: v_d = velocity, F_h = force of the haptic device
+        mode 0, velocity: v_d = intended, F_h = force of the haptic device
         mode 1, force:    v_d = 0,        F_h = contact_force
         mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
                                           haptic device brakes the tool
 
-    Contact is perceived, once and for all, when the RETURNED tool position reaches
+    Contact is perceived, once and for all, when the felt tool position reaches
     `contact_surface`; that is a return delay after the tool touched it.
 
     | port | name             | size | unit                     |
@@ -57,13 +61,22 @@ class Surgeon(LeafSystem):
 
     Direct feedthrough: haptic_force to force_command; nothing else.
 
-    It does not react to forces, get tired, or let go when the tool bounces off.
+    It does not get tired, or let go when the tool bounces off.
+
+    A subclass says in IntendedVelocity() what it intends, and in IntentionTickets() on
+    what that depends. With IntentionTerm() it can be compiled.
+
+    Attributes:
+        jump_times: When the outputs jump or have a kink in any case, s.
+        longest_step: No step of the solver may be longer, s.
 
     Args:
-        velocity: v_d in m/s (n).
+        num_axes: n.
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
+        kink_times: When the intended velocity has a kink, s; steps end there.
+        longest_step: No step of the solver may be longer, s.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -72,40 +85,26 @@ class Surgeon(LeafSystem):
     def __init__(
         self,
         *,
-        velocity: ArrayLike,
+        num_axes: int,
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
+        kink_times: ArrayLike = (),
+        longest_step: float = math.inf,
     ):
         LeafSystem.__init__(self)
-        self._velocity = np.array(velocity, dtype=float)
-        n = self._velocity.size
-        if self._velocity.ndim != 1 or not np.all(np.isfinite(self._velocity)):
-            raise ValueError(f"velocity: {velocity!r}; allowed: finite numbers (m/s)")
-        self._contact_force = np.zeros(n)
-        if contact_force is not None:
-            self._contact_force = np.array(contact_force, dtype=float)
-            if self._contact_force.shape != (n,) or not np.all(
-                np.isfinite(self._contact_force)
-            ):
-                raise ValueError(
-                    f"contact_force: {contact_force!r}; allowed: {n} finite numbers (N)"
-                )
-        if contact_surface is not None and (
-            contact_surface.point_W.shape != (n,)
-            or not np.all(np.isfinite(contact_surface.point_W))
-        ):
-            raise ValueError(
-                f"contact_surface: at {contact_surface.point_W}; allowed: a surface "
-                f"at {n} finite numbers (m)"
-            )
-        if stop_time is not None and not (math.isfinite(stop_time) and stop_time >= 0):
-            raise ValueError(
-                f"stop_time: {stop_time}; allowed: a finite number >= 0 (s)"
-            )
+        n = num_axes
+        self._num_axes = n
+        self._contact_force = _CheckContactForce(contact_force, n)
+        _CheckSurfaceAndStop(contact_surface, stop_time, n)
         self._surface = None if contact_force is None else contact_surface
-        self._jump_times = [] if stop_time is None else [stop_time]
         self._stop_time = stop_time
+        self._kink_times = [float(x) for x in np.atleast_1d(np.asarray(kink_times))]
+        self.jump_times = [
+            *self._kink_times,
+            *([] if stop_time is None else [stop_time]),
+        ]
+        self.longest_step = longest_step
         self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
         self._p = self.DeclareVectorInputPort("felt_position", n)
         self._mode = self.DeclareDiscreteState(2)
@@ -113,7 +112,7 @@ class Surgeon(LeafSystem):
             "velocity_command",
             n,
             self._CalcVelocityCommand,
-            prerequisites_of_calc={self.xd_ticket()},
+            prerequisites_of_calc={self.xd_ticket(), *self.IntentionTickets()},
         )
         self.DeclareVectorOutputPort(
             "force_command",
@@ -126,6 +125,8 @@ class Surgeon(LeafSystem):
         )
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
+        for time in self._kink_times:
+            self.DeclarePeriodicPublishEvent(_ONCE, time, _DoNothing)
         self._witnesses = []
         if self._surface is not None:
             self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
@@ -140,21 +141,34 @@ class Surgeon(LeafSystem):
 
     @property
     def contact_surface(self) -> Surface | None:
-        """Where the surgeon perceives contact; None: nowhere."""
+        """Where the operator perceives contact; None: nowhere."""
         return self._surface
 
-    @property
-    def jump_times(self) -> list[float]:
-        """When the outputs jump in any case, s."""
-        return self._jump_times
+    @abstractmethod
+    def IntendedVelocity(self, context: Context) -> Array:
+        """Returns v_d in m/s (n) before contact and before the stop.
 
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
+        Args:
+            context: The Context of this block.
+        """
+
+    def IntentionTickets(self) -> set[DependencyTicket]:
+        """Returns what IntendedVelocity() depends on; by default on nothing."""
+        return set()
+
+    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
+        """Returns the term of the intended velocity, and its parameters; see kernel."""
+        raise NotImplementedError(f"{type(self).__name__} has no kernel")
+
+    def MakeKernel(self, rate: Term | None = None) -> Kernel:
+        """Returns what the block computes, for the Kernel() of a subclass.
+
+        Args:
+            rate: The time derivatives of the continuous state; None without state.
+        """
+        intention, parameters = self.IntentionTerm()
         transitions = {}
-        parameters = {
-            "velocity": self._velocity,
-            "contact_force": self._contact_force,
-        }
+        parameters = {"contact_force": self._contact_force, **parameters}
         if self._surface is not None:
             parameters["point"] = self._surface.point_W
             parameters["normal"] = self._surface.normal_W
@@ -166,29 +180,36 @@ class Surgeon(LeafSystem):
             transitions["stops"] = Transition(
                 mode=(with_stop, "mode"), offset=self._stop_time
             )
+        for i, time in enumerate(self._kink_times):
+            transitions[f"kink_{i}"] = Transition(mode=(same_mode, "mode"), offset=time)
         return Kernel(
+            rate=rate,
             parameters=parameters,
             outputs={
-                "velocity_command": (velocity_command, "mode", "velocity"),
+                "intended_velocity": intention,
+                "velocity_command": (velocity_command, "mode", "intended_velocity"),
                 "force_command": (
                     force_command, "mode", "haptic_force", "contact_force"
                 ),
                 "mode": (mode_vector, "mode"),
             },
+            sizes={"intended_velocity": self._num_axes},
             transitions=transitions,
             unused=("felt_position",),
         )  # fmt: skip
 
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [contact perceived, stopped]."""
-        state: np.ndarray = context.get_discrete_state_vector().CopyToVector()
+        state: np.ndarray = context.get_discrete_state(self._mode).CopyToVector()
         return state
 
     def _AwaitsContact(self, context: Context) -> bool:
         return operator_mode(self._GetState(context)) == 0
 
     def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(velocity_command(self._GetState(context), self._velocity))
+        output.SetFromVector(
+            velocity_command(self._GetState(context), self.IntendedVelocity(context))
+        )
 
     def _CalcForceCommand(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(
@@ -225,6 +246,51 @@ class Surgeon(LeafSystem):
         state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)
 
 
+def CheckVelocity(velocity: ArrayLike) -> Array:
+    """Returns v_d as an array (n).
+
+    Args:
+        velocity: In m/s (n).
+
+    Raises:
+        ValueError: If it is not n finite numbers.
+    """
+    array = np.array(velocity, dtype=float)
+    if array.ndim != 1 or not np.all(np.isfinite(array)):
+        raise ValueError(f"velocity: {velocity!r}; allowed: finite numbers (m/s)")
+    return array
+
+
+def _CheckContactForce(contact_force: ArrayLike | None, n: int) -> Array:
+    if contact_force is None:
+        return np.zeros(n)
+    force = np.array(contact_force, dtype=float)
+    if force.shape != (n,) or not np.all(np.isfinite(force)):
+        raise ValueError(
+            f"contact_force: {contact_force!r}; allowed: {n} finite numbers (N)"
+        )
+    return force
+
+
+def _CheckSurfaceAndStop(
+    contact_surface: Surface | None, stop_time: float | None, n: int
+) -> None:
+    if contact_surface is not None and (
+        contact_surface.point_W.shape != (n,)
+        or not np.all(np.isfinite(contact_surface.point_W))
+    ):
+        raise ValueError(
+            f"contact_surface: at {contact_surface.point_W}; allowed: a surface "
+            f"at {n} finite numbers (m)"
+        )
+    if stop_time is not None and not (math.isfinite(stop_time) and stop_time >= 0):
+        raise ValueError(f"stop_time: {stop_time}; allowed: a finite number >= 0 (s)")
+
+
+def _DoNothing(context: Context) -> EventStatus:
+    return EventStatus.DidNothing()
+
+
 def mode_vector(state: Array) -> Array:
     """Returns operator_mode() as a vector."""
     return np.array([operator_mode(state)])
@@ -247,3 +313,8 @@ def with_contact(state: Array) -> Array:
 def with_stop(state: Array) -> Array:
     """Returns the state after the stop."""
     return np.array([state[0], 1.0])
+
+
+def same_mode(state: Array) -> Array:
+    """Returns the state itself: a step ends here, because the velocity has a kink."""
+    return state.copy()

@@ -1,0 +1,116 @@
+"""Vectors that are polynomials of time, piece after piece."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def evaluate_pieces(time: float, breaks: Array, coefficients: Array) -> Array:
+    """Returns the value at a time (n); zero before the first break and from the last.
+
+    numba can compile it.
+
+    Args:
+        time: t.
+        breaks: (K + 1,) ascending; piece k reaches from breaks[k] to breaks[k + 1].
+        coefficients: (K, d + 1, n); piece k is the sum of coefficients[k, i]
+            (t - breaks[k])^i.
+    """
+    value = np.zeros(coefficients.shape[2])
+    k = np.searchsorted(breaks, time, side="right") - 1
+    if k < 0 or k >= coefficients.shape[0]:
+        return value
+    since = time - breaks[k]
+    for i in range(coefficients.shape[1] - 1, -1, -1):
+        value = value * since + coefficients[k, i]
+    return value
+
+
+def linear_pieces(times: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
+    """Returns breaks and coefficients of straight lines between values.
+
+    Args:
+        times: (K + 1,) ascending.
+        values: (K + 1, n) at the times.
+    """
+    breaks, nodes = np.array(times, dtype=float), np.array(values, dtype=float)
+    slopes = np.diff(nodes, axis=0) / np.diff(breaks)[:, np.newaxis]
+    return breaks, np.stack([nodes[:-1], slopes], axis=1)
+
+
+def minimum_jerk_pieces(times: ArrayLike, points: ArrayLike) -> tuple[Array, Array]:
+    """Returns the path of least jerk through points: its breaks and coefficients.
+
+    Of all paths from rest to rest that are at the points at the times, it has the least
+    integral of the squared third derivative. It is a quintic polynomial between two
+    points; its derivatives up to the fourth are continuous (Flash and Hogan, "The
+    coordination of arm movements", J. Neuroscience 5, 1985).
+
+    Args:
+        times: (K + 1,) ascending.
+        points: (K + 1, n).
+
+    Returns:
+        The breaks (K + 1,) and coefficients (K, 6, n) of the position.
+    """
+    breaks, nodes = np.array(times, dtype=float), np.array(points, dtype=float)
+    lengths = np.diff(breaks)
+    num, n = len(lengths), nodes.shape[1]
+
+    def row(piece: int, since: float, order: int) -> Array:
+        """Returns the derivative of a piece as a row of the unknowns (6 num)."""
+        entries = np.zeros(6 * num)
+        for i in range(order, 6):
+            factor = float(np.prod(np.arange(i, i - order, -1.0)))
+            entries[6 * piece + i] = factor * since ** (i - order)
+        return entries
+
+    last = num - 1
+    # At rest, without acceleration, at both ends.
+    rows = [row(0, 0.0, order) for order in (1, 2)]
+    rows += [row(last, lengths[last], order) for order in (1, 2)]
+    right = [np.zeros(n)] * 4
+    for k in range(num):
+        rows += [row(k, 0.0, 0), row(k, lengths[k], 0)]
+        right += [nodes[k], nodes[k + 1]]
+    for k in range(last):
+        for order in range(1, 5):
+            rows.append(row(k, lengths[k], order) - row(k + 1, 0.0, order))
+            right.append(np.zeros(n))
+    # Time is scaled, so that the powers of a short or long piece do not spoil it.
+    scale = np.tile(np.mean(lengths) ** -np.arange(6.0), num)
+    matrix = np.array(rows) * scale
+    sizes = np.abs(matrix).max(axis=1, keepdims=True)
+    solution = np.linalg.solve(matrix / sizes, np.array(right) / sizes)
+    return breaks, (solution * scale[:, np.newaxis]).reshape(num, 6, n)
+
+
+def differentiate_pieces(coefficients: Array) -> Array:
+    """Returns the coefficients (K, d, n) of the derivative.
+
+    Args:
+        coefficients: (K, d + 1, n).
+    """
+    orders = np.arange(1.0, coefficients.shape[1])
+    derivative: Array = coefficients[:, 1:] * orders[np.newaxis, :, np.newaxis]
+    return derivative
+
+
+def largest_norm(breaks: Array, coefficients: Array) -> float:
+    """Returns the largest Euclidean norm of the value.
+
+    Args:
+        breaks: (K + 1,), all finite.
+        coefficients: (K, d + 1, n).
+    """
+    largest = 0.0
+    for length, piece in zip(np.diff(breaks), coefficients, strict=True):
+        square = np.polynomial.Polynomial([0.0])
+        for axis in piece.T:
+            square = square + np.polynomial.Polynomial(axis) ** 2
+        roots = square.deriv().roots()
+        candidates = np.concatenate([[0.0, length], roots.real])
+        inside = candidates[(candidates >= 0) & (candidates <= length)]
+        largest = max(largest, float(square(inside).max()))
+    return float(np.sqrt(largest))

@@ -1,0 +1,139 @@
+"""An operator who repeats what a hand did."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from teleop_drake.channels.base import SHORTEST_TIME
+from teleop_drake.environments import Surface
+from teleop_drake.numerics.piecewise_polynomial import linear_pieces
+from teleop_drake.operators.base import OperatorConfig
+from teleop_drake.operators.profile import ProfileOperator
+from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True, eq=False)
+class RecordedConfig(OperatorConfig):
+    """v_d(t) from a file: straight lines between its rows, zero before and after."""
+
+    kind = "recorded"
+    file_fields: ClassVar[tuple[str, ...]] = ("file",)
+
+    # CSV of time (s, ascending) and v_d (m/s, n entries); a header line is allowed.
+    file: str | None = REQUIRED
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field; reads the file.
+
+        Args:
+            path: The operator's field in a scenario, for messages.
+            num_axes: Number n of task axes.
+        """
+        super().Check(path, num_axes)
+        if self.file is None:
+            Refuse(f"{path}.file", self.file, "the path of a CSV file of time and v_d")
+        ReadCommand(f"{path}.file", self.file, num_axes)
+
+    def MakeOperator(
+        self, *, start: ArrayLike, contact_surface: Surface | None = None
+    ) -> ProfileOperator:
+        """Makes the block; see OperatorConfig.MakeOperator.
+
+        Args:
+            start: Only its size has an effect.
+            contact_surface: Where it perceives contact; None: nowhere.
+        """
+        times, velocities = self._Read(np.size(start))
+        breaks, coefficients = linear_pieces(times, velocities)
+        return ProfileOperator(
+            breaks=breaks,
+            coefficients=coefficients,
+            contact_force=self.contact_force,
+            contact_surface=contact_surface,
+            stop_time=self.stop_time,
+            longest_step=float(np.diff(times).min()),
+        )
+
+    def LongestStep(self) -> float:
+        """Returns the shortest time between two rows, s."""
+        times, _ = self._Read(np.size(self.velocity))
+        return float(np.diff(times).min())
+
+    def _Read(self, num_axes: int) -> tuple[Array, Array]:
+        assert self.file is not None
+        return ReadCommand("surgeon.file", self.file, num_axes)
+
+
+def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
+    """Reads what a hand commanded from a CSV file of time,v_1,...,v_n.
+
+    Its first line may be a header. Empty lines and those that begin with # are skipped.
+
+    Args:
+        path: The field that names the file, for messages.
+        file: The file.
+        num_axes: n.
+
+    Returns:
+        Times (N,) in s and velocities (N, n) in m/s, at least two of each.
+
+    Raises:
+        ScenarioError: If the file cannot be read or a line is not allowed.
+    """
+    origin = f"{path} = {Show(file)}"
+    try:
+        # With a byte-order mark or without.
+        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    rows: list[list[float]] = []
+    may_be_header = True
+    for i, line in enumerate(lines):
+        if not line.strip() or line.startswith("#"):
+            continue
+        is_header = may_be_header and _IsHeader(line)
+        may_be_header = False
+        if not is_header:
+            rows.append(_ParseRow(f"{origin}: line {i + 1}", line, num_axes, rows))
+    if len(rows) < 2:
+        raise ScenarioError(f"{origin}: must have at least two rows, not {len(rows)}")
+    table = np.array(rows)
+    return table[:, 0], table[:, 1:]
+
+
+def _IsHeader(line: str) -> bool:
+    """Returns whether every column begins with a letter."""
+    names = [name.strip() for name in next(csv.reader([line]))]
+    return all(name and name[0].isalpha() for name in names) and not any(
+        name.lower() in ("nan", "inf", "infinity") for name in names
+    )
+
+
+def _ParseRow(
+    origin: str, line: str, num_axes: int, before: list[list[float]]
+) -> list[float]:
+    """Returns [time, v_1, ..., v_n] of a line."""
+    try:
+        row = [float(x) for x in line.split(",")]
+    except ValueError:
+        row = []
+    wrong = ""
+    if len(row) != 1 + num_axes:
+        wrong = f"a time and {num_axes} velocities, with commas between them"
+    elif not all(map(math.isfinite, row)):
+        wrong = "finite numbers"
+    elif row[0] < 0:
+        wrong = "a time >= 0 (s)"
+    elif before and row[0] < before[-1][0] + SHORTEST_TIME:
+        wrong = f"later than the row before, {before[-1][0]:g} s"
+    if wrong:
+        raise ScenarioError(f"{origin}, {Show(line)}: must be {wrong}")
+    return row

@@ -1,0 +1,77 @@
+"""What all operators have in common; see also test_constant_velocity."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.environments import CONTACT, Surface
+from teleop_drake.operators import OPERATOR_KINDS
+from teleop_drake.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.stations import MakeMasterStation
+
+SURFACE = Surface(CONTACT, [0.55, 0.0], [1.0, 0.0])
+
+
+@pytest.fixture
+def hand_file(tmp_path):
+    file = tmp_path / "hand.csv"
+    file.write_text("time,v_x,v_y\n0,0,0\n0.5,0.1,0\n0.75,0.1,-0.2\n")
+    return file
+
+
+def Config(kind, hand_file):
+    own = {"file": str(hand_file)} if kind == "recorded" else {}
+    return OPERATOR_KINDS.Find(kind, "surgeon.kind")(
+        velocity=np.array([0.1, 0.05]),
+        contact_force=np.array([0.2, 0.0]),
+        stop_time=0.9,
+        **own,
+    )
+
+
+@pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
+def test_kernel_mode_and_seam(kind, hand_file):
+    config = Config(kind, hand_file)
+    config.Check("surgeon", 2)
+    dut = config.MakeOperator(start=[0.0, 0.0], contact_surface=SURFACE)
+    CheckKernel(dut, num_states=3)
+    context = dut.CreateDefaultContext()
+    for name in ("haptic_force", "felt_position", "felt_velocity"):
+        if dut.HasInputPort(name):
+            dut.GetInputPort(name).FixValue(context, [1.0, 2.0])
+    assert dut.GetOutputPort("mode").Eval(context).tolist() == [0]
+    # The hand applies what the device asks for.
+    assert dut.GetOutputPort("force_command").Eval(context).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
+def test_a_scenario_changes_its_operator_by_the_kind_alone(kind, hand_file):
+    overrides = {"surgeon.kind": kind}
+    if kind == "recorded":
+        overrides["surgeon.file"] = str(hand_file)
+    scenario = LoadScenario("two_dof_collision", overrides)
+    assert scenario.surgeon.kind == kind
+    assert ScenarioFromYaml(ScenarioToYaml(scenario)) == scenario
+    station = MakeMasterStation(scenario)
+    assert station.GetSubsystemByName("surgeon").GetOutputPort("mode").size() == 1
+
+
+def test_the_thesis_operator_needs_no_kind():
+    scenario = LoadScenario("one_dof")
+    assert scenario.surgeon.kind == "constant_velocity"
+    assert LoadScenario("one_dof", {"surgeon.kind": "constant_velocity"}) == scenario
+
+
+def test_a_diagram_of_ones_own_can_be_operator(hand_file):
+    """In the place of the scenario's, without inputs that it does not need."""
+    inner = Config("sine", hand_file).MakeOperator(start=[0.0, 0.0])
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("inner", inner)
+    for name in ("haptic_force", "felt_position"):
+        builder.ExportInput(inner.GetInputPort(name), name)
+    for name in ("velocity_command", "force_command", "mode"):
+        builder.ExportOutput(inner.GetOutputPort(name), name)
+    scenario = LoadScenario("two_dof_collision")
+    station = MakeMasterStation(scenario, operator=builder.Build())
+    assert station.GetOutputPort("forward_packet").size() == 4
