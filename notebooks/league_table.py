@@ -181,6 +181,7 @@ def MakeTable(
     resume: bool = False,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
+    engine: str = "auto",
 ) -> list[dict[str, Any]]:
     """Runs configurations with every architecture and returns the rows of the table.
 
@@ -190,11 +191,19 @@ def MakeTable(
         resume: Whether to go on with the sweeps that are there.
         executor: Where to simulate; None: as Sweep does.
         progress: Called with the number of runs that are finished and of all.
+        engine: As Sweep takes it.
 
     Returns:
         One row for each run, with COLUMNS; None where a run has no such number.
     """
     rows = []
+    said: set[str] = set()
+
+    def Notice(text: str) -> None:
+        if text not in said:
+            print(text, file=sys.stderr)
+        said.add(text)
+
     num_kinds = len(ARCHITECTURES)
     for i, configuration in enumerate(configurations):
         task, *others = configuration
@@ -211,6 +220,8 @@ def MakeTable(
             out=out and out / "-".join(map(str, configuration)),
             resume=resume,
             progress=Report,
+            engine=engine,
+            notice=Notice,
         )
         rows += _Rows(dict(zip(KEYS, (task, *others), strict=False)), result)
     return rows

@@ -144,7 +144,8 @@ def quick(request, tmp_path_factory):
     out = tmp_path_factory.mktemp("league")
     executor = WorkerProcesses(2)
     try:
-        rows = MakeTable(configurations, out=out, executor=executor)
+        # A few runs of every architecture are not worth compiling.
+        rows = MakeTable(configurations, out=out, executor=executor, engine="drake")
     finally:
         executor.shutdown()
     return configurations, out, rows
@@ -172,6 +173,7 @@ def test_resuming_simulates_nothing_anew(quick, tmp_path):
         out=out,
         resume=True,
         executor=None,
+        engine="drake",
         progress=lambda finished, total: done.append((finished, total)),
     )
     assert again == rows

@@ -15,7 +15,8 @@ def progress_lines():
 
 @pytest.fixture(scope="session")
 def thesis_runs(progress_lines):
-    with ThesisRuns(jobs=2, progress=progress_lines.append) as runs:
+    # The runs are few, and compiling takes longer.
+    with ThesisRuns(2, progress_lines.append, engine="drake") as runs:
         yield runs
 
 
