@@ -19,11 +19,12 @@ from teleop_drake.channels.variable import VariableDelay
 from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
 from teleop_drake.environments import LayerConfig, Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.operators import Surgeon
+from teleop_drake.operators.modes import past_surface, with_stop
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram, simulate
 from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.systems.disturbance_force import DisturbanceForce
-from teleop_drake.systems.surgeon import Surgeon, past_surface, with_stop
 from teleop_drake.teleoperator import MakeTeleoperator
 
 
