@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
+    from teleop_drake.sweep import SweepResult
 
 
 def Headline(recording: "Recording") -> str:
@@ -55,6 +56,55 @@ def Table(records: Mapping[str, Mapping[str, Any]]) -> str:
         unit = next((units[part] for part in row.split(".") if part in units), "")
         lines.append([row.replace("_", " ").replace(".", " "), *cells, unit])
     return Align(lines)
+
+
+NO_INTERVALS = (
+    "No intervals of medians and shares: they need scipy "
+    "(pip install 'teleop-drake[fast]')"
+)
+"""What is said of statistics where scipy is missing."""
+
+
+def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+    """Returns statistics over the seeds: a row for each metric.
+
+    There is a column for each controller, and one for each difference to the first of
+    them. A cell has a median, or a share of the runs, and its interval.
+
+    Args:
+        result: A sweep that varies the seed, and beside it at most the controller.
+        metrics: The metrics; none: those that most people look at.
+    """
+    from teleop_drake.sweep import Differences, SelectMetrics, Statistics
+    from teleop_drake.sweep.statistics import CONTROLLERS
+
+    shown = list(metrics) or SelectMetrics(result.scenario)
+    key = next((k for k in CONTROLLERS if k in result.axes), "")
+    columns: dict[str, dict[str, str]] = {}
+    units = {}
+    for row in Statistics(result):
+        if row["statistic"] == "share" or row["metric"] in shown:
+            is_share = row["statistic"] == "share"
+            units[row["metric"]] = "of the runs" if is_share else row["unit"]
+            column = columns.setdefault(str(row.get(key, "")), {})
+            column[row["metric"]] = _CellWithInterval(row)
+    for row in Differences(result):
+        if row["metric"] in shown:
+            name = f"{row[key]} - {row['baseline']}"
+            columns.setdefault(name, {})[row["metric"]] = _CellWithInterval(row)
+    lines = [["", *columns, ""]]
+    for metric, unit in units.items():
+        cells = [column.get(metric, "") for column in columns.values()]
+        lines.append([metric.replace("_", " ").replace(".", " "), *cells, unit])
+    num_seeds = len(result.axes["seed"])
+    title = f"Medians over {num_seeds} seeds, and shares of the runs; 95 % intervals"
+    return f"{title}\n{Align(lines)}"
+
+
+def _CellWithInterval(row: Mapping[str, Any]) -> str:
+    if row["low"] is None:
+        return Cell(row["value"])
+    return f"{row['value']:.4g} [{row['low']:.3g}, {row['high']:.3g}]"
 
 
 def Align(lines: Sequence[Sequence[str]]) -> str:

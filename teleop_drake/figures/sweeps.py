@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -24,7 +25,13 @@ from teleop_drake.figures.style import (
     RunStyle,
     ScaleAndUnit,
 )
-from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep import (
+    HasIntervals,
+    MetricUnits,
+    SweepResult,
+    VariesSeedsOnly,
+)
+from teleop_drake.sweep.statistics import CONTROLLERS, SEED, Bands, MedianInterval
 from teleop_drake.validation import Refuse
 
 
@@ -32,10 +39,10 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
     """Plots a metric of a sweep against the delay.
 
     A line for each controller; or, where more is varied, a panel for each and a line
-    for each of the other values. A line is the median over the seeds, and the band
-    around it reaches from the smallest to the largest. Runs that diverged or have no
-    such number (a tool that never settles, for instance) are marked above the panel
-    instead.
+    for each of the other values. A line is the median over the seeds; the band around
+    it holds 90 % of the runs, and bars are the bootstrap interval of the median. Runs
+    that diverged or have no such number (a tool that never settles, for instance) are
+    marked above the panel instead.
 
     If no delay is varied, the first numbers that are take its place.
 
@@ -72,16 +79,10 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
         for i in range(values.shape[2]):
             style = grid.LineStyle(i)
             y = values[(*index, i)] * scale
-            middle, low, high = np.full((3, len(y)), np.nan)
-            has_any = np.isfinite(y).any(axis=1)
-            middle[has_any] = np.nanmedian(y[has_any], axis=1)
-            low[has_any] = np.nanmin(y[has_any], axis=1)
-            high[has_any] = np.nanmax(y[has_any], axis=1)
+            middle = Bands(y, np.median)
             ax.plot(grid.x, middle, marker=".", markersize=3, **style)
             if y.shape[1] > 1:
-                ax.fill_between(
-                    grid.x, low, high, color=style["color"], alpha=0.2, linewidth=0
-                )
+                _DrawBand(ax, grid.x, y, middle, style["color"])
             # For more, there is the stability map.
             for where, marker, _ in marks if has_marks else []:
                 x = grid.x[where[(*index, i)].any(axis=1)]
@@ -102,8 +103,124 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
         if has_marks and where.any()
     ]
     grid.AddTitles(axes, num_marks=values.shape[2] if handles else 0)
+    if values.shape[-1] > 1:
+        handles += _BandHandles()
     grid.AddLegend(figure, handles)
     return figure
+
+
+def _DrawBand(
+    ax: Axes, x: np.ndarray, values: np.ndarray, median: np.ndarray, color: Any
+) -> None:
+    """Draws how values (x, seeds) scatter, and how well their median is known."""
+    low = Bands(values, lambda y: np.quantile(y, 0.05))
+    high = Bands(values, lambda y: np.quantile(y, 0.95))
+    ax.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0)
+    if not HasIntervals():
+        return
+    ends = [
+        Bands(values, lambda y: MedianInterval(y)[0]),
+        Bands(values, lambda y: MedianInterval(y)[1]),
+    ]
+    known = np.isfinite(ends[0])
+    errors = np.abs(np.array(ends) - median)[:, known]
+    ax.errorbar(
+        x[known],
+        median[known],
+        errors,
+        color=color,
+        fmt="none",
+        linewidth=0.8,
+        capsize=2,
+    )
+
+
+def _BandHandles() -> list[Any]:
+    """Returns what the legend says of a band and of its bars."""
+    handles: list[Any] = [
+        Patch(color=GREY, alpha=0.4, linewidth=0, label="5 to 95 % of the seeds")
+    ]
+    if HasIntervals():
+        handles.append(
+            Line2D([], [], color=GREY, marker="|", linewidth=0.8, label=_INTERVAL)
+        )
+    return handles
+
+
+def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
+    """Plots metrics of a sweep that varies the seed, and at most the controller.
+
+    Each metric has a panel. A dot is a run; a line is the median, and a bar its
+    bootstrap interval. Under each controller stands how many of its runs have no such
+    number.
+
+    Args:
+        result: The sweep.
+        *metrics: Of MetricUnits(result.scenario), one or more.
+
+    Raises:
+        ValueError: If there is no such metric, or something else is varied.
+    """
+    if not VariesSeedsOnly(result):
+        keys = ", ".join(result.axes)
+        Refuse("result", f"over {keys}", "over seeds, and controllers at most")
+    num_columns = min(len(metrics), 2)
+    num_rows = math.ceil(len(metrics) / num_columns)
+    figure = Figure(figsize=(WIDTH, 0.6 + 2.4 * num_rows), layout="constrained")
+    panels = figure.subplots(num_rows, num_columns, squeeze=False).ravel()
+    for ax, metric in zip(panels, metrics, strict=False):
+        _DrawSeeds(ax, result, metric)
+    for ax in panels[len(metrics) :]:
+        ax.remove()
+    handles = [
+        Line2D([], [], color=GREY, marker=".", linestyle="none", label="a run"),
+        Line2D([], [], color=GREY, label="median"),
+    ]
+    if HasIntervals():
+        handles.append(Line2D([], [], color=GREY, linewidth=2.4, label=_INTERVAL))
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=3,
+        fontsize=SMALL_FONT_SIZE,
+        frameon=False,
+    )
+    return figure
+
+
+def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
+    """Draws one panel of PlotSeeds."""
+    is_complete = result.Status() == "completed"
+    values = np.where(is_complete, result.Values(metric), np.nan)
+    # One row for each controller.
+    seeds = list(result.axes).index(SEED)
+    values = np.moveaxis(values, seeds, -1).reshape(-1, len(result.axes[SEED]))
+    names = next(
+        (result.axes[key] for key in CONTROLLERS if key in result.axes),
+        [result.scenario.controller.kind],
+    )
+    finite = values[np.isfinite(values)]
+    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    FormatAxes(ax)
+    labels = []
+    for i, (name, row) in enumerate(zip(names, values, strict=True)):
+        color = RunStyle(i)["color"]
+        y = row[np.isfinite(row)] * scale
+        # Side by side, in the order of the seeds, so that dots do not hide each other.
+        x = i + np.linspace(-0.3, 0.3, len(row))[np.isfinite(row)]
+        ax.plot(x, y, ".", markersize=3, color=color, alpha=0.7)
+        if y.size:
+            ends = [i - 0.35, i + 0.35]
+            ax.plot(ends, [np.median(y)] * 2, color=color, linewidth=1.2)
+            ax.vlines(i, *MedianInterval(y), color=color, linewidth=2.4)
+        missing = len(row) - y.size
+        note = f"\n{missing} of {len(row)} have none" if missing else ""
+        labels.append(_ValueLabel(name).replace(" ", "\n", 1) + note)
+    ax.set_xticks(range(len(names)), labels, fontsize=SMALL_FONT_SIZE)
+    ax.set_xlim(-0.6, len(names) - 0.4)
+    label = metric.replace("_", " ").replace(".", " ")
+    ax.set_ylabel(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
 
 
 def PlotStability(result: SweepResult) -> Figure:
@@ -175,6 +292,7 @@ _OUTCOMES = (
 # More would be too small to read.
 _MAX_PANELS = 24
 _MAX_NAMED_LINES = 8
+_INTERVAL = "95 % interval of the median (bootstrap)"
 # Colours of values that have an order.
 _SEQUENCE = colormaps["viridis"]
 
@@ -190,7 +308,7 @@ class _SweepGrid:
     def __init__(self, result: SweepResult) -> None:
         axes = result.axes
         varied = [key for key, values in axes.items() if len(values) > 1]
-        controller = [k for k in axes if k in ("controller", "controller.kind")][:1]
+        controller = [k for k in axes if k in CONTROLLERS][:1]
         seed = [k for k in axes if k == "seed"]
         numeric = [
             key

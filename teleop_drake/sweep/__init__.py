@@ -1,5 +1,6 @@
 """Many runs: a grid of values times controllers."""
 
+from teleop_drake.sweep.folder import TableNames
 from teleop_drake.sweep.plan import ALIASES, MAX_RUNS, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     CHANNEL_METRICS,
@@ -10,19 +11,32 @@ from teleop_drake.sweep.result import (
     SweepResult,
 )
 from teleop_drake.sweep.run import RunSweep, Sweep
+from teleop_drake.sweep.statistics import (
+    Differences,
+    HasIntervals,
+    HasSeeds,
+    Statistics,
+    VariesSeedsOnly,
+)
 
 __all__ = [
     "ALIASES",
     "CHANNEL_METRICS",
     "MAX_RUNS",
+    "Differences",
     "FlattenMetrics",
+    "HasIntervals",
+    "HasSeeds",
     "MetricUnits",
     "ParseValues",
     "PlanSweep",
     "RunSweep",
     "SelectMetrics",
+    "Statistics",
     "Sweep",
     "SweepError",
     "SweepPlan",
     "SweepResult",
+    "TableNames",
+    "VariesSeedsOnly",
 ]

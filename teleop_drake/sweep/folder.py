@@ -5,7 +5,9 @@ It has
 * `sweep.json`: what is swept, so that --resume can tell whether it is the same sweep;
 * `runs.jsonl`: one record per line with a checksum, added as each run ends, and put
   into the order of the grid when all have;
-* `runs.csv`: the scalar metrics, one row per run, written when all have ended.
+* `runs.csv`: the scalar metrics, one row per run, written when all have ended;
+* with seeds, `statistics.csv` and `differences.csv`: medians, shares and differences
+  over the seeds, see Statistics and Differences.
 
 Nothing in them depends on the time or the order in which runs were done: a sweep
 that was killed and resumed leaves the same bytes as one that was not. Therefore the
@@ -29,6 +31,7 @@ from teleop_drake.files import Replacing
 from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.statistics import Differences, HasPairs, HasSeeds, Statistics
 
 
 class SweepFolder:
@@ -93,12 +96,8 @@ class SweepFolder:
     def Finish(self, result: SweepResult) -> None:
         """Writes all files in their final form."""
         self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
-        table = result.Table()
-        text = io.StringIO()
-        writer = csv.DictWriter(text, table[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
-        self._Write("runs.csv", text.getvalue())
+        for name, table in _Tables(result).items():
+            self._Write(name, _Csv(table))
 
     def _Title(self) -> str:
         return f"out = {str(self._path)!r}"
@@ -216,6 +215,37 @@ def _ReadLine(
     except (ValueError, LookupError, TypeError, RecursionError):
         pass
     return None
+
+
+def TableNames(result: SweepResult) -> list[str]:
+    """Returns the names of the CSV files that the folder of a finished sweep has.
+
+    Args:
+        result: The sweep.
+    """
+    if not HasSeeds(result):
+        return ["runs.csv"]
+    names = ["runs.csv", "statistics.csv"]
+    return [*names, "differences.csv"] if HasPairs(result) else names
+
+
+def _Tables(result: SweepResult) -> dict[str, list[dict[str, Any]]]:
+    """Returns the rows of each CSV file."""
+    makers: dict[str, Callable[[SweepResult], list[dict[str, Any]]]] = {
+        "runs.csv": SweepResult.Table,
+        "statistics.csv": Statistics,
+        "differences.csv": Differences,
+    }
+    return {name: makers[name](result) for name in TableNames(result)}
+
+
+def _Csv(table: Sequence[Mapping[str, Any]]) -> str:
+    """Returns rows, which have the same keys, as the text of a CSV file."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, table[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
+    return text.getvalue()
 
 
 def _Cell(value: Any) -> Any:

@@ -847,11 +847,24 @@ def test_bands_over_seeds():
     ]
     result = SweepResult(scenario=plan.scenario, axes=axes, records=records)
     (ax,) = PlotSweep(result, "collision.peak_force").axes
-    (line,) = [line for line in ax.lines if len(line.get_xdata()) == 2][1:]
+    (line,) = [
+        line
+        for line in ax.lines
+        if line.get_linestyle() == "-" and line.get_marker() == "."
+    ]
     np.testing.assert_allclose(line.get_ydata(), [2.0, 3.5])
-    (band,) = ax.collections
+    band, bars = ax.collections
     corners = {tuple(x) for x in band.get_paths()[0].vertices.round(9).tolist()}
-    assert corners == {(0.1, 1.0), (0.1, 5.0), (0.2, 3.0), (0.2, 4.0)}
+    assert corners == {(0.1, 1.1), (0.1, 4.7), (0.2, 3.05), (0.2, 3.95)}
+    assert [path.vertices[:, 1].tolist() for path in bars.get_paths()] == [
+        [1, 5],
+        [3, 4],
+    ]
+    labels = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert labels[-2:] == [
+        "5 to 95 % of the seeds",
+        "95 % interval of the median (bootstrap)",
+    ]
 
 
 def test_more_that_varies():

@@ -10,10 +10,11 @@ from teleop_drake.cli.options import (
     AddScenarioOptions,
     Load,
     LoadToRun,
+    OverridesOf,
 )
 from teleop_drake.cli.output import CheckJson, PrepareFolder, WriteJson
-from teleop_drake.cli.progress import Simulate
-from teleop_drake.cli.tables import Headline, Table
+from teleop_drake.cli.progress import Simulate, SweepProgress
+from teleop_drake.cli.tables import NO_INTERVALS, Headline, SeedsTable, Table
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -27,6 +28,13 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="A,B,...",
         help="the controllers, the baseline first; `all`: every architecture "
         "(default: the thesis's two)",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="N runs of each, with the seeds 0 to N - 1 of the network channels: "
+        "medians, shares and differences with intervals",
     )
     AddEngineOption(parser)
     AddRunOptions(
@@ -57,6 +65,8 @@ def Execute(args: argparse.Namespace) -> int:
             raise BadInput(
                 f"--controllers = {args.controllers!r}: must be different controllers"
             )
+    if args.seeds is not None:
+        return _CompareOverSeeds(args, controllers)
     scenarios = {
         kind: LoadToRun(args, f"controller.kind={kind}") for kind in controllers
     }
@@ -87,3 +97,45 @@ def Execute(args: argparse.Namespace) -> int:
         print("Written:", ", ".join(map(str, written)))
     is_interrupted = recordings[kind].termination == "interrupted"
     return INTERRUPTED if is_interrupted else 0
+
+
+def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
+    """Simulates the scenario with each controller over the same seeds."""
+    from teleop_drake.sweep import MAX_RUNS, PlanSweep, SweepError
+
+    if not 2 <= args.seeds <= MAX_RUNS:
+        raise BadInput(f"--seeds = {args.seeds}: must be 2 to {MAX_RUNS}")
+    CheckJson(args.json)
+    try:
+        plan = PlanSweep(
+            args.scenario,
+            {"controller": controllers, "seed": range(args.seeds)},
+            overrides=OverridesOf(args),
+            engine=args.engine,
+        )
+    except (ValueError, SweepError) as e:  # ScenarioError is a ValueError.
+        raise BadInput(e) from None
+    (figure_path,) = PrepareFolder(args.out, f"{plan.scenario.name}_seeds.png")
+
+    import numpy as np
+
+    from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.figures.sweeps import PlotSeeds
+    from teleop_drake.sweep import HasIntervals, RunSweep, SelectMetrics
+
+    with SweepProgress(args.quiet) as show:
+        result = RunSweep(plan, progress=show)
+    metrics = [
+        metric
+        for metric in SelectMetrics(plan.scenario)
+        if np.isfinite(result.Values(metric)).any()
+    ]
+    SaveFigure(PlotSeeds(result, *metrics), figure_path)
+    if args.json is not None:
+        WriteJson(args.json, result.records)
+    if args.json != "-":
+        if not HasIntervals():
+            print(NO_INTERVALS)
+        print(SeedsTable(result, metrics))
+        print("Written:", figure_path)
+    return 0

@@ -16,6 +16,7 @@ from teleop_drake.cli.options import (
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
+from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -47,7 +48,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "--seeds",
         type=int,
         metavar="N",
-        help="N runs of each, with the seeds 0 to N - 1 of both network channels",
+        help="N runs of each, with the seeds 0 to N - 1 of the network channels; "
+        "statistics.csv and differences.csv have medians, shares and differences "
+        "between controllers with intervals",
     )
     parser.add_argument(
         "--metrics",
@@ -83,7 +86,16 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep, and draws them."""
     from teleop_drake.scenario import ScenarioError
-    from teleop_drake.sweep import PlanSweep, RunSweep, SelectMetrics, SweepError
+    from teleop_drake.sweep import (
+        HasIntervals,
+        HasSeeds,
+        PlanSweep,
+        RunSweep,
+        SelectMetrics,
+        SweepError,
+        TableNames,
+        VariesSeedsOnly,
+    )
 
     if args.jobs is not None and args.dask is not None:
         raise BadInput("--jobs: must be left out with --dask, which has workers")
@@ -135,9 +147,14 @@ def Execute(args: argparse.Namespace) -> int:
             for status in ("completed", "diverged", "failed")
         )
         print(f"{plan.scenario.name}: {len(statuses)} runs, {counts}")
+        if HasSeeds(result) and not HasIntervals():
+            print(NO_INTERVALS)
+        if VariesSeedsOnly(result):
+            print(SeedsTable(result, metrics))
         if note:
             print(note)
-        written = [Path(args.out) / "runs.jsonl", Path(args.out) / "runs.csv", *figures]
+        names = ["runs.jsonl", *TableNames(result)]
+        written = [Path(args.out) / name for name in names] + figures
         print("Written:", ", ".join(map(str, written)))
     return 0
 
@@ -260,18 +277,20 @@ def _DrawSweep(
     import numpy as np
 
     from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import PlotStability, PlotSweep
-    from teleop_drake.sweep import SelectMetrics
+    from teleop_drake.figures.sweeps import PlotSeeds, PlotStability, PlotSweep
+    from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
 
     metrics = list(names) or [
         metric
         for metric in SelectMetrics(result.scenario)
         if np.isfinite(result.Values(metric)).any()
     ]
+    # Over the seeds alone, there is nothing to plot a metric against.
+    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
     figures = {}
     try:
         for metric in metrics:
-            figures[metric.replace(".", "_")] = PlotSweep(result, metric)
+            figures[metric.replace(".", "_")] = plot(result, metric)
     except ValueError as e:
         return [], f"No figures ({e})"
     with suppress(ValueError):  # Only one key is varied.

@@ -1,0 +1,250 @@
+"""Statistics over the seeds of a sweep: medians, shares, and differences in pairs.
+
+A run over a network is one draw of its delays and losses. `seed` is the key of a grid
+that draws them anew, and runs with the same seed meet the same network. So controllers
+are compared seed by seed.
+
+Intervals are for 95 % confidence: of a median by the bootstrap (percentiles of
+`scipy.stats.bootstrap`), of a share by Wilson's method (`scipy.stats.binomtest`).
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.sweep.result import MetricUnits, SweepError, SweepResult
+
+SEED = "seed"
+"""The key of a grid over which statistics are taken."""
+
+LEVEL = 0.95
+"""Confidence of every interval."""
+
+CONTROLLERS = ("controller", "controller.kind")
+"""The keys of a grid that name controllers."""
+
+_NUM_RESAMPLES = 2000
+_NO_INTERVAL = (math.nan, math.nan)
+
+
+def HasSeeds(result: SweepResult) -> bool:
+    """Returns whether a sweep has two seeds or more.
+
+    Args:
+        result: The sweep.
+    """
+    return len(result.axes.get(SEED, [])) > 1
+
+
+def VariesSeedsOnly(result: SweepResult) -> bool:
+    """Returns whether a sweep varies the seed, and beside it at most the controller.
+
+    Args:
+        result: The sweep.
+    """
+    varied = {key for key, values in result.axes.items() if len(values) > 1}
+    return HasSeeds(result) and varied <= {SEED, *CONTROLLERS}
+
+
+def HasIntervals() -> bool:
+    """Returns whether scipy is installed, without which there are no intervals."""
+    try:
+        import scipy.stats  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def MedianInterval(values: np.ndarray) -> tuple[float, float]:
+    """Returns the bootstrap interval of a median, NaN for fewer than two values.
+
+    Args:
+        values: Finite numbers, of independent runs.
+    """
+    if len(values) < 2 or not HasIntervals():
+        return _NO_INTERVAL
+    from scipy.stats import bootstrap
+
+    # The generator is new each time: the same runs give the same bytes.
+    interval = bootstrap(
+        (values,),
+        np.median,
+        n_resamples=_NUM_RESAMPLES,
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(interval.low), float(interval.high)
+
+
+def ShareInterval(count: int, total: int) -> tuple[float, float]:
+    """Returns Wilson's interval of a share.
+
+    Args:
+        count: Runs that are counted.
+        total: All runs, at least one.
+    """
+    if not HasIntervals():
+        return _NO_INTERVAL
+    from scipy.stats import binomtest
+
+    interval = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def HasPairs(result: SweepResult) -> bool:
+    """Returns whether a sweep has two controllers or more, to compare seed by seed.
+
+    Args:
+        result: The sweep.
+    """
+    return HasSeeds(result) and any(
+        len(result.axes.get(k, [])) > 1 for k in CONTROLLERS
+    )
+
+
+def Statistics(result: SweepResult) -> list[dict[str, Any]]:
+    """Returns the rows of statistics.csv: for each point of the grid, over its seeds.
+
+    A row has the keys of the grid without `seed`, `metric`, `statistic` and `unit`;
+    `runs`, the number of runs; `count`, of those that have a value; `value`, and its
+    interval `low` to `high`. The statistic of a metric is the `median`, over the runs
+    that were not ended early, which also has `p5` and `p95`, the 5 % and 95 %
+    quantiles of the runs. `diverged`, and `collision.settles` where a run can settle,
+    are the `share` of all runs. None is where there is no such number.
+
+    Args:
+        result: A sweep with the key `seed`.
+
+    Raises:
+        SweepError: If it has no seeds.
+    """
+    rows = []
+    points = list(_Points(result))
+    status = result.Status()
+    metrics = _Medians(result)
+    for point, index in points:
+        runs = status[index]
+        common = {**point, "runs": len(runs)}
+        for metric, share in _Shares(result).items():
+            count = int(share[index].sum())
+            rows.append(
+                common
+                | {"metric": metric, "statistic": "share", "unit": "", "count": count}
+                | _Estimate(count / len(runs), ShareInterval(count, len(runs)))
+                | {"p5": None, "p95": None}
+            )
+        for metric, (unit, values) in metrics.items():
+            x = values[index]
+            rows.append(
+                common
+                | {"metric": metric, "statistic": "median", "unit": unit}
+                | _MedianOf(x[np.isfinite(x)])
+            )
+    return rows
+
+
+def Differences(result: SweepResult) -> list[dict[str, Any]]:
+    """Returns the rows of differences.csv: each controller against the first one.
+
+    A row is like one of Statistics; its `value` is the median over the seeds of what
+    the metric is more for `controller` than for `baseline`, with the same seed. Runs
+    of which one has no value make no pair: `count` says how many pairs there are.
+
+    Args:
+        result: A sweep with the key `seed`; with one controller there are no rows.
+
+    Raises:
+        SweepError: If it has no seeds.
+    """
+    key = next((k for k in CONTROLLERS if len(result.axes.get(k, [])) > 1), None)
+    points = list(_Points(result))
+    if key is None:
+        return []
+    baseline = result.axes[key][0]
+    metrics = _Medians(result)
+    of_baseline = {
+        _Others(point, key): index for point, index in points if point[key] == baseline
+    }
+    rows = []
+    for point, index in points:
+        if point[key] == baseline:
+            continue
+        for metric, (unit, values) in metrics.items():
+            x = values[index] - values[of_baseline[_Others(point, key)]]
+            rows.append(
+                {**point, "baseline": baseline, "runs": len(x), "metric": metric}
+                | {"statistic": "median difference", "unit": unit}
+                | _MedianOf(x[np.isfinite(x)])
+            )
+    return rows
+
+
+def Bands(values: np.ndarray, estimate: Callable[[np.ndarray], Any]) -> np.ndarray:
+    """Returns a statistic of the finite numbers along the last axis, NaN of none.
+
+    Args:
+        values: Array (..., seeds).
+        estimate: Takes a vector of finite numbers and returns a number.
+    """
+    flat = values.reshape(-1, values.shape[-1])
+    results = [
+        estimate(row[np.isfinite(row)]) if np.isfinite(row).any() else math.nan
+        for row in flat
+    ]
+    return np.array(results, dtype=float).reshape(values.shape[:-1])
+
+
+def _Points(result: SweepResult) -> Iterator[tuple[dict[str, Any], tuple[Any, ...]]]:
+    """Yields each point of the grid without its seed, and the index of its runs."""
+    if SEED not in result.axes:
+        raise SweepError("result: must be of a grid with the key seed")
+    keys = [key for key in result.axes if key != SEED]
+    for numbers in itertools.product(*(range(len(result.axes[k])) for k in keys)):
+        number = dict(zip(keys, numbers, strict=True))
+        yield (
+            {key: result.axes[key][i] for key, i in number.items()},
+            tuple(number.get(key, slice(None)) for key in result.axes),
+        )
+
+
+def _Others(point: dict[str, Any], key: str) -> str:
+    return repr({k: value for k, value in point.items() if k != key})
+
+
+def _Medians(result: SweepResult) -> dict[str, tuple[str, np.ndarray]]:
+    """Returns unit and values of each metric; NaN where a run was ended early."""
+    is_complete = result.Status() == "completed"
+    return {
+        metric: (unit, np.where(is_complete, result.Values(metric), math.nan))
+        for metric, unit in MetricUnits(result.scenario).items()
+        if not metric.startswith("diverged")
+    }
+
+
+def _Shares(result: SweepResult) -> dict[str, np.ndarray]:
+    """Returns for each event whether it takes place in a run."""
+    status = result.Status()
+    shares = {"diverged": status == "diverged"}
+    if "collision.settling_time" in MetricUnits(result.scenario):
+        settles = np.isfinite(result.Values("collision.settling_time"))
+        shares["collision.settles"] = settles & (status == "completed")
+    return shares
+
+
+def _MedianOf(values: np.ndarray) -> dict[str, Any]:
+    if not values.size:
+        return {"count": 0} | dict.fromkeys(("value", "low", "high", "p5", "p95"))
+    return (
+        {"count": len(values)}
+        | _Estimate(float(np.median(values)), MedianInterval(values))
+        | dict(zip(("p5", "p95"), np.quantile(values, (0.05, 0.95)), strict=True))
+    )
+
+
+def _Estimate(value: float, interval: tuple[float, float]) -> dict[str, Any]:
+    low, high = (None if math.isnan(x) else x for x in interval)
+    return {"value": value, "low": low, "high": high}
