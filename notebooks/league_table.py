@@ -126,8 +126,7 @@ def Overrides(task: str, surgeon: str, channel: str, round_trip: float) -> dict:
     The solver is less accurate than by the scenarios' own settings, which moves no
     number by more than 0.5 % in the rows that tests compare. An exception: time-domain
     passivity control brakes and lets go so often that its control_variation is known
-    to 3 %, and under a surgeon who never switches it and control_peak are known to
-    within a factor of 2 only.
+    to 3 %.
 
     Args:
         task: One of DURATIONS.

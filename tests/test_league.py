@@ -208,15 +208,14 @@ def test_the_tables_solver_is_accurate_enough(kind):
 
 
 @pytest.mark.slow
-def test_the_solver_of_networks_is_accurate_enough():
+@pytest.mark.parametrize("kind", ["wave_variables", "time_domain_passivity"])
+def test_the_solver_of_networks_is_accurate_enough(kind):
     case = ("two_dof_puncture", "never", "both", 0.2)
-    overrides = Overrides(*case) | {"controller.kind": "wave_variables"}
+    overrides = Overrides(*case) | {"controller.kind": kind}
     for key in ("simulator.accuracy", "simulator.integration_scheme"):
         del overrides[key]
     metrics = FlattenMetrics(RunMetrics(simulate(LoadScenario(case[0], overrides))))
-    (row,) = Select(
-        TABLE, **dict(zip(KEYS, case, strict=False)), controller="wave_variables"
-    )
+    (row,) = Select(TABLE, **dict(zip(KEYS, case, strict=False)), controller=kind)
     columns = ("start_overshoot", "puncture_overshoot", "velocity_rms_error")
     columns += ("control_peak", "control_variation")
     expected = {column: metrics[METRICS[column]] for column in columns}
