@@ -17,6 +17,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.tree import GetPath, ToTree
 from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
@@ -33,6 +34,7 @@ class Explorer:
     the scenario's own values.
 
     Attributes:
+        engine: What simulates once a slider has been turned, see simulate().
         values: What is varied, and the value it has now.
         sliders: The slider of each; none without ipywidgets.
         picture: The picture, an ipywidgets.Image; None without ipywidgets.
@@ -54,7 +56,8 @@ class Explorer:
         if controllers is None:
             controllers = TaskOf(base).controllers
         self._controllers = list(controllers)
-        self._engine = engine
+        self.engine = engine
+        self._is_turned = False
         self._plot_options = dict(plot_options)
         self._ranges = {key: _Options(key, x) for key, x in ranges.items()}
         if not self._ranges:
@@ -100,8 +103,10 @@ class Explorer:
             key = (kind, *self.values.values())
             if key not in self._runs:
                 overrides = self._Overrides(self.values, kind)
+                # To compile pays once a slider is turned.
+                engine = self.engine if self._is_turned else "drake"
                 self._runs[key] = simulate(
-                    LoadScenario(self._name, overrides), engine=self._engine
+                    LoadScenario(self._name, overrides), engine=engine
                 )
             runs[kind.replace("_", " ")] = self._runs[key]
         return runs
@@ -119,12 +124,14 @@ class Explorer:
 
     def _MakeWidgets(self, widgets: Any) -> None:
         """Makes the sliders and the picture."""
+        base = LoadScenario(self._name, self._overrides)
+        is_fast = self.engine != "drake" and not WhyNotCompiled(base)
         for key, options in self._ranges.items():
             slider = widgets.SelectionSlider(
                 options=[(f"{value:g}", value) for value in options],
                 value=self.values[key],
                 description=AxisLabel(key),
-                continuous_update=False,
+                continuous_update=is_fast,
                 style={"description_width": "initial"},
                 layout={"width": "40em"},
             )
@@ -138,6 +145,7 @@ class Explorer:
     def _Turn(self, key: str, change: Mapping[str, Any]) -> None:
         """Shows another value of a number."""
         self.values[key] = change["new"]
+        self._is_turned = True
         self._Redraw()
 
     def _Redraw(self) -> None:
@@ -171,7 +179,7 @@ def Explore(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] | None = None,
     time: tuple[float, float] | None = None,
-    engine: str = "drake",
+    engine: str = "auto",
     **ranges: Sequence[float],
 ) -> Explorer:
     """Returns sliders over any numbers of a scenario, with a figure of what comes out.
@@ -182,7 +190,8 @@ def Explore(
         Explore("one_dof", **{"environment.layers.bone.stiffness": (50, 400)})
 
     When a slider is released every controller is simulated with the new value, and
-    what PlotComparison() makes of the runs is shown.
+    what PlotComparison() makes of the runs is shown. Runs that can be machine code are
+    shown while it is dragged; the first of them waits until it is compiled.
 
     Args:
         scenario: A built-in name or a YAML file.
@@ -191,7 +200,8 @@ def Explore(
         controllers: Kinds of controllers; None: those that the task compares.
         signals: What is shown, see PlotComparison(); None: all that the task shows.
         time: From when to when is shown, s; None: all of it.
-        engine: What simulates, see simulate().
+        engine: What simulates once a slider has been turned, see simulate(). Before
+            that it is Drake.
         **ranges: By the dotted name of a number, or `delay`, `forward_delay`,
             `return_delay` or `seed`: its least and its largest value, and a step if it
             is not to be a 50th of the range; or a list of the values.
