@@ -117,7 +117,10 @@ def Csv(path):
     return list(csv.DictReader(io.StringIO(Path(path).read_text("utf-8"))))
 
 
-NETWORK = "{kind: network, delay: 0.02, sample_period: 0.005, jitter: {kind: uniform, std: 0.004}}"
+NETWORK = (
+    "{kind: network, delay: 0.02, sample_period: 0.005, "
+    "jitter: {kind: uniform, std: 0.004}}"
+)
 
 
 def test_the_commands(tmp_path, monkeypatch, capsys):
