@@ -5,11 +5,11 @@ T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
@@ -54,7 +54,7 @@ class DelayProfile:
         delay: float,
         drift: float = 0.0,
         sinusoid: Sinusoid | None = None,
-        trace: tuple[Sequence[float], Sequence[float]] | None = None,
+        trace: tuple[ArrayLike, ArrayLike] | None = None,
         duration: float | None = None,
     ):
         sinusoid = sinusoid or Sinusoid()
@@ -131,11 +131,12 @@ class DelayProfile:
         """Where the slope of T may jump: the times of the trace, in s."""
         return self._times[1:-1]
 
-    def CheckContinuous(self, least: float) -> None:
+    def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
         """Checks that a signal can be delayed by T continuously and in order.
 
         Args:
             least: Least delay in s that is allowed.
+            trace_name: What to call the trace in a message.
 
         Raises:
             ValueError: If T might be less, or rise as fast as time goes by.
@@ -144,11 +145,16 @@ class DelayProfile:
             self._RefuseMinimum(f"less than {least:g} s")
         if self._max_slope >= 1:
             name = max(self._slopes, key=lambda key: self._slopes[key])
-            value = {"drift": self._drift, "sinusoid.amplitude": self._amplitude}
+            value = {
+                "drift": self._drift,
+                "sinusoid.amplitude": self._amplitude,
+                "trace": trace_name,
+            }
             Refuse(
                 name,
-                value.get(name, "this"),
-                f"such that dT/dt, up to {self._max_slope:.6g}, is less than 1",
+                value[name],
+                f"such that dT/dt, up to {self._max_slope:.6g}, is less than 1; where "
+                "packets overtake each other, kind must be network",
             )
 
     def __call__(self, t: float) -> float:

@@ -266,6 +266,9 @@ class NetworkChannelConfig(VaryingDelayConfig):
 
     # Time between packets, s, > 0.
     sample_period: float = REQUIRED
+    # Whether entry k of the trace is that of packet k, whatever its time; a column of
+    # times may be missing then.
+    trace_is_numbered: bool = False
     jitter: Jitter = field(default_factory=Jitter)
     loss: Loss = field(default_factory=Loss)
     receiver: Receiver = field(default_factory=Receiver)
@@ -299,11 +302,13 @@ class NetworkChannelConfig(VaryingDelayConfig):
         Raises:
             ScenarioError: If a field is not allowed.
         """
-        profile = self.Profile(duration, path)
+        CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)
+        trace = self.MeasuredDelays(duration, path)
+        profile = self.ProfileOf(trace, duration, path)
         with Within(path):
-            CheckNumber("sample_period", self.sample_period, "s", above=0)
             return PacketNetwork(
                 profile=profile,
+                is_lost=None if trace is None else trace.IsLost,
                 sample_period=self.sample_period,
                 jitter=self.jitter,
                 loss=self.loss,
@@ -336,6 +341,10 @@ class NetworkChannelConfig(VaryingDelayConfig):
             size=size,
             initial_value=initial_value,
         )
+
+    def EntryPeriod(self) -> float | None:
+        """Returns the sample period in s if the trace's entries are the packets."""
+        return self.sample_period if self.trace_is_numbered else None
 
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""

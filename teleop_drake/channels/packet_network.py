@@ -11,6 +11,7 @@ and what is allowed.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -103,6 +104,8 @@ class PacketNetwork:
         sample_period: h in s, > 0 and at most the duration of the profile.
         jitter: The random part of the delay.
         loss: Which packets never arrive.
+        is_lost: Whether, beside these, a packet never arrives that is sent at a time
+            (s); None: no such packet.
         seed: >= 0. The same seed and stream give the same packets.
         stream: Name of the channel. Other names make independent networks.
 
@@ -117,10 +120,12 @@ class PacketNetwork:
         sample_period: float,
         jitter: Jitter | None = None,
         loss: Loss | None = None,
+        is_lost: Callable[[float], bool] | None = None,
         seed: int = 0,
         stream: str = "",
     ):
         self._profile = profile
+        self._is_lost = is_lost or (lambda sent: False)
         self._jitter = jitter or Jitter()
         self._loss = loss or Loss()
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
@@ -276,7 +281,7 @@ class PacketNetwork:
         end = self._profile.duration * (1 + SNAP)
         for i in range(_BLOCK):
             sent = (block * _BLOCK + i) * self._period
-            if is_lost[i] or sent > end:
+            if sent > end or is_lost[i] or self._is_lost(sent):
                 arrivals.append(math.nan if sent > end else math.inf)
                 continue
             arrival = sent + max(self._profile(sent) + jitter[i], 0.0)

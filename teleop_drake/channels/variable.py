@@ -11,7 +11,7 @@ from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
 from teleop_drake.kernel import Delay, Kernel
-from teleop_drake.validation import Within
+from teleop_drake.validation import Refuse, Within
 
 # Keys are multiples of this, in s, so that the two sides of a jump have equal ones
 # although t - T(t) is rounded. Exact for times up to some hours.
@@ -151,9 +151,17 @@ class VariableChannelConfig(VaryingDelayConfig):
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         super().Check(path, duration)
-        profile = self.Profile(duration, path)
+        trace = self.MeasuredDelays(duration, path)
+        if trace is not None and trace.is_lost.any():
+            Refuse(
+                f"{path}.trace",
+                self.trace,
+                f"without losses, and has {int(trace.is_lost.sum())}; where packets "
+                "are lost, kind must be network",
+            )
+        profile = self.ProfileOf(trace, duration, path)
         with Within(path):
-            profile.CheckContinuous(SHORTEST_TIME)
+            profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 
     def MakeChannel(
         self,

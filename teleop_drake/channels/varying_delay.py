@@ -5,8 +5,8 @@ from typing import ClassVar
 
 from teleop_drake.channels.base import ChannelConfig
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
-from teleop_drake.channels.trace import ReadTrace
-from teleop_drake.validation import Refuse, Within
+from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
+from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, Within
 
 
 @dataclass(kw_only=True, eq=False)
@@ -18,10 +18,62 @@ class VaryingDelayConfig(ChannelConfig):
     # Growth of the delay, s/s.
     drift: float = 0.0
     sinusoid: Sinusoid = field(default_factory=Sinusoid)
-    # A CSV file with the columns time and delay, both in s, which is added. It covers
-    # the duration and is interpolated linearly; null: none. In a scenario file the path
-    # is relative to that file.
+    # A file with measured delays, which are added: CSV with the columns time and
+    # delay, or what ping printed; see channels.trace. It is interpolated linearly;
+    # null: none. In a scenario file the path is relative to that file.
     trace: str | None = None
+    # Unit of its delays, one of UNITS: s, ms, us; null: what the file says, else s.
+    trace_unit: str | None = None
+    # Names of its columns of time and delay; null: two columns, or those with such
+    # names.
+    trace_columns: list[str] | None = None
+    # What the delays are multiplied by, > 0: 0.5 makes half of a round trip.
+    trace_factor: float = 1.0
+    # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
+    trace_end: str = "refuse"
+
+    def EntryPeriod(self) -> float | None:
+        """Returns the time in s between entries of the trace that have none.
+
+        None: the file says when they were taken.
+        """
+        return None
+
+    def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
+        """Reads the trace, if there is one.
+
+        Args:
+            duration: Until when it is needed, s.
+            path: The channel's field in a scenario, for messages.
+
+        Raises:
+            ScenarioError: If a field or the file is not allowed.
+        """
+        if self.trace_unit is not None:
+            CheckChoice(f"{path}.trace_unit", self.trace_unit, UNITS)
+        CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
+        CheckNumber(f"{path}.trace_factor", self.trace_factor, above=0)
+        if self.trace is None:
+            return None
+        read = ReadTrace(
+            f"{path}.trace",
+            self.trace,
+            unit=self.trace_unit,
+            columns=self.trace_columns,
+            sample_period=self.EntryPeriod(),
+        )
+        with Within(path):
+            trace = read.Until(duration, self.trace_end)
+        if trace.times[-1] < duration:
+            Refuse(
+                f"{path}.trace",
+                self.trace,
+                f"at least as long as the duration, {duration:g} s, not "
+                f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
+                "repeat",
+            )
+        delays = trace.delays * self.trace_factor
+        return Trace(trace.times, delays, trace.is_lost)
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
         """Returns how the delay varies with time, jitter apart; reads the trace.
@@ -33,22 +85,27 @@ class VaryingDelayConfig(ChannelConfig):
         Raises:
             ScenarioError: If a field is not allowed.
         """
-        trace = None
-        if self.trace is not None:
-            times, _ = trace = ReadTrace(f"{path}.trace", self.trace)
-            if times[-1] - times[0] < duration:
-                Refuse(
-                    f"{path}.trace",
-                    self.trace,
-                    f"at least as long as the duration, {duration:g} s, not "
-                    f"{times[-1] - times[0]:g} s",
-                )
+        return self.ProfileOf(self.MeasuredDelays(duration, path), duration, path)
+
+    def ProfileOf(
+        self, trace: Trace | None, duration: float, path: str
+    ) -> DelayProfile:
+        """Returns the same with a trace that has been read.
+
+        Args:
+            trace: What MeasuredDelays() returned.
+            duration: Until when, in s.
+            path: The channel's field in a scenario, for messages.
+
+        Raises:
+            ScenarioError: If a field is not allowed.
+        """
         with Within(path):
             return DelayProfile(
                 delay=self.delay,
                 drift=self.drift,
                 sinusoid=self.sinusoid,
-                trace=trace,
+                trace=None if trace is None else (trace.times, trace.delays),
                 duration=duration,
             )
 

@@ -205,6 +205,10 @@ def ParseOverrides(
     return pairs
 
 
+class _Given(dict[Any, Any]):
+    """A mapping that an override put into a tree: not all of its keys are there."""
+
+
 def GetPath(tree: Any, dotted: str) -> Any:
     """Returns one value in a tree of dicts and lists.
 
@@ -241,14 +245,17 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
     for part in dotted.split("."):
         if keys:
             tree = tree[keys[-1]]
-        # The kind decides which keys a mapping has, and FromTree() checks them.
-        is_open |= isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
+        # The kind decides which keys a mapping has, and FromTree() checks them. What
+        # an override leaves out of a mapping has its default, and may be set as well.
+        is_open |= isinstance(tree, _Given) or (
+            isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
+        )
         if is_open and isinstance(tree, dict):
             keys.append(part)
             tree.setdefault(part, {})
         else:
             keys.append(_FindKey(tree, part, shown))
-    tree[keys[-1]] = value
+    tree[keys[-1]] = _Given(value) if isinstance(value, dict) else value
     return ".".join(map(str, keys))
 
 

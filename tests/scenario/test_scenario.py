@@ -905,3 +905,11 @@ def test_validated_again_after_each_edit():
     scenario.surgeon.velocity = [True]
     with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
         scenario.Validate()
+
+
+def test_what_an_override_leaves_out_of_a_mapping_can_be_set_too():
+    overrides = ["forward_channel={delay: 0.2}", "forward_channel.seed=3"]
+    channel = dut.LoadScenario("one_dof", overrides).forward_channel
+    assert (channel.delay, channel.seed) == (0.2, 3)
+    with pytest.raises(dut.ScenarioError, match="unknown key 'sed'"):
+        dut.LoadScenario("one_dof", [overrides[0], "forward_channel.sed=3"])
