@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
+    from pydrake.geometry import Meshcat
 
 
 class UnknownSignal(KeyError):
@@ -34,6 +35,10 @@ class UnknownSignal(KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+FORMAT = 1
+"""Of the files that Recording.Save() writes."""
 
 
 def _FromAbove(place: str) -> Any:
@@ -173,6 +178,17 @@ class Recording:
         figure: Figure = _FromAbove("figures.runs:PlotRun")(self, **options)
         return figure
 
+    def Animate(self, meshcat: "Meshcat | None" = None) -> Any:
+        """Plays the run in three dimensions; see figures.scene.MakeReplay.
+
+        Args:
+            meshcat: Where it is played; None: only in what is returned.
+
+        Returns:
+            A Replay: a page that plays it, which a notebook shows and Save() writes.
+        """
+        return _FromAbove("figures.scene:MakeReplay")(self, meshcat)
+
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns the signals as a table, which needs pandas (the extra `data`).
 
@@ -284,6 +300,7 @@ class Recording:
             OSError: If the file cannot be written.
         """
         description = {
+            "format": FORMAT,
             "scenario": ScenarioToYaml(self.scenario),
             "events": [asdict(event) for event in self.events],
             "surfaces": [surface.ToRecord() for surface in self.surfaces],
@@ -322,30 +339,52 @@ def LoadRecording(path: str | Path) -> Recording:
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If it is not a recording.
+        ValueError: If it is not a recording, or one of another version. The message is
+            one line.
     """
-    with np.load(path, allow_pickle=False) as data:
-        if "description" not in data:
-            raise ValueError(f"{path}: not a recording of teleop-drake")
-        description = json.loads(str(data["description"]))
-        return Recording(
-            scenario=ScenarioFromYaml(description["scenario"]),
-            time=data["time"],
-            signals={
-                name.removeprefix("signal."): data[name]
-                for name in data.files
-                if name.startswith("signal.")
-            },
-            events=[Event(**event) for event in description["events"]],
-            solver=SolverStatistics(**description["solver"]),
-            surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
-            channels={
-                name: PacketStatistics(**statistics)
-                for name, statistics in description["channels"].items()
-            },
-            termination=description["termination"],
-            reason=description["reason"],
-            notes=description["notes"],
-            # Recordings of the first version know of no other operator.
-            has_constant_command=description.get("has_constant_command", True),
-        )
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = dict(data)
+        description = json.loads(str(arrays.pop("description")))
+        found = description.get("format", FORMAT)
+    except OSError:
+        raise
+    except Exception:  # zipfile, zlib, numpy and json have errors of many kinds.
+        raise ValueError(f"{path}: must be a recording of teleop-drake") from None
+    try:
+        if found != FORMAT:
+            raise ValueError(f"it has format {found}")
+        return _FromDescription(description, arrays)
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
+        lacks = f"it has no {e}" if isinstance(e, KeyError) else e
+        raise ValueError(
+            f"{path}: must be a recording of format {FORMAT}, as this version of "
+            f"teleop-drake writes it ({lacks})"
+        ) from None
+
+
+def _FromDescription(
+    description: dict[str, Any], arrays: dict[str, np.ndarray]
+) -> Recording:
+    """Returns the recording whose description and arrays a file has."""
+    return Recording(
+        scenario=ScenarioFromYaml(description["scenario"]),
+        time=arrays["time"],
+        signals={
+            name.removeprefix("signal."): samples
+            for name, samples in arrays.items()
+            if name.startswith("signal.")
+        },
+        events=[Event(**event) for event in description["events"]],
+        solver=SolverStatistics(**description["solver"]),
+        surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
+        channels={
+            name: PacketStatistics(**statistics)
+            for name, statistics in description["channels"].items()
+        },
+        termination=description["termination"],
+        reason=description["reason"],
+        notes=description["notes"],
+        # Recordings of the first version know of no other operator.
+        has_constant_command=description.get("has_constant_command", True),
+    )

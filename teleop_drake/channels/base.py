@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
 from teleop_drake.kinds import KindConfig
@@ -128,3 +130,20 @@ class ChannelConfig(KindConfig, ABC):
             ScenarioError: If the channel is no delay.
         """
         return ConstantDelay(delay=self.delay)
+
+    def Arrivals(
+        self, sent: ArrayLike, duration: float, stream: str = ""
+    ) -> NDArray[np.float64]:
+        """Returns when what is sent at given times arrives, s; lost: infinity.
+
+        Here a delay that is constant, which pictures of a channel of one's own show.
+
+        Args:
+            sent: Times in s, 0 to `duration` (N,).
+            duration: How long the simulation lasts, s.
+            stream: Name of the random numbers, as in MakeChannel.
+
+        Raises:
+            ScenarioError: If a field is not allowed.
+        """
+        return np.asarray(sent, dtype=float) + self.delay

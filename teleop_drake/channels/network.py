@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
@@ -349,6 +351,24 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""
         return self.sample_period
+
+    def Arrivals(
+        self, sent: ArrayLike, duration: float, stream: str = ""
+    ) -> NDArray[np.float64]:
+        """Returns when the packets sent nearest to given times arrive; lost: infinity.
+
+        Args:
+            sent: Times in s, 0 to `duration` (N,).
+            duration: How long packets are sent, s.
+            stream: Name of the random numbers, as in MakeChannel.
+
+        Raises:
+            ScenarioError: If a field is not allowed.
+        """
+        network = self.Network(duration, stream=stream)
+        last = math.floor(duration / self.sample_period)
+        numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
+        return np.array([network.Arrival(int(k)) for k in np.minimum(numbers, last)])
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
         """Returns the mean age of information behind the receiver.

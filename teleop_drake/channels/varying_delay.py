@@ -3,10 +3,16 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from teleop_drake.channels.base import ChannelConfig
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, Within
+
+# Times between which the delay is taken to vary linearly where arrivals are asked for.
+_NUM_TIMES = 2000
 
 
 @dataclass(kw_only=True, eq=False)
@@ -116,3 +122,27 @@ class VaryingDelayConfig(ChannelConfig):
             duration: How long the simulation lasts, s.
         """
         return self.Profile(duration).max_slope
+
+    def Arrivals(
+        self, sent: ArrayLike, duration: float, stream: str = ""
+    ) -> NDArray[np.float64]:
+        """Returns when what is sent at given times arrives in s, jitter apart.
+
+        What arrives at t was sent at t - T(t). What arrives after the end is taken to
+        be delayed as at the end.
+
+        Args:
+            sent: Times in s, 0 to `duration` (N,).
+            duration: How long the simulation lasts, s.
+            stream: Without effect.
+
+        Raises:
+            ScenarioError: If a field is not allowed.
+        """
+        profile = self.Profile(duration)
+        sent = np.asarray(sent, dtype=float)
+        times = np.linspace(0.0, duration, _NUM_TIMES)
+        left = np.array([t - profile(t) for t in times])
+        return np.where(
+            sent <= left[-1], np.interp(sent, left, times), sent + profile(duration)
+        )

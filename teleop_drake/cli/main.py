@@ -112,6 +112,7 @@ _COMMANDS = {
     "sweep": "Simulate a scenario for many delays, controllers and other values.",
     "analyze": "Find the delays at which the loop is stable, and why it fails at "
     "others.",
+    "replay": "Show a run, or several, in 3-D: in the browser, or as a page.",
     "diagram": "Draw the block diagram of a scenario.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",

@@ -74,6 +74,40 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
+def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
+    """Adds --html.
+
+    Args:
+        parser: The parser of the command.
+    """
+    parser.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write a page that plays the robot in 3-D, as `teleop-drake replay` does",
+    )
+
+
+def ControllersOf(controllers: str) -> list[str]:
+    """Returns the names that --controllers has.
+
+    Args:
+        controllers: Names with commas in between, or `all`.
+
+    Raises:
+        BadInput: If a name stands there twice.
+    """
+    from teleop_drake.scenario import ARCHITECTURES
+
+    if controllers == "all":
+        return list(ARCHITECTURES)
+    names = [name.strip() for name in controllers.split(",")]
+    if len(set(names)) < len(names):
+        raise BadInput(
+            f"--controllers = {controllers!r}: must be different controllers"
+        )
+    return names
+
+
 def AddEngineOption(parser: argparse.ArgumentParser, default: str = "drake") -> None:
     """Adds --engine.
 

@@ -42,6 +42,20 @@ def CheckJson(file: str | None) -> None:
         _CheckWritable(Path(file), f"--json = {file!r}")
 
 
+def CheckHtml(file: str | None, option: str = "--html") -> None:
+    """Refuses a page that cannot be written, or is none by its name; None is good.
+
+    Args:
+        file: Where to.
+        option: What it was given as.
+    """
+    if file is None:
+        return
+    if Path(file).suffix not in (".html", ".htm") and not IsDevice(Path(file)):
+        raise BadInput(f"{option} = {file!r}: must end in .html")
+    _CheckWritable(Path(file), f"{option} = {file!r}")
+
+
 def _CheckWritable(path: Path, option: str) -> None:
     """Refuses a path at which no file can be written, by trying."""
     try:

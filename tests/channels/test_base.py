@@ -28,6 +28,10 @@ def test_nothing_is_asked_of_the_solver():
     assert wire.AsConstantDelay("forward_channel", 1.0) == ConstantDelay(delay=0.3)
 
 
+def test_what_is_sent_arrives_a_delay_later():
+    assert Wire(delay=0.3).Arrivals([0.0, 1.5], 2.0).tolist() == [0.3, 1.8]
+
+
 def test_it_has_to_make_a_block():
     with pytest.raises(TypeError, match="abstract"):
         ChannelConfig()

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from teleop_drake.channels.network import NetworkDelay
@@ -94,3 +95,20 @@ def test_loss_makes_older():
 def test_refuses(channel, message):
     with pytest.raises(ScenarioError, match=message):
         Delay(sample_period=0.01, **channel)
+
+
+def test_arrivals_are_those_of_the_packets():
+    """Of those that are sent nearest to a time; what is lost never arrives."""
+    channel = Channel(
+        sample_period=0.02,
+        jitter={"kind": "uniform", "std": 0.01},
+        loss={"kind": "independent", "probability": 0.3},
+    )
+    network = channel.Network(DURATION, stream="return_channel")
+    numbers = [0, 3, 500, 999]
+    arrivals = channel.Arrivals(
+        [k * 0.02 + 0.004 for k in numbers], DURATION, "return_channel"
+    )
+    assert arrivals.tolist() == [network.Arrival(k) for k in numbers]
+    many = channel.Arrivals([k * 0.02 for k in range(900)], DURATION)
+    assert 0.2 < np.isinf(many).mean() < 0.4

@@ -30,3 +30,15 @@ def test_the_profile_is_that_of_the_fields(kind, tmp_path):
     channel.sinusoid.amplitude = 0.5
     with pytest.raises(ScenarioError, match=r"^return_channel.delay = 0.2: must be"):
         channel.Profile(3.0, "return_channel")
+
+
+def test_what_arrives_was_sent_a_delay_before():
+    """t - T(t) of the arrivals t are the times of sending."""
+    channel = VariableChannelConfig(delay=0.2)
+    channel.sinusoid = Sinusoid(amplitude=0.05, frequency=2.0, phase=1.0)
+    sent = [0.0, 0.7, 1.1, 2.5]
+    arrivals = channel.Arrivals(sent, 3.0)
+    T = channel.Profile(3.0)
+    assert [t - T(t) for t in arrivals] == pytest.approx(sent, abs=1e-6)
+    # After the end the delay stays as it is.
+    assert channel.Arrivals([3.0], 3.0) == pytest.approx(3.0 + T(3.0))

@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.options import (
     AddEngineOption,
+    AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
+    ControllersOf,
     Load,
     LoadToRun,
     OverridesOf,
 )
-from teleop_drake.cli.output import CheckJson, PrepareFolder, WriteJson
+from teleop_drake.cli.output import CheckHtml, CheckJson, PrepareFolder, WriteJson
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import NO_INTERVALS, Headline, SeedsTable, Table
 
@@ -37,6 +39,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "medians, shares and differences with intervals",
     )
     AddEngineOption(parser)
+    AddHtmlOption(parser)
     AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
@@ -48,7 +51,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario with each controller and puts them side by side."""
-    from teleop_drake.scenario import ARCHITECTURES
     from teleop_drake.tasks import TaskOf
 
     controllers = list(TaskOf(Load(args)).controllers)
@@ -57,21 +59,18 @@ def Execute(args: argparse.Namespace) -> int:
             f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
             "controllers; tracking has one only"
         )
-    if args.controllers == "all":
-        controllers = list(ARCHITECTURES)
-    elif args.controllers is not None:
-        controllers = [name.strip() for name in args.controllers.split(",")]
-        if len(set(controllers)) < len(controllers):
-            raise BadInput(
-                f"--controllers = {args.controllers!r}: must be different controllers"
-            )
+    if args.controllers is not None:
+        controllers = ControllersOf(args.controllers)
     if args.seeds is not None:
+        if args.html is not None:
+            raise BadInput(f"--html = {args.html!r}: must be left out with --seeds")
         return _CompareOverSeeds(args, controllers)
     scenarios = {
         kind: LoadToRun(args, f"controller.kind={kind}") for kind in controllers
     }
     name = scenarios[controllers[0]].name
     CheckJson(args.json)
+    CheckHtml(args.html)
     figure_path, *recording_paths = PrepareFolder(
         args.out, f"{name}_comparison.png", *(f"{name}_{k}.npz" for k in controllers)
     )
@@ -87,6 +86,11 @@ def Execute(args: argparse.Namespace) -> int:
             break
     records = {kind: RunSummary(recording) for kind, recording in recordings.items()}
     SaveFigure(PlotComparison(recordings), figure_path)
+    if args.html is not None:
+        from teleop_drake.figures.scene import MakeReplay
+
+        names = {kind.replace("_", " "): x for kind, x in recordings.items()}
+        MakeReplay(names).Save(args.html)
     if args.json is not None:
         WriteJson(args.json, list(records.values()))
     if args.json != "-":
@@ -94,6 +98,7 @@ def Execute(args: argparse.Namespace) -> int:
             print(Headline(recording))
         print(Table(records))
         written = [figure_path, *recording_paths[: len(recordings)]]
+        written += [args.html] if args.html is not None else []
         print("Written:", ", ".join(map(str, written)))
     is_interrupted = recordings[kind].termination == "interrupted"
     return INTERRUPTED if is_interrupted else 0

@@ -5,11 +5,13 @@ import argparse
 from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.options import (
     AddEngineOption,
+    AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
     LoadToRun,
 )
 from teleop_drake.cli.output import (
+    CheckHtml,
     CheckJson,
     PrepareFolder,
     ToJson,
@@ -24,6 +26,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     AddScenarioOptions(parser)
     AddEngineOption(parser)
+    AddHtmlOption(parser)
     AddRunOptions(
         parser,
         json_help="write the metrics as JSON; `-`: to stdout, and nothing else there",
@@ -37,6 +40,7 @@ def Execute(args: argparse.Namespace) -> int:
     scenario = LoadToRun(args)
     stem = f"{scenario.name}_{scenario.controller.kind}"
     CheckJson(args.json)
+    CheckHtml(args.html)
     recording_path, figure_path, summary_path = PrepareFolder(
         args.out, f"{stem}.npz", f"{stem}.png", f"{stem}.json"
     )
@@ -45,17 +49,22 @@ def Execute(args: argparse.Namespace) -> int:
 
     recording = Simulate(scenario, args.quiet, args.engine)
     record = RunSummary(recording)
+    written = []
     if args.out is not None:
         from teleop_drake.figures.runs import PlotRun, SaveFigure
 
         recording.Save(recording_path)
         SaveFigure(PlotRun(recording), figure_path)
         WriteText(summary_path, ToJson(record))
+        written = [recording_path, figure_path, summary_path]
+    if args.html is not None:
+        recording.Animate().Save(args.html)
+        written.append(args.html)
     if args.json is not None:
         WriteJson(args.json, record)
     if args.json != "-":
         print(Headline(recording))
         print(Table({record["controller"]: record}))
-        if args.out is not None:
-            print(f"Written: {recording_path}, {figure_path}, {summary_path}")
+        if written:
+            print("Written:", ", ".join(map(str, written)))
     return INTERRUPTED if recording.termination == "interrupted" else 0

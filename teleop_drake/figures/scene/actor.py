@@ -154,11 +154,11 @@ class Actor:
     def _AddCommand(self) -> None:
         """Adds a thin upright bar, on both floors at once."""
         stage = self._stage
-        height = np.linalg.norm(stage.hand) * (1.3 if self._has_operator else 0.4)
+        height = np.linalg.norm(stage.hand) + 0.06 * stage.width
         path = self._Add(
             "command/bar", Cylinder(_COMMAND * stage.width, height), COMMAND_COLOR
         )
-        middle = stage.hand / 2 if self._has_operator else np.zeros(3)
+        middle = stage.hand / 2
         self._meshcat.SetTransform(path, AlongZ(middle, stage.up))
 
     def Draw(self, pen: Pen, moment: Moment) -> None:

@@ -1,9 +1,10 @@
 """What the scene is drawn with: now, or at an instant of an animation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat, MeshcatAnimation
 from pydrake.math import RigidTransform
 
@@ -12,28 +13,19 @@ Array = NDArray[np.float64]
 FRAMES_PER_SECOND = 1000
 """Of animations. Most frames are empty: what is in between is interpolated."""
 
+# Largest error of that, as a share of the range of what moves.
+_TOLERANCE = 5e-4
+
 
 class Pen:
-    """Moves what is in Meshcat, at once or in an animation.
+    """Moves what is in Meshcat at once.
 
     Args:
         meshcat: Where everything stands.
-        animation: What is written down instead of moving anything; None: nothing.
     """
 
-    def __init__(self, meshcat: Meshcat, animation: MeshcatAnimation | None = None):
+    def __init__(self, meshcat: Meshcat):
         self._meshcat = meshcat
-        self._animation = animation
-        self.frame = 0
-
-    def At(self, time: float) -> "Pen":
-        """Chooses the instant in s of what follows, in an animation.
-
-        Args:
-            time: From 0 on.
-        """
-        self.frame = round(time * FRAMES_PER_SECOND)
-        return self
 
     def Place(self, path: str, X: RigidTransform) -> None:
         """Gives an object its pose.
@@ -42,10 +34,7 @@ class Pen:
             path: Of the object.
             X: Pose in that of its parent.
         """
-        if self._animation is None:
-            self._meshcat.SetTransform(path, X)
-        else:
-            self._animation.SetTransform(self.frame, path, X)
+        self._meshcat.SetTransform(path, X)
 
     def Move(self, path: str, p: Array) -> None:
         """Moves an object without turning it.
@@ -54,7 +43,7 @@ class Pen:
             path: Of the object.
             p: Position in its parent (3), m.
         """
-        self._SetVector(path, "position", p.tolist())
+        self._meshcat.SetProperty(path, "position", p.tolist())
 
     def Scale(self, path: str, factors: Sequence[float]) -> None:
         """Stretches an object along its own axes.
@@ -63,13 +52,7 @@ class Pen:
             path: Of the object.
             factors: Not zero (3).
         """
-        self._SetVector(path, "scale", list(factors))
-
-    def _SetVector(self, path: str, name: str, value: list[float]) -> None:
-        if self._animation is None:
-            self._meshcat.SetProperty(path, name, value)
-        else:
-            self._animation.SetProperty(self.frame, path, name, value)
+        self._meshcat.SetProperty(path, "scale", list(factors))
 
     def Show(self, path: str, is_shown: bool) -> None:
         """Shows or hides an object.
@@ -78,7 +61,110 @@ class Pen:
             path: Of the object.
             is_shown: Whether it is seen from now on.
         """
-        if self._animation is None:
-            self._meshcat.SetProperty(path, "visible", is_shown)
-        else:
-            self._animation.SetProperty(self.frame, path, "visible", is_shown)
+        self._meshcat.SetProperty(path, "visible", is_shown)
+
+
+class AnimationPen(Pen):
+    """Writes down where everything is when, and makes an animation of it.
+
+    What the interpolation between other frames tells as well is left out.
+    """
+
+    def __init__(self) -> None:
+        self._frame = 0
+        # By path and property: the values of the frames.
+        self._tracks: dict[tuple[str, str], dict[int, list[float]]] = {}
+        self._shown: dict[str, dict[int, bool]] = {}
+
+    def At(self, time: float) -> "AnimationPen":
+        """Chooses the instant of what follows.
+
+        Args:
+            time: In s, from 0 on.
+        """
+        self._frame = round(time * FRAMES_PER_SECOND)
+        return self
+
+    def Place(self, path: str, X: RigidTransform) -> None:
+        """Gives an object its pose; see Pen."""
+        q = X.rotation().ToQuaternion().wxyz()
+        track = self._Track(path, "pose")
+        if track:
+            # q and -q are the same rotation; half way between them is none.
+            q = q if q @ next(reversed(track.values()))[3:] >= 0 else -q
+        track[self._frame] = [*X.translation(), *q]
+
+    def Move(self, path: str, p: Array) -> None:
+        """Moves an object without turning it; see Pen."""
+        self._Track(path, "position")[self._frame] = p.tolist()
+
+    def Scale(self, path: str, factors: Sequence[float]) -> None:
+        """Stretches an object along its own axes; see Pen."""
+        self._Track(path, "scale")[self._frame] = list(factors)
+
+    def Show(self, path: str, is_shown: bool) -> None:
+        """Shows or hides an object; see Pen."""
+        self._shown.setdefault(path, {})[self._frame] = is_shown
+
+    def _Track(self, path: str, name: str) -> dict[int, list[float]]:
+        return self._tracks.setdefault((path, name), {})
+
+    def MakeAnimation(self) -> MeshcatAnimation:
+        """Returns what was written down."""
+        animation = MeshcatAnimation(frames_per_second=FRAMES_PER_SECOND)
+        for (path, name), track in self._tracks.items():
+            frames = np.array(sorted(track))
+            values = np.array([track[frame] for frame in frames])
+            write = _WriterOf(animation, path, name)
+            for i in NeededFrames(frames, values):
+                write(int(frames[i]), values[i].tolist())
+        for path, shown in self._shown.items():
+            for frame in sorted(shown):
+                animation.SetProperty(frame, path, "visible", shown[frame])
+        return animation
+
+
+def _WriterOf(
+    animation: MeshcatAnimation, path: str, name: str
+) -> Callable[[int, list[float]], None]:
+    """Returns what writes a value into a frame."""
+
+    def WritePose(frame: int, value: list[float]) -> None:
+        rotation = np.array(value[3:]) / np.linalg.norm(value[3:])
+        X = RigidTransform(Quaternion(wxyz=rotation), value[:3])
+        animation.SetTransform(frame, path, X)
+
+    def WriteVector(frame: int, value: list[float]) -> None:
+        animation.SetProperty(frame, path, name, value)
+
+    return WritePose if name == "pose" else WriteVector
+
+
+def NeededFrames(frames: Array, values: Array) -> list[int]:
+    """Returns which samples a linear interpolation needs to tell all others.
+
+    By Douglas' and Peucker's algorithm: the sample that is farthest from the line
+    between two others is needed, until none is far from it.
+
+    Args:
+        frames: Ascending (N,).
+        values: (N, k).
+    """
+    ranges = np.ptp(values, axis=0)
+    tolerance = _TOLERANCE * max(float(ranges.max()), 1e-12)
+    needed = {0, len(frames) - 1}
+    open_spans = [(0, len(frames) - 1)]
+    while open_spans:
+        first, last = open_spans.pop()
+        if last - first < 2:
+            continue
+        inner = slice(first + 1, last)
+        share = (frames[inner] - frames[first]) / (frames[last] - frames[first])
+        line = values[first] + share[:, np.newaxis] * (values[last] - values[first])
+        errors = np.abs(values[inner] - line).max(axis=1)
+        worst = int(errors.argmax())
+        if errors[worst] > tolerance:
+            middle = first + 1 + worst
+            needed.add(middle)
+            open_spans += [(first, middle), (middle, last)]
+    return sorted(needed)

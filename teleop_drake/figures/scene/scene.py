@@ -110,7 +110,12 @@ class Scene:
             surfaces = SurfacesOfScenario(scenario)
         start = np.array(scenario.robot.start, dtype=float)
         self._start = start
-        stage = MakeStage(visuals, surfaces, _Reach(scenario, start))
+        stage = MakeStage(
+            visuals,
+            surfaces,
+            _Reach(scenario, start),
+            has_operator=self._has_operator,
+        )
         SetUpView(meshcat, stage)
         DrawSlabs(meshcat, f"{SCENE}/environment", stage, visuals, surfaces)
         self._actor = Actor(

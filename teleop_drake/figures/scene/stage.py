@@ -34,6 +34,9 @@ _BEFORE, _BEHIND = 0.25, 0.3
 # the tool and the hand.
 _HALF_DEPTH, _OVERLAP = 0.13, 0.07
 
+# Least width of what the tool does, as a share of its distance from the robot's base.
+_LEAST_SHARE = 0.2
+
 _FIELD_OF_VIEW = 30.0  # degrees
 
 # Materials, from nothing to the hardest one: colour and opacity.
@@ -52,6 +55,7 @@ class Stage:
         up: Unit vector from the tool to the hand (3); upwards in the picture.
         width: Of what is shown along `forward`, m.
         num_runs: Number of runs, one below the other.
+        hand_height: Of the hand above the tool, as a share of the width.
     """
 
     centre: Array
@@ -59,11 +63,12 @@ class Stage:
     up: Array
     width: float
     num_runs: int = 1
+    hand_height: float = _HAND
 
     @property
     def hand(self) -> Array:
         """From the tool to the hand that feels it (3), m."""
-        return self.up * (_HAND * self.width)
+        return self.up * (self.hand_height * self.width)
 
     @property
     def backward(self) -> Array:
@@ -94,6 +99,7 @@ def MakeStage(
     positions: Array,
     *,
     num_runs: int = 1,
+    has_operator: bool = True,
 ) -> Stage:
     """Returns a stage on which a task is seen.
 
@@ -102,27 +108,38 @@ def MakeStage(
         surfaces: Of the environment.
         positions: Where the tool is sometime, at least at the start (N, n), m.
         num_runs: Number of runs, one below the other.
+        has_operator: Whether there is a hand above the tool.
     """
     forward, finite = _Forward(visuals, surfaces, positions)
     up = np.eye(3)[2 if abs(forward[2]) < 0.7 else 0]
     up = up - forward * (up @ forward)
     up = up / np.linalg.norm(up)
-    start = visuals.InSpace(positions[0])
-    along = np.array([visuals.InSpace(p) @ forward for p in positions])
-    depths = [float(visuals.InSpace(x.point_W) @ forward) for x in finite]
-    # With surfaces the task reaches from the start to the last one, and some further
-    # where the tool does. How far a run went that left them all says little.
-    low, high = float(start @ forward), max([*depths, float(start @ forward)])
-    reach = (high - low) or max(float(np.ptp(along)), 1e-3)
-    limit = 0.5 * reach if depths else np.inf
-    high = max(high, min(float(along.max()), high + limit))
-    low = min(low, max(float(along.min()), low - limit))
-    reach = (high - low) or reach
-    width = reach * (1 + _BEFORE + _BEHIND)
-    centre = start + forward * (
-        low - start @ forward + reach * (0.5 + (_BEHIND - _BEFORE) / 2)
+    points = np.array([visuals.InSpace(p) for p in positions])
+    start, along = points[0], points @ forward
+    if finite:
+        # The task reaches from the start to the last surface, and some further where
+        # the tool does. How far a run went that left them all says little.
+        depths = [float(visuals.InSpace(x.point_W) @ forward) for x in finite]
+        low, high = min(along[0], *depths), max(along[0], *depths)
+        limit = 0.5 * (high - low)
+        low = max(min(low, float(along.min())), low - limit)
+        high = min(max(high, float(along.max())), high + limit)
+        middle = start + forward * ((low + high) / 2 - along[0])
+        reach = high - low
+    else:
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        reach = float(np.ptp(points, axis=0).max())
+    # Nothing is seen of a robot that is so much larger than what it does.
+    size = float(np.linalg.norm(start))
+    reach = max(reach, _LEAST_SHARE * size) or 1.0
+    return Stage(
+        centre=middle + forward * (reach * (_BEHIND - _BEFORE) / 2),
+        forward=forward,
+        up=up,
+        width=reach * (1 + _BEFORE + _BEHIND),
+        num_runs=num_runs,
+        hand_height=_HAND if has_operator else 0.0,
     )
-    return Stage(centre=centre, forward=forward, up=up, width=width, num_runs=num_runs)
 
 
 def _Forward(
@@ -156,13 +173,25 @@ def SetUpView(meshcat: Meshcat, stage: Stage) -> None:
     meshcat.SetCamera(
         Meshcat.PerspectiveCamera(fov=_FIELD_OF_VIEW, aspect=1.0, near=0.05, far=200.0)
     )
+    _SetLights(meshcat)
     # In the stage's axes: the first run's floors and those of the runs below it.
-    tall = (_HAND + 2 * _OVERLAP + _PITCH * (stage.num_runs - 1)) * _SHOWN_WIDTH
-    middle = (_HAND - _PITCH * (stage.num_runs - 1)) / 2 * _SHOWN_WIDTH
+    tall = (
+        stage.hand_height + 2 * _OVERLAP + _PITCH * (stage.num_runs - 1)
+    ) * _SHOWN_WIDTH
+    middle = (stage.hand_height - _PITCH * (stage.num_runs - 1)) / 2 * _SHOWN_WIDTH
     shown = max(tall, 0.62 * _SHOWN_WIDTH)
-    distance = 0.55 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
+    distance = 0.62 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
     target = np.array([0.0, 0.0, middle])
     meshcat.SetCameraPose(target + distance * np.array([0.12, -0.96, 0.26]), target)
+
+
+def _SetLights(meshcat: Meshcat) -> None:
+    """Lights the scene from behind the camera, without a lamp that stands in it."""
+    for name in ("PointLightNegativeX", "PointLightPositiveX"):
+        meshcat.SetProperty(f"/Lights/{name}/<object>", "intensity", 0.0)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.3)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 2.2)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-3.0, -8.0, 9.0])
 
 
 def DrawSlabs(
@@ -185,36 +214,66 @@ def DrawSlabs(
         visuals: Of the robot.
         surfaces: Of the environment.
     """
+    slabs = _Slabs(stage, visuals, surfaces)
+    known = [x.material for x, _, _ in slabs if x.material is not None]
+    hardest = max((material.stiffness for material in known), default=0.0)
+    for surface, low, high in slabs:
+        material = surface.material
+        is_empty = material is not None and not (material.stiffness or material.damping)
+        is_soft = material is not None and material.stiffness < hardest
+        colour = _EMPTY if is_empty else _SOFT if is_soft else _HARD
+        name = f"{path}/{surface.name}"
+        _DrawSlab(meshcat, name, stage, (low, high), colour)
+    for surface in surfaces:
+        normal = visuals.Direction(surface.normal_W)
+        if normal @ stage.forward <= 0.99 and np.isfinite(surface.point_W).all():
+            name = f"{path}/{surface.name}"
+            _DrawPlate(meshcat, name, stage, _Point(visuals, surface), normal)
+
+
+def SlabLabels(
+    stage: Stage, visuals: RobotVisuals, surfaces: Sequence[Surface]
+) -> dict[str, Array]:
+    """Returns where the name of each material stands (3), m: at the top of its slab.
+
+    Args:
+        stage: The stage.
+        visuals: Of the robot.
+        surfaces: Of the environment.
+    """
+    top = stage.up * ((stage.hand_height + _OVERLAP) * stage.width)
+    centre = stage.centre - stage.forward * (stage.centre @ stage.forward)
+    return {
+        surface.material.name if surface.material else surface.name: centre
+        + stage.forward * ((low + high) / 2)
+        + top
+        for surface, low, high in _Slabs(stage, visuals, surfaces)
+    }
+
+
+def _Slabs(
+    stage: Stage, visuals: RobotVisuals, surfaces: Sequence[Surface]
+) -> list[tuple[Surface, float, float]]:
+    """Returns the parallel surfaces that are seen, and from where to where they reach.
+
+    The last two are in m along the stage's direction forward.
+    """
     centre = float(stage.centre @ stage.forward)
     edges = (centre - stage.width / 2, centre + stage.width / 2)
     stacked = [
         x for x in surfaces if visuals.Direction(x.normal_W) @ stage.forward > 0.99
     ]
     begins = [float(_Point(visuals, x) @ stage.forward) for x in stacked]
-    hardest = max((x.material.stiffness for x in stacked if x.material), default=0.0)
-    for i, surface in enumerate(stacked):
-        low = max(begins[i], edges[0])
-        high = min([x for x in begins if x > begins[i]], default=edges[1])
+    slabs = []
+    for surface, begin in zip(stacked, begins, strict=True):
+        low = max(begin, edges[0])
+        high = min([x for x in begins if x > begin], default=edges[1])
         high = min(high, edges[1])
-        material = surface.material
-        if material is None:
+        if surface.material is None:
             high = low + 0.004 * stage.width
-        if high <= low:
-            continue
-        is_empty = material is not None and not (material.stiffness or material.damping)
-        is_hard = material is not None and material.stiffness == hardest
-        colour = _EMPTY if is_empty else _HARD if is_hard else _SOFT
-        _DrawSlab(meshcat, f"{path}/{i}_{surface.name}", stage, (low, high), colour)
-    for i, surface in enumerate(surfaces):
-        if surface not in stacked and np.isfinite(surface.point_W).all():
-            normal = visuals.Direction(surface.normal_W)
-            _DrawPlate(
-                meshcat,
-                f"{path}/{i}_{surface.name}",
-                stage,
-                _Point(visuals, surface),
-                normal,
-            )
+        if high > low:
+            slabs.append((surface, low, high))
+    return slabs
 
 
 def _Point(visuals: RobotVisuals, surface: Surface) -> Array:
@@ -231,10 +290,14 @@ def _DrawSlab(
     colour: tuple[str, float],
 ) -> None:
     low, high = limits
-    height = (_HAND + 2 * _OVERLAP) * stage.width
+    height = (stage.hand_height + 2 * _OVERLAP) * stage.width
     # In the stage's axes, which are forward, away from the camera, and up.
     middle = np.array(
-        [(low + high) / 2 - stage.centre @ stage.forward, 0, _HAND / 2 * stage.width]
+        [
+            (low + high) / 2 - stage.centre @ stage.forward,
+            0,
+            stage.hand_height / 2 * stage.width,
+        ]
     )
     box = Box(high - low, 2 * _HALF_DEPTH * stage.width, height)
     _DrawTranslucent(

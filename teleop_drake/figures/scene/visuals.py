@@ -16,7 +16,7 @@ from teleop_drake.robots.model_file import TellingShapes
 Array = NDArray[np.float64]
 
 # Radius of the sticks that stand for links without shapes, as a share of their lengths.
-_STICK = 0.05
+_STICK = 0.015
 
 # Steps to the joint positions of a ghost, and by how much they are damped, as a share
 # of how far the tool still has to go. Without damping they run to and fro where the arm

@@ -103,7 +103,7 @@ def test_every_simulation_is_seen(meshcat):
     assert notes.positions == {} or notes.positions[f"{SCENE}/run/hand"][0] == 0.0
     for part in ("robot/carriage", "ghost/carriage", "hand", "command", "beads/0"):
         assert meshcat.HasPath(f"{SCENE}/run/{part}")
-    for surface in ("0_tissue", "1_puncture", "2_contact"):
+    for surface in ("tissue", "puncture", "contact"):
         assert meshcat.HasPath(f"{SCENE}/environment/{surface}")
 
 

@@ -1,0 +1,144 @@
+"""The command `teleop-drake replay`."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.options import (
+    OVERRIDES,
+    AddEngineOption,
+    AddScenarioOptions,
+    ControllersOf,
+    LoadToRun,
+)
+from teleop_drake.cli.output import CheckHtml
+from teleop_drake.cli.progress import Simulate
+from teleop_drake.cli.server import PageServer, PortOf
+
+if TYPE_CHECKING:
+    from teleop_drake.recording import Recording
+
+_SUFFIX = ".npz"
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    AddScenarioOptions(parser)
+    parser.add_argument(
+        "more",
+        nargs="*",
+        metavar="FILE.npz",
+        help="recordings, as `run --out` and `compare` write them: instead of a "
+        "scenario, one below the other",
+    )
+    parser.add_argument(
+        "--controllers",
+        metavar="A,B,...",
+        help="simulate with each of these controllers and show them one below the "
+        "other; `all`: every architecture",
+    )
+    AddEngineOption(parser)
+    parser.add_argument(
+        "--out",
+        metavar="FILE.html",
+        help="write the page, which opens without a network (default: serve it)",
+    )
+    parser.add_argument(
+        "--port",
+        metavar="N",
+        help="serve the page there (default: the first free port from 7000 on)",
+    )
+    parser.add_argument(
+        "--host",
+        default="localhost",
+        metavar="ADDRESS",
+        help="serve it to whom this address reaches; 0.0.0.0: to the whole network "
+        "(default: localhost, to this machine)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Shows recordings, or simulates and shows what comes out."""
+    if args.out is not None and args.port is not None:
+        raise BadInput(f"--port = {args.port!r}: must be left out with --out")
+    CheckHtml(args.out, "--out")
+    port = PortOf(args.port)
+    # What cannot be served is said before it is simulated.
+    server = PageServer(args.host, port) if args.out is None else None
+    try:
+        recordings = _Recordings(args)
+
+        from teleop_drake.figures.scene import MakeReplay
+
+        try:
+            replay = MakeReplay(recordings)
+        except ValueError as e:
+            raise BadInput(e) from None
+        if server is None:
+            replay.Save(args.out)
+            print(f"Written: {args.out}")
+        else:
+            print(f"{replay.title}: {server.url} (Ctrl-C ends it)", flush=True)
+            server.Serve(replay.html)
+    finally:
+        if server is not None:
+            server.Close()
+    return 0
+
+
+def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
+    """Returns what is to be shown, by the names that the page gives the runs."""
+    if args.scenario.endswith(_SUFFIX):
+        return _FromFiles(args)
+    if args.more:
+        raise BadInput(
+            f"FILE.npz = {args.more[0]!r}: must be left out after a scenario"
+        )
+    if args.controllers is None:
+        scenarios = [LoadToRun(args)]
+    else:
+        if args.controller is not None:
+            raise BadInput(
+                f"--controller = {args.controller!r}: must be left out with "
+                "--controllers"
+            )
+        kinds = ControllersOf(args.controllers)
+        scenarios = [LoadToRun(args, f"controller.kind={kind}") for kind in kinds]
+    return {
+        scenario.controller.kind.replace("_", " "): Simulate(
+            scenario, args.quiet, args.engine
+        )
+        for scenario in scenarios
+    }
+
+
+def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
+    """Returns recordings by their controllers, or by their files where these agree."""
+    from teleop_drake.recording import LoadRecording
+
+    for option in (*OVERRIDES, "controllers", "set"):
+        value = getattr(args, option, None)
+        if value:
+            name = "--" + option.replace("_", "-")
+            raise BadInput(f"{name} = {value!r}: must be left out with a recording")
+    files = [args.scenario, *args.more]
+    recordings = []
+    for file in files:
+        try:
+            recordings.append(LoadRecording(file))
+        except OSError as e:
+            raise BadInput(
+                f"FILE.npz = {file!r}: must be a file that can be read ({e.strerror})"
+            ) from None
+        except ValueError as e:
+            raise BadInput(f"FILE.npz = {e}") from None
+    names = [x.scenario.controller.kind.replace("_", " ") for x in recordings]
+    if len(set(names)) < len(names):
+        names = [Path(file).stem for file in files]
+    if len(set(names)) < len(names):
+        names = files
+    if len(set(names)) < len(names):
+        raise BadInput(f"FILE.npz = {files[-1]!r}: must be different files")
+    return dict(zip(names, recordings, strict=True))
