@@ -113,6 +113,7 @@ _COMMANDS = {
     "analyze": "Find the delays at which the loop is stable, and why it fails at "
     "others.",
     "replay": "Show a run, or several, in 3-D: in the browser, or as a page.",
+    "drive": "Drive a scenario with your own hand, in real time, in a browser.",
     "diagram": "Draw the block diagram of a scenario.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
