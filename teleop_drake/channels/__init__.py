@@ -1,6 +1,12 @@
 """The communication between the stations: a file for each kind of channel."""
 
 from teleop_drake.channels.base import ChannelConfig, ConstantDelay
+from teleop_drake.channels.named_networks import (
+    GeoSatelliteChannelConfig,
+    LeoSatelliteChannelConfig,
+    LteChannelConfig,
+    WifiChannelConfig,
+)
 from teleop_drake.channels.network import NetworkChannelConfig
 from teleop_drake.channels.sampled import SampledChannelConfig
 from teleop_drake.channels.transport import TransportChannelConfig
@@ -14,6 +20,10 @@ CHANNEL_KINDS = KindTable(
         VariableChannelConfig,
         SampledChannelConfig,
         NetworkChannelConfig,
+        WifiChannelConfig,
+        LteChannelConfig,
+        LeoSatelliteChannelConfig,
+        GeoSatelliteChannelConfig,
     ),
     noun="channel",
 )
@@ -23,8 +33,12 @@ __all__ = [
     "CHANNEL_KINDS",
     "ChannelConfig",
     "ConstantDelay",
+    "GeoSatelliteChannelConfig",
+    "LeoSatelliteChannelConfig",
+    "LteChannelConfig",
     "NetworkChannelConfig",
     "SampledChannelConfig",
     "TransportChannelConfig",
     "VariableChannelConfig",
+    "WifiChannelConfig",
 ]

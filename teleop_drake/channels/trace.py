@@ -4,7 +4,7 @@ import csv
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,8 @@ _HEADER = re.compile(r"""\s*["']?[^\W\d_][^,]*(,\s*["']?[^\W\d_][^,]*)*""")
 # The unit at the end of a column's name: delay_ms, "rtt [us]", "delay (s)".
 _UNIT = re.compile(r"[\s_(\[](us|µs|ms|s)[)\]]?$")
 _TIME_NAME = re.compile(r"(time|t|timestamp|sent|seconds)(?![a-z])", re.IGNORECASE)
-_DELAY_NAME = re.compile(r"(delay|rtt|latency|owd|ping)", re.IGNORECASE)
+_DELAY_NAME = re.compile(r"(delay|rtt|latency|owd|ping|round.?trip)", re.IGNORECASE)
+_ROUND_TRIP_NAME = re.compile(r"rtt|ping|round.?trip", re.IGNORECASE)
 _LOST = ("", "nan", "inf", "-", "*", "lost", "timeout")
 
 # 64 bytes from 10.0.0.1: icmp_seq=5 ttl=64 time=12.3 ms, which `ping -D` puts a time
@@ -44,11 +45,14 @@ class Trace:
         delays: How long it took, s (N); of one that was lost, between those of its
             neighbours that arrived.
         is_lost: Which ones were lost (N).
+        is_round_trip: Whether they are those of a way and of the way back: what ping
+            measures, and what a column `rtt` or `ping` says.
     """
 
     times: np.ndarray
     delays: np.ndarray
     is_lost: np.ndarray
+    is_round_trip: bool = False
 
     def Until(self, duration: float, end: str) -> "Trace":
         """Returns the trace from its first entry on until a duration.
@@ -61,12 +65,13 @@ class Trace:
         times = self.times - self.times[0]
         missing = duration - times[-1]
         if missing <= 0 or end == "refuse":
-            return Trace(times, self.delays, self.is_lost)
+            return replace(self, times=times)
         if end == "hold":
-            return Trace(
-                np.append(times, max(duration, np.nextafter(times[-1], np.inf))),
-                np.append(self.delays, self.delays[-1]),
-                np.append(self.is_lost, self.is_lost[-1]),
+            return replace(
+                self,
+                times=np.append(times, duration),
+                delays=np.append(self.delays, self.delays[-1]),
+                is_lost=np.append(self.is_lost, self.is_lost[-1]),
             )
         period = times[-1] + times[-1] / (len(times) - 1)
         count = int(duration / period) + 1
@@ -74,10 +79,11 @@ class Trace:
             Refuse("trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries")
         times = np.concatenate([times + i * period for i in range(count)])
         # Also the way back from the last entry to the first one.
-        return Trace(
-            np.append(times, count * period),
-            np.append(np.tile(self.delays, count), self.delays[0]),
-            np.append(np.tile(self.is_lost, count), self.is_lost[0]),
+        return replace(
+            self,
+            times=np.append(times, count * period),
+            delays=np.append(np.tile(self.delays, count), self.delays[0]),
+            is_lost=np.append(np.tile(self.is_lost, count), self.is_lost[0]),
         )
 
     def IsLost(self, time: float) -> bool:
@@ -131,12 +137,14 @@ def ReadTrace(
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    name = "ping"
     if any(_PING.match(line) for line in lines):
         times, delays = _ReadPing(lines)
         scale = UNITS[unit or "ms"]
     else:
         needs_time = sample_period is None
-        times, delays, scale = _ReadCsv(lines, path, origin, unit, columns, needs_time)
+        times, delays, name = _ReadCsv(lines, path, origin, columns, needs_time)
+        scale = UNITS[unit or _UnitOf(name)]
     is_lost = np.isnan(delays)
     if sample_period is not None:
         times = [k * sample_period for k in range(len(delays))]
@@ -149,7 +157,7 @@ def ReadTrace(
     seconds = np.array(delays) * scale
     at = np.array(times)
     seconds[is_lost] = np.interp(at[is_lost], at[~is_lost], seconds[~is_lost])
-    return Trace(at, seconds, is_lost)
+    return Trace(at, seconds, is_lost, bool(_ROUND_TRIP_NAME.search(name)))
 
 
 def _ReadPing(lines: Sequence[str]) -> tuple[list[float], list[float]]:
@@ -172,11 +180,10 @@ def _ReadCsv(
     lines: Sequence[str],
     path: str,
     origin: str,
-    unit: str | None,
     columns: Sequence[str] | None,
     needs_time: bool,
-) -> tuple[list[float], list[float], float]:
-    """Returns times in s, delays (NaN is lost), and the unit of the delays in s."""
+) -> tuple[list[float], list[float], str]:
+    """Returns times in s, delays (NaN is lost), and the name of the delays' column."""
     rows = [
         (i + 1, line)
         for i, line in enumerate(lines)
@@ -218,7 +225,7 @@ def _ReadCsv(
         times.append(time)
         delays.append(delay)
     named = names[delay_column] if len(names) > delay_column else ""
-    return times, delays, UNITS[unit or _UnitOf(named)]
+    return times, delays, named
 
 
 def _IsRow(names: Sequence[str]) -> bool:

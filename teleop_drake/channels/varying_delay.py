@@ -1,6 +1,6 @@
 """What the kinds of channels have in common whose delay varies with time."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -33,8 +33,9 @@ class VaryingDelayConfig(ChannelConfig):
     # Names of its columns of time and delay; null: two columns, or those with such
     # names.
     trace_columns: list[str] | None = None
-    # What the delays are multiplied by, > 0: 0.5 makes half of a round trip.
-    trace_factor: float = 1.0
+    # What the delays are multiplied by, > 0; null: 0.5 for the round trips of ping and
+    # of a column rtt, of which half goes either way, else 1.
+    trace_factor: float | None = None
     # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
     trace_end: str = "refuse"
 
@@ -58,7 +59,8 @@ class VaryingDelayConfig(ChannelConfig):
         if self.trace_unit is not None:
             CheckChoice(f"{path}.trace_unit", self.trace_unit, UNITS)
         CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
-        CheckNumber(f"{path}.trace_factor", self.trace_factor, above=0)
+        if self.trace_factor is not None:
+            CheckNumber(f"{path}.trace_factor", self.trace_factor, above=0)
         if self.trace is None:
             return None
         read = ReadTrace(
@@ -78,8 +80,8 @@ class VaryingDelayConfig(ChannelConfig):
                 f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
                 "repeat",
             )
-        delays = trace.delays * self.trace_factor
-        return Trace(trace.times, delays, trace.is_lost)
+        factor = self.trace_factor or (0.5 if trace.is_round_trip else 1.0)
+        return replace(trace, delays=trace.delays * factor)
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
         """Returns how the delay varies with time, jitter apart; reads the trace.

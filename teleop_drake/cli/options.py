@@ -1,13 +1,22 @@
 """Options that several commands share, and the scenario that they describe."""
 
 import argparse
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
 
 if TYPE_CHECKING:
     from teleop_drake.scenario import AnyScenario
 
+
+# The channel of a trace. What is shorter than the run begins again.
+_TRACE_CHANNEL = {
+    "kind": "network",
+    "delay": 0.0,
+    "sample_period": 0.01,
+    "trace_end": "repeat",
+}
 
 # Options that stand for fields of the scenario. `--set` comes after them.
 OVERRIDES = {
@@ -42,6 +51,12 @@ def AddScenarioOptions(
     parser.add_argument("--delay", metavar=delay, help="delay each way, s")
     parser.add_argument("--forward-delay", metavar=delay, help="forward delay, s")
     parser.add_argument("--return-delay", metavar=delay, help="return delay, s")
+    parser.add_argument(
+        "--channel",
+        metavar="FILE|KIND",
+        help="both channels: YAML with the fields of a channel, a measured trace (CSV, "
+        "or what ping printed) for packets every 10 ms, or a kind, for example lte",
+    )
     parser.add_argument("--duration", metavar="S", help="simulated time, s")
     parser.add_argument("--accuracy", metavar="X", help="simulator.accuracy")
     parser.add_argument(
@@ -167,9 +182,42 @@ def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
     return scenario
 
 
+def ChannelOverrides(args: argparse.Namespace) -> list[str]:
+    """Returns the overrides that --channel stands for, none without it.
+
+    Raises:
+        BadInput: If it is none of what it may be.
+    """
+    given = getattr(args, "channel", None)
+    if given is None:
+        return []
+    from teleop_drake.channels import CHANNEL_KINDS
+    from teleop_drake.scenario.tree import DumpYaml, ParseFile, ReadText
+
+    path = Path(given)
+    fields: dict[str, Any]
+    try:
+        if path.suffix in (".yaml", ".yml"):
+            fields = ParseFile(path, ReadText(path))
+            kind = CHANNEL_KINDS.Find(fields.get("kind", "transport"), "kind")
+            for name in kind.file_fields:
+                if isinstance(fields.get(name), str):
+                    fields[name] = str(path.parent / fields[name])
+        elif path.is_file():
+            fields = _TRACE_CHANNEL | {"trace": given}
+        else:
+            fields = {"kind": CHANNEL_KINDS.Find(given, "kind").kind}
+    except ValueError as e:
+        raise BadInput(
+            f"--channel = {given!r}: must be a YAML file, a trace ({e})"
+        ) from None
+    text = DumpYaml(fields, default_flow_style=True, width=float("inf")).strip()
+    return [f"{direction}_channel={text}" for direction in ("forward", "return")]
+
+
 def OverridesOf(args: argparse.Namespace) -> list[str]:
     """Returns the overrides of the command line as PATH=VALUE."""
-    overrides = []
+    overrides = ChannelOverrides(args)
     for option, paths in OVERRIDES.items():
         value = getattr(args, option, None)
         if value is not None:

@@ -7,7 +7,6 @@ from benchmarks.options import Options
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
-from teleop_drake.channels import CHANNEL_KINDS
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.simulation import simulate
 
@@ -52,7 +51,7 @@ def Measure(options: Options) -> list[Table]:
         cases = {
             (controller, kind): MakeScenario(task, controller, kind, duration)
             for controller in CONTROLLERS
-            for kind in CHANNEL_KINDS.names
+            for kind in FIELDS
         }
         measured = Alternate(
             {

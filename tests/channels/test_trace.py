@@ -155,13 +155,14 @@ def test_a_run_has_the_losses_and_the_delays_of_its_trace(tmp_path):
         delay=0.0,
         sample_period=0.1,
         trace=str(path),
-        trace_factor=0.5,
         trace_end="repeat",
     )
     channel.Check("forward_channel", 1.0)
     network = channel.Network(1.0)
     expected = [0.02, 0.13, math.inf, 0.34, 0.42, 0.53, math.inf, 0.74]
     assert network.Arrivals(8).tolist() == pytest.approx(expected)
+    whole = dataclasses.replace(channel, trace_factor=1.0).Network(1.0)
+    assert whole.Arrival(0) == pytest.approx(0.04)
     # As the packets' own fates, whenever they were taken.
     numbered = dataclasses.replace(channel, trace_is_numbered=True, sample_period=0.2)
     arrivals = numbered.Network(1.0).Arrivals(4).tolist()

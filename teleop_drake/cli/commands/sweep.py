@@ -13,6 +13,7 @@ from teleop_drake.cli.options import (
     AddEngineOption,
     AddRunOptions,
     AddScenarioOptions,
+    ChannelOverrides,
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
@@ -189,12 +190,16 @@ def Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         except SweepError as e:
             raise BadInput(f"{option} = {e}") from None
 
-    overrides = [
-        f"{path}={getattr(args, option)}"
-        for option in ("duration", "accuracy")
-        if getattr(args, option) is not None
-        for path in OVERRIDES[option]
-    ] + args.set
+    overrides = (
+        ChannelOverrides(args)
+        + [
+            f"{path}={getattr(args, option)}"
+            for option in ("duration", "accuracy")
+            if getattr(args, option) is not None
+            for path in OVERRIDES[option]
+        ]
+        + args.set
+    )
     grid: dict[str, list[Any]] = {}
     for item in args.vary:
         path, equals, text = item.partition("=")
