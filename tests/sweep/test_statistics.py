@@ -128,7 +128,8 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     channel = ["--set", f"forward_channel={NETWORK}", "--duration", "0.4", "--quiet"]
     seeds = ["--seeds", "3"]
-    assert main(["sweep", "one_dof", *channel, *seeds, "--jobs", "1"]) == 0
+    sweep = ["sweep", "one_dof", *channel, *seeds, "--jobs", "1", "--engine", "drake"]
+    assert main(sweep) == 0
     out = capsys.readouterr().out
     assert "Medians over 3 seeds" in out and "No figures" not in out
     rows = Csv("out/statistics.csv")
