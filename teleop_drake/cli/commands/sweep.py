@@ -22,7 +22,8 @@ from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from teleop_drake.sweep import SweepResult
+    from teleop_drake.figures.sweep_maps import Boundaries
+    from teleop_drake.sweep import SweepPlan, SweepResult
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -138,7 +139,7 @@ def Execute(args: argparse.Namespace) -> int:
             f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
             "--resume does the rest",
         )
-    figures, note = _DrawSweep(result, metrics, Path(args.out))
+    figures, note = _DrawSweep(result, metrics, Path(args.out), plan)
     if args.json is not None:
         WriteJson(args.json, result.records)
     if args.json != "-":
@@ -270,7 +271,7 @@ def _DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | N
 
 
 def _DrawSweep(
-    result: "SweepResult", names: Sequence[str], folder: Path
+    result: "SweepResult", names: Sequence[str], folder: Path, plan: "SweepPlan"
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, or why there are none.
 
@@ -278,11 +279,12 @@ def _DrawSweep(
         result: The sweep.
         names: The metrics; empty: some, of those that any run has.
         folder: Where to.
+        plan: What the sweep was.
     """
     import numpy as np
 
     from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import PlotSeeds, PlotStability, PlotSweep
+    from teleop_drake.figures.sweeps import PlotMap, PlotSeeds, PlotStability, PlotSweep
     from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
 
     metrics = list(names) or [
@@ -298,8 +300,32 @@ def _DrawSweep(
             figures[metric.replace(".", "_")] = plot(result, metric)
     except ValueError as e:
         return [], f"No figures ({e})"
+    note = ""
     with suppress(ValueError):  # Only one key is varied.
         figures["stability"] = PlotStability(result)
+        boundaries, note = _Boundaries(result, plan)
+        figures["stability"] = PlotStability(result, boundaries)
+        for metric in metrics:
+            name = metric.replace(".", "_")
+            figures[f"{name}_map"] = PlotMap(result, metric, boundaries)
     for name, figure in figures.items():
         SaveFigure(figure, folder / f"{name}.png")
-    return [folder / f"{name}.png" for name in figures], ""
+    return [folder / f"{name}.png" for name in figures], note
+
+
+def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
+    """Returns what the analysis says of each panel of a map, or why it says nothing."""
+    from teleop_drake.figures.sweep_grid import SweepGrid
+    from teleop_drake.sweep.boundary import FindBoundaries
+
+    grid = SweepGrid(result)
+    try:
+        return {
+            (i, j): FindBoundaries(
+                plan, grid.x_key, grid.line_key, grid.line_values, others=others
+            )
+            for i, row in enumerate(grid.panel_points)
+            for j, others in enumerate(row)
+        }, ""
+    except ValueError as error:
+        return {}, f"No boundary of stability in the maps ({error})"

@@ -1,0 +1,201 @@
+"""Maps of sweeps over two keys, with the boundary of stability drawn over them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from teleop_drake.figures.style import (
+    FONT_SIZE,
+    GREY,
+    LINES,
+    SMALL_FONT_SIZE,
+    AxisLabel,
+    CellEdges,
+    ScaleAndUnit,
+)
+from teleop_drake.figures.sweep_grid import SweepGrid
+from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep.boundary import Boundary
+from teleop_drake.validation import Refuse
+
+Boundaries = Mapping[tuple[int, int], Sequence[Boundary]]
+"""What is drawn over a panel, by its row and column."""
+
+
+def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> Figure:
+    """Maps how the runs of a sweep end, over the delay and another varied key.
+
+    A cell has the worst of its seeds. What else is varied gets panels of its own.
+
+    Args:
+        result: The sweep.
+        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+
+    Raises:
+        ValueError: If fewer than two keys beside the controller and the seed are
+            varied, or it would take too many panels.
+    """
+    grid = _TwoKeys(result)
+    status = grid.Arrange(result.Status())
+    rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
+    if "collision.time" in MetricUnits(result.scenario):
+        has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
+        settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
+        is_completed = status == "completed"
+        rank[is_completed & has_contact & settles] = 1
+        rank[is_completed & has_contact & ~settles] = 2
+    worst = rank.max(axis=-1)
+
+    figure, axes = grid.MakePanels()
+    for index, ax in np.ndenumerate(axes):
+        _DrawCells(
+            ax,
+            grid,
+            worst[index],
+            cmap=ListedColormap([color for _, color in _OUTCOMES]),
+            vmin=-0.5,
+            vmax=len(_OUTCOMES) - 0.5,
+            edgecolor="white",
+            linewidth=0.3,
+        )
+    handles = [
+        Patch(color=color, label=label)
+        for i, (label, color) in enumerate(_OUTCOMES)
+        if (worst == i).any()
+    ]
+    _Finish(figure, axes, grid, handles, boundaries or {})
+    return figure
+
+
+def PlotMap(
+    result: SweepResult, metric: str, boundaries: Boundaries | None = None
+) -> Figure:
+    """Maps a metric of a sweep, over the delay and another varied key.
+
+    A cell has the median of its seeds. It is grey where a run diverges or fails, and
+    white where a run has no such number. What else is varied gets panels of its own.
+
+    Args:
+        result: The sweep.
+        metric: One of MetricUnits(result.scenario), for example
+            "collision.peak_force".
+        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+
+    Raises:
+        ValueError: If there is no such metric, fewer than two keys beside the
+            controller and the seed are varied, or it would take too many panels.
+    """
+    grid = _TwoKeys(result)
+    is_completed = grid.Arrange(result.Status()) == "completed"
+    values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
+    medians = _Medians(values)
+    finite = medians[np.isfinite(medians)]
+    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    has_ended = np.where(is_completed.all(axis=-1), np.nan, 1.0)
+
+    figure, axes = grid.MakePanels()
+    for index, ax in np.ndenumerate(axes):
+        cells = _DrawCells(
+            ax,
+            grid,
+            medians[index] * scale,
+            cmap="viridis",
+            vmin=limits[0] * scale,
+            vmax=limits[1] * scale,
+        )
+        _DrawCells(ax, grid, has_ended[index], cmap=ListedColormap([_ENDED]))
+    label = metric.replace("_", " ").replace(".", " ")
+    bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
+    bar.set_label(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
+    bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
+    handles = [Patch(color=_ENDED, label="diverges or fails")]
+    _Finish(
+        figure,
+        axes,
+        grid,
+        handles if np.isfinite(has_ended).any() else [],
+        boundaries or {},
+    )
+    return figure
+
+
+def _TwoKeys(result: SweepResult) -> SweepGrid:
+    """Returns the grid of a sweep, of two keys or more."""
+    grid = SweepGrid(result)
+    if not grid.line_values or grid.lines_are_controllers:
+        Refuse("result", "with no second key that is varied", "of two keys or more")
+    return grid
+
+
+def _Medians(values: np.ndarray) -> np.ndarray:
+    """Returns the medians over the seeds, NaN where one has no number."""
+    result: np.ndarray = np.median(values, axis=-1)
+    return result
+
+
+def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **style: Any) -> Any:
+    """Colours the cells (lines, x) of a panel."""
+    y, _ = grid.LineCoordinates()
+    return ax.pcolormesh(CellEdges(grid.x), CellEdges(y), cells, **style)
+
+
+def _Finish(
+    figure: Figure,
+    axes: np.ndarray,
+    grid: SweepGrid,
+    handles: list[Any],
+    boundaries: Boundaries,
+) -> None:
+    """Draws the boundaries, and says what everything is."""
+    y, y_labels = grid.LineCoordinates()
+    names: dict[str, None] = {}
+    for drawn in boundaries.values():
+        names |= dict.fromkeys(boundary.point for boundary in drawn)
+    styles = {name: LINES[i % len(LINES)] for i, name in enumerate(names)}
+    for index, ax in np.ndenumerate(axes):
+        limits = ax.get_xlim(), ax.get_ylim()
+        for boundary in boundaries.get((index[0], index[1]), ()):
+            style = {"linestyle": styles[boundary.point], "linewidth": 1.6}
+            # Black on white is seen on every colour.
+            ax.plot(boundary.ends, y, color="white", linewidth=2.8)
+            ax.plot(boundary.ends, y, color="black", **style)
+        ax.set_xlim(limits[0])
+        ax.set_ylim(limits[1])
+        ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+        if y_labels is not None:
+            ax.set_yticks(y, y_labels)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(AxisLabel(grid.line_key), fontsize=FONT_SIZE)
+    grid.AddTitles(axes)
+    handles += [
+        Line2D([], [], color="black", linestyle=style, label=f"stable in {name} up to")
+        for name, style in styles.items()
+    ]
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="outside upper center",
+            ncols=min(len(handles), 5),
+            fontsize=FONT_SIZE,
+            frameon=False,
+        )
+
+
+# Colour of cells with a run that was stopped.
+_ENDED = "#BBBBBB"
+
+# How a run ends, from good to bad, and the colour of it.
+_OUTCOMES = (
+    ("completes", "#56B4E9"),
+    ("settles", "#009E73"),
+    ("never settles", "#E69F00"),
+    ("diverges", "#D55E00"),
+    ("fails", GREY),
+)

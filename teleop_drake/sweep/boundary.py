@@ -1,0 +1,103 @@
+"""Up to which delay the loop of a sweep is stable, by its characteristic roots."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.scenario import AsTeleoperation
+from teleop_drake.sweep.plan import ALIASES, PointOverrides, SweepPlan
+from teleop_drake.validation import Refuse
+
+# Each takes an analysis, of about a tenth of a second.
+_MAX_ANALYSES = 200
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boundary:
+    """Where a loop ceases to be stable at an operating point.
+
+    Attributes:
+        point: Name of the operating point.
+        ends: Of the key that is a delay, where the loop that is stable without delay
+            ceases to be, one for each value of the other key (k), in s. 0 if it is not
+            stable without delay, NaN if there is no such point.
+    """
+
+    point: str
+    ends: NDArray[np.float64]
+
+
+def FindBoundaries(
+    plan: SweepPlan,
+    delay_key: str,
+    key: str,
+    values: Sequence[Any],
+    *,
+    others: Mapping[str, Any],
+) -> list[Boundary]:
+    """Analyses the loops of a sweep for the values of one of its keys.
+
+    Args:
+        plan: The sweep.
+        delay_key: Its key that is a delay: delay, forward_delay or return_delay.
+        key: The other key.
+        values: Its values.
+        others: The values of further keys that the sweep varies.
+
+    Returns:
+        A boundary for each operating point.
+
+    Raises:
+        ValueError: If there is no linear model, too much to analyse, or the first key
+            is no delay.
+    """
+    if delay_key not in ("delay", "forward_delay", "return_delay"):
+        Refuse(delay_key, "a key of the grid", "a delay of exact channels")
+    if len(values) > _MAX_ANALYSES:
+        Refuse(key, f"{len(values)} values", f"at most {_MAX_ANALYSES} to be analysed")
+    largest = max(float(x) for x in plan.axes[delay_key])
+    first = {name: axis[0] for name, axis in plan.axes.items()} | dict(others)
+    ends: dict[str, dict[int, float]] = {}
+    for i, value in enumerate(values):
+        point = first | {key: value, delay_key: largest}
+        scenario = AsTeleoperation(
+            plan.source.Load([*plan.overrides, *PointOverrides(point)]),
+            "there is no loop to analyse",
+        )
+        duration = scenario.duration
+        notes = [
+            channel.AsConstantDelay(path, duration).note
+            for path, channel in (
+                ("forward_channel", scenario.forward_channel),
+                ("return_channel", scenario.return_channel),
+            )
+        ]
+        for note in notes:
+            if note is not None:
+                raise ValueError(note)
+        fixed = {
+            "delay": 0.0,
+            "forward_delay": scenario.return_channel.delay,
+            "return_delay": scenario.forward_channel.delay,
+        }[delay_key]
+        share = len(ALIASES[delay_key])
+        max_delay = 1.01 * (share * largest + fixed) + 1e-3
+        for found in AnalyzeStability(scenario, max_delay=max_delay).points:
+            stable = [end for begin, end in found.stable_delays if begin == 0]
+            end = stable[0] if stable else 0.0
+            if end >= max_delay:
+                end = math.inf
+            name = found.model.point.name
+            ends.setdefault(name, {})[i] = max((end - fixed) / share, 0.0)
+    return [
+        Boundary(
+            point=name,
+            ends=np.array([known.get(i, math.nan) for i in range(len(values))]),
+        )
+        for name, known in ends.items()
+    ]

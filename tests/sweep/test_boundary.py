@@ -1,0 +1,88 @@
+"""The boundary of stability over the keys of a sweep, and its maps."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.figures.sweeps import PlotMap, PlotStability
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.sweep import PlanSweep, SweepResult
+from teleop_drake.sweep.boundary import Boundary, FindBoundaries
+
+MASSES = [0.2, 0.5]
+KIND = {"controller": "direct_force"}
+
+
+def Find(delay_key="delay", overrides=(), largest=0.5):
+    plan = PlanSweep(
+        "one_dof",
+        {"controller": ["direct_force"], "robot.mass": MASSES, delay_key: [0, largest]},
+        overrides=overrides,
+    )
+    found = FindBoundaries(plan, delay_key, "robot.mass", MASSES, others=KIND)
+    return {boundary.point: boundary.ends for boundary in found}
+
+
+def test_the_ends_are_the_margins_of_the_analysis():
+    each_way = Find()
+    assert list(each_way) == ["tissue", "free", "bone"]
+    for i, mass in enumerate(MASSES):
+        overrides = {"controller.kind": "direct_force", "robot.mass": mass}
+        for point in AnalyzeStability(LoadScenario("one_dof", overrides)).points:
+            end = each_way[point.model.point.name][i]
+            assert 2 * end == pytest.approx(point.margin.delay, rel=1e-6)
+
+
+def test_another_delay_counts_as_well():
+    forward = Find("forward_delay", ["return_channel.delay=0.1"])
+    for name, ends in Find().items():
+        expected = np.maximum(2 * ends - 0.1, 0)
+        np.testing.assert_allclose(forward[name], expected, atol=1e-6)
+
+
+def test_what_lies_beyond_the_map_has_no_end():
+    assert Find(largest=0.2)["tissue"].tolist()[1] == np.inf
+
+
+def test_packets_are_no_exact_delay():
+    packets = "{kind: sampled, sample_period: 0.01, delay: 0.1}"
+    with pytest.raises(ValueError, match="packets are held"):
+        Find("forward_delay", [f"return_channel={packets}"])
+
+
+def Result(force):
+    axes = {"controller": ["direct_force"], "robot.mass": MASSES, "delay": [0.1, 0.2]}
+    records = []
+    for mass in MASSES:
+        for delay in axes["delay"]:
+            value = force(mass, delay)
+            collision = {"peak_force": value, "time": 1.0, "settling_time": 2.0}
+            records.append(
+                {
+                    "run": len(records),
+                    "varied": {**KIND, "robot.mass": mass, "delay": delay},
+                    "status": "completed" if value < 4 else "diverged",
+                    "reason": "",
+                    "metrics": {"collision": collision},
+                }
+            )
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    return SweepResult(scenario=scenario, axes=axes, records=records)
+
+
+def test_maps_have_the_boundary_over_them():
+    result = Result(lambda mass, delay: 10 * mass * (1 if delay == 0.1 else 0.8))
+    boundaries = {(0, 0): [Boundary(point="free", ends=np.array([0.12, np.inf]))]}
+    figure = PlotMap(result, "collision.peak_force", boundaries)
+    ax, bar = figure.axes
+    shown, ended = (cells.get_array() for cells in ax.collections)
+    np.testing.assert_allclose(shown.filled(np.nan), [[2.0, 1.6], [np.nan, np.nan]])
+    assert ended.mask.tolist() == [[True, True], [False, False]]
+    assert ax.lines[-1].get_xdata().tolist() == [0.12, np.inf]
+    assert ax.lines[-1].get_ydata().tolist() == MASSES
+    assert bar.get_ylabel() == "collision peak force [N]"
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["diverges or fails", "stable in free up to"]
+    # The boundary does not widen the map.
+    assert ax.get_xlim() == PlotStability(result).axes[0].get_xlim()
+    assert len(PlotStability(result, boundaries).axes[0].lines) == 2
