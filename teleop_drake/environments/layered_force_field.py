@@ -30,6 +30,7 @@ from teleop_drake.laws.layered_force import (
     layered_force,
     puncture_position,
 )
+from teleop_drake.linear_part import LinearPart
 from teleop_drake.numerics.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -133,6 +134,14 @@ class LayeredForceField(LeafSystem):
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns where the layers begin, in their order; see LayerSurfaces."""
         return self._surfaces
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that the tool stays in its layer.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return LinearPart(has_modes=True)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""

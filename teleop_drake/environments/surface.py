@@ -50,7 +50,7 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A plane at which the force of an environment jumps or has a kink.
+    """A plane at which the force of an environment jumps or is not smooth.
 
     Attributes:
         name: What it is called: CONTACT, PUNCTURE or a name of one's own.
@@ -141,6 +141,23 @@ def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:
         name: CONTACT for example.
     """
     return next((surface for surface in surfaces if surface.name == name), None)
+
+
+def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
+    """Returns along which direction (n) positions are told: into a surface, else x.
+
+    Into the contact surface if there is one, else into the puncture surface.
+
+    Args:
+        surfaces: Of the environment.
+        num_axes: n.
+    """
+    for name in (CONTACT, PUNCTURE):
+        surface = FindSurface(surfaces, name)
+        if surface is not None:
+            return surface.normal_W
+    x: Array = np.eye(num_axes)[0]
+    return x
 
 
 def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:

@@ -15,13 +15,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
+from teleop_drake.analysis.operating_point import POSITION
 from teleop_drake.analysis.stability import (
-    POSITION,
     PointStability,
     StabilityAnalysis,
     StabilityChart,
 )
 from teleop_drake.analysis.transparency import Transparency
+from teleop_drake.environments import ShownNormal
 from teleop_drake.figures.style import (
     COLORS,
     FONT_SIZE,
@@ -295,12 +296,19 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.set_xlim(edges[0], edges[-1])
         ax.set_ylim(0, chart.max_delay)
         ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
-        label = "tool position x [m]" if is_path else AxisLabel(chart.key)
+        label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
         ax.set_xlabel(label, fontsize=FONT_SIZE)
         _Format(ax)
     axes[0].set_ylabel("round-trip delay [s]", fontsize=FONT_SIZE)
     _AddStabilityLegend(figure, "the scenario's delay")
     return figure
+
+
+def _PathLabel(chart: StabilityChart) -> str:
+    scenario = chart.analyses[0].scenario
+    is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
+    where = "x" if is_x else "along the surface's normal"
+    return f"tool position {where} [m]"
 
 
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:

@@ -42,7 +42,7 @@ from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import (
     AxisName,
     AxisPanels,
-    ShownNormal,
+    NormalOfRuns,
     SignalRow,
 )
 
@@ -222,7 +222,7 @@ def PlotRows(
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
     runs = list(recordings.values())
-    normal_W = ShownNormal(runs)
+    normal_W = NormalOfRuns(runs)
     places = _PlacesOf(len(runs), columns)
     axes = figure.subplots(
         len(rows), len(places), sharex="col", sharey="row", squeeze=False

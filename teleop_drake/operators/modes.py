@@ -25,6 +25,7 @@ from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
+from teleop_drake.linear_part import LinearPart
 
 Array = NDArray[np.float64]
 
@@ -151,6 +152,14 @@ class ModalOperator(LeafSystem):
         Args:
             context: The Context of this block.
         """
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that what has been perceived stays perceived.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return LinearPart(has_modes=True)
 
     def IntentionTickets(self) -> set[DependencyTicket]:
         """Returns what IntendedVelocity() depends on; by default on nothing."""

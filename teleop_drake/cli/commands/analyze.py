@@ -54,7 +54,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="PATH=START:STOP:COUNT",
         help="chart the stable delays over a number of the scenario, for example "
         "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
-        "along x, position=0.86:1.2:35",
+        "along the normal of the surface, position=0.86:1.2:35",
     )
     AddRunOptions(
         parser,
