@@ -1,7 +1,7 @@
 """The two ends of the loop: the master station and the slave station (Fig. 2.1).
 
 A control architecture is a pair of them: a master side, which MakeMasterStation puts
-between the surgeon and the channels, and a slave side, which is the station at the
+between the operator and the channels, and a slave side, which is the station at the
 robot. They speak in packets, which is all that the channels between them carry. What a
 packet holds is the architecture's own affair; those of the thesis are
 
@@ -42,7 +42,7 @@ def MakeMasterStation(
     operator: System | None = None,
     haptic_device: System | None = None,
 ) -> Diagram:
-    """Makes the surgeon, the haptic device and the master side, named `master`.
+    """Makes the operator, the haptic device and the master side, named `master`.
 
     | port | name           | size | unit                             |
     |------|----------------|------|----------------------------------|
@@ -50,8 +50,8 @@ def MakeMasterStation(
     | out  | forward_packet | m_f  | of the packet; thesis [N; m/s]   |
     | out  | surgeon_mode   | 1    | see Surgeon                      |
 
-    A master side stands between the hand and the channels: it hears what the surgeon
-    applies and commands, and says what the surgeon feels. With one, the station has
+    A master side stands between the hand and the channels: it hears what the operator
+    applies and commands, and says what the operator feels. With one, the station has
     as further outputs felt_position (n, m), felt_velocity (n, m/s), velocity_command
     (n, m/s), force_command (n, N) and every further output of the master side (its
     telemetry), by its own name.
@@ -62,7 +62,7 @@ def MakeMasterStation(
             applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
-        surfaces: Of the environment, of which the surgeon feels the contact; None:
+        surfaces: Of the environment, of which the operator feels the contact; None:
             those of the scenario's.
         operator: An operator of your own in the place of the scenario's; see
             OperatorConfig.MakeOperator for its ports.

@@ -7,6 +7,7 @@ from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import CheckStart, Scenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import MakeArchitecture, MakeMasterStation
+from teleop_drake.validation import Refuse
 
 
 def MakeTeleoperator(
@@ -131,7 +132,7 @@ def AddTeleoperator(
             scenario, control_law=control_law, facts=scenario.Facts(robot, environment)
         )
     elif control_law is not None:
-        raise ValueError("control_law: must be None with an architecture, which has it")
+        Refuse("control_law", control_law.get_name(), "null with an architecture")
     master = builder.AddNamedSystem(
         "master",
         MakeMasterStation(

@@ -6,14 +6,14 @@ linearised by differences of the diagram's own time derivatives and outputs: no
 transfer function is written down here.
 
 Where. The operating point is in general a motion, not an equilibrium: the tool moves
-through the tissue with the velocity that the surgeon commands. The model is that of
+through the tissue with the velocity that the operator commands. The model is that of
 the instant. Nothing drifts in it: neither the pose nor the force of a spring that the
 motion keeps stretching. What it says of modes slower than the motion itself is of no
 use: an arm that passes the point in a second has no mode of 0.1 rad/s there.
 
 Coordinates. Off an equilibrium the linear model depends on the coordinates of the
 state. The robot's are taken to be position and velocity of its tool, r and v, in which
-(2.6) is written; then dr/dt = v also between small deviations, exactly, as the surgeon
+(2.6) is written; then dr/dt = v also between small deviations, exactly, as the operator
 feels it. In joint coordinates it would not be: v = J(q) dq/dt. Joints beyond the task
 axes, which can move while the tool stays where it is, add coordinates of their own
 (analysis.tool_motion).
@@ -123,7 +123,7 @@ def LinearizeTwoPort(
     *,
     teleoperator: Diagram | None = None,
 ) -> TwoPortModel:
-    """Linearises what is between the surgeon's hand and the environment.
+    """Linearises what is between the operator's hand and the environment.
 
     As LinearizeLoop, at the same forces and velocities. It does not depend on who
     holds the device.

@@ -1,6 +1,6 @@
 """At which delay the loop fails, and why: margins of the linearised loop.
 
-The loop has one delay only, T = T_f + T_r. Everything from the surgeon to the robot
+The loop has one delay only, T = T_f + T_r. Everything from the operator to the robot
 crosses the forward channel and everything back crosses the return channel, each with
 the same delay for all entries of a packet. So with slave S(s) and master M(s)
 
@@ -17,7 +17,7 @@ well and taken to be T whatever T is. A loop with a second delay, different from
 refused.
 
 Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
-how far the surgeon's device has been wound up against a spring, and do not count as an
+how far the operator's device has been wound up against a spring, and do not count as an
 instability. In velocity mode there is one per axis, because the tool's position and the
 device's integral of the felt velocity both integrate v, and their sum stays what it
 was. With the thesis's packets it does not show in L and is removed with whatever else
@@ -98,7 +98,7 @@ class PointStability:
         unresolved: The size in 1/s below which roots and crossings are not told from
             neutral ones, and do not count; see analysis.resolution.
         slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
-            the loop after the surgeon has switched to a force. None: it has no other.
+            the loop after the operator has switched to a force. None: it has no other.
     """
 
     model: LoopModel

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, System
 
+from teleop_drake.validation import Refuse, Show
+
 Array = NDArray[np.float64]
 
 CONTACT = "contact"
@@ -74,15 +76,12 @@ class Surface:
             np.array(x, dtype=float) for x in (self.point_W, self.normal_W)
         )
         if point_W.ndim != 1 or point_W.shape != normal_W.shape:
-            raise ValueError(
-                f"surface {self.name!r}: point_W and normal_W of shapes "
-                f"{point_W.shape} and {normal_W.shape}; allowed: n numbers each"
-            )
-        if np.isnan(point_W).any() or not np.isclose(np.linalg.norm(normal_W), 1.0):
-            raise ValueError(
-                f"surface {self.name!r}: normal_W = {normal_W.tolist()}; allowed: a "
-                "unit vector"
-            )
+            allowed = f"as many numbers as normal_W = {Show(normal_W)} has"
+            Refuse(f"{self.name}.point_W", point_W, allowed)
+        if np.isnan(point_W).any():
+            Refuse(f"{self.name}.point_W", point_W, "a list of numbers (m)")
+        if not np.isclose(np.linalg.norm(normal_W), 1.0):
+            Refuse(f"{self.name}.normal_W", normal_W, "a unit vector")
         object.__setattr__(self, "point_W", point_W)
         object.__setattr__(self, "normal_W", normal_W)
 

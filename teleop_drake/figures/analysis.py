@@ -312,12 +312,12 @@ def _PathLabel(chart: StabilityChart) -> str:
 
 
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
-    """Plots what the surgeon feels, against the environment, and Llewellyn's parameter.
+    """Plots what the operator feels and the environment, and Llewellyn's parameter.
 
     A column for each operating point. Above, the magnitude of Z_to of each axis with
     the scenario's delays (thick) and without delay (thin), and that of Z_e along x
     (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
-    passive surgeon and environment if it is 1 or more at all frequencies.
+    passive operator and environment if it is 1 or more at all frequencies.
 
     Args:
         points: From AnalyzeTransparency.

@@ -67,7 +67,7 @@ class Insertion(Task[Scenario]):
         )
 
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns when the tool crosses a surface and when the surgeon switches.
+        """Returns when the tool crosses a surface and when the operator switches.
 
         Args:
             recording: A run, its events not found yet.

@@ -123,9 +123,9 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
           happens to end while v_x passes through 0 has not settled.
     * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being the
       velocity command as the slave receives it, or, in an architecture that does not
-      send it, the surgeon's command delayed by forward_channel.delay.
+      send it, the operator's command delayed by forward_channel.delay.
     * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
-      haptic force as the slave receives it, or delayed likewise.
+      haptic force as the slave receives it, or delayed by the same time.
     * control_force_peak (N per axis): max of |F_c|.
     * control_force_variation (N per axis): total variation of F_c, jumps included.
     * diverged, diverged_at (s): whether the run ended early because the tool's speed

@@ -18,7 +18,7 @@ class SignalRow:
         unit: SI unit; empty if there is none.
         signal: Name of the signal.
         components: Which of its components are shown.
-        command: Component of the surgeon's commands that is shown beside, or None.
+        command: Component of the operator's commands that is shown beside, or None.
         symbol: Name of the components in a legend, if there is more than one.
     """
 

@@ -37,7 +37,7 @@ def test_table(capsys):
     )
     assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
     assert passive == (
-        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        "Not stable with every passive operator and environment: Llewellyn's parameter "
         "falls below 1 (tissue, free, bone)."
     )
     assert os.listdir() == []

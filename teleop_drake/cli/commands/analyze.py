@@ -226,15 +226,15 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
 
 
 def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
-    """Returns a sentence: whether surgeon and environment could be any passive ones."""
+    """Returns a sentence: whether operator and environment may be any passive ones."""
     failing = [point["name"] for point in points if not point["absolutely_stable"]]
     if not failing:
         return (
-            "Stable with every passive surgeon and environment: Llewellyn's parameter "
+            "Stable with every passive operator and environment: Llewellyn's parameter "
             "is 1 or more everywhere."
         )
     return (
-        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        "Not stable with every passive operator and environment: Llewellyn's parameter "
         f"falls below 1 ({', '.join(failing)})."
     )
 

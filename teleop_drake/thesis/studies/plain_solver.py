@@ -16,7 +16,7 @@ def SolvePlainly(
     """Solves the loop of one axis with direct force as a plain ode45 would.
 
     That is: Dormand-Prince 5(4), here scipy's RK45, with error control relative to
-    |y| + |v_d| in each state; nothing located, so that a step may lie across a border
+    |y| + |v_d| in each state; nothing located, so that a step may lie across a boundary
     of a layer; delays by linear interpolation between the steps, and extrapolation
     where a step is longer than the delay; the surgeon's switch at the first step after
     contact is felt.

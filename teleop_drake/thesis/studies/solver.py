@@ -91,7 +91,7 @@ def _SolvePlainly(scenario: Scenario) -> dict[float, list[_Numbers]]:
     return plain
 
 
-def _SolveWithBordersLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
+def _SolveWithBoundariesLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
     """Returns the numbers of the package's own runs by their accuracy."""
     located: dict[float, _Numbers] = {}
     for tolerance, (name, overrides) in zip(_TOLERANCES, REQUESTS, strict=True):
@@ -123,7 +123,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
     runs.Prefetch(REQUESTS)
     scenario = AsTeleoperation(LoadScenario("one_dof", DIRECT))
     plain = _SolvePlainly(scenario)
-    located = _SolveWithBordersLocated(runs)
+    located = _SolveWithBoundariesLocated(runs)
     return Study(
         title=_TITLE,
         text=_Text(scenario, plain, located),
@@ -183,7 +183,7 @@ def _Text(
         "direct force could change it."
         "\n\n"
         "Two solvers, the same loop. The simulation of this package locates every "
-        "border and steps on every jump, here with steps up to 0.1 s; between the "
+        "boundary and steps on every jump, here with steps up to 0.1 s; between the "
         f"accuracies 1e-2 and 1e-9 its numbers differ by at most {max(spread):.2%} "
         "(Drake's accuracy is an absolute error of the states, which are of the order "
         "of 1e-3 here, so that the looser ones leave the step to its maximum). The "
@@ -244,7 +244,7 @@ def _Plot(
             marker="o",
             markersize=3,
             color=COLORS[0],
-            label="borders located",
+            label="boundaries located",
         )
         ax.axhline(scale * printed, color=COLORS[6], linestyle="--", label="printed")
         ax.invert_xaxis()
