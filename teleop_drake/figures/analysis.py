@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -55,7 +56,7 @@ _LLEWELLYN_RANGE = (-1.5, 3.0)
 
 _STABLE = "#56B4E9"
 _UNSTABLE = "#F0F0F0"
-_UNRESOLVED = "#F0F0F0"
+_UNRESOLVED = "#DCDCDC"
 
 
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
@@ -78,27 +79,8 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
-        loci = _TrackedLoci(point, w)
-        for i in range(loci.shape[1]):
-            style = _LocusStyle(i)
-            if np.abs(loci[:, i]).max() < _NOTHING:
-                continue
-            top.loglog(w, np.abs(loci[:, i]), **style)
-            phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
-            k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
-            # The branch on which the last crossover has -180 to 180 degrees: the way
-            # from there down to -180 is its phase margin.
-            phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
-            bottom.semilogx(w, phase, **style | {"linewidth": 0.6})
-            delayed = phase - np.degrees(w * point.delay)
-            bottom.semilogx(w, delayed, **style)
-            dots = {"marker": "o", "ms": 3, "ls": "", "color": style["color"]}
-            top.plot(w[k], np.ones(len(k)), **dots)
-            bottom.plot(w[k], delayed[k], **dots)
-            limits = [
-                min([limits[0], *delayed[k]]),
-                max([limits[1], *phase[k]]),
-            ]
+        low, high = _DrawLoci(top, bottom, point, w)
+        limits = [min(limits[0], low), max(limits[1], high)]
         top.axhline(1, color=GREY, linewidth=0.6, zorder=0)
         bottom.axhline(-180, color=GREY, linewidth=0.6, zorder=0)
         top.set_title(_Title(point), fontsize=FONT_SIZE)
@@ -116,24 +98,57 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     bottom.yaxis.set_major_locator(_Multiple(90))
     axes[0, 0].set_ylabel("|eigenlocus of L|", fontsize=FONT_SIZE)
     axes[1, 0].set_ylabel("phase [°]", fontsize=FONT_SIZE)
-    delay = points[0].delay
+    _AddBodeLegend(figure, points)
+    return figure
+
+
+def _DrawLoci(
+    top: Axes, bottom: Axes, point: PointStability, w: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Draws the eigenloci of an operating point.
+
+    Returns:
+        The least and the largest phase in degrees that are to be seen.
+    """
+    loci = _TrackedLoci(point, w)
+    shown: list[float] = []
+    for i in range(loci.shape[1]):
+        style = _LocusStyle(i)
+        if np.abs(loci[:, i]).max() < _NOTHING:
+            continue
+        top.loglog(w, np.abs(loci[:, i]), **style)
+        phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
+        k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
+        # The branch on which the last crossover has -180 to 180 degrees: the way
+        # from there down to -180 is its phase margin.
+        phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
+        bottom.semilogx(w, phase, **style | {"linewidth": 0.6})
+        delayed = phase - np.degrees(w * point.delay)
+        bottom.semilogx(w, delayed, **style)
+        dots = {"marker": "o", "ms": 3, "ls": "", "color": style["color"]}
+        top.plot(w[k], np.ones(len(k)), **dots)
+        bottom.plot(w[k], delayed[k], **dots)
+        shown += [*delayed[k], *phase[k]]
+    return min(shown, default=0.0), max(shown, default=0.0)
+
+
+def _AddBodeLegend(figure: Figure, points: Sequence[PointStability]) -> None:
+    black: dict[str, Any] = {"color": "black"}
+    delayed = f"with {_Seconds(points[0].delay)}"
+    handles: list[Artist] = [
+        Line2D([], [], linewidth=0.6, label="L without delay", **black),
+        Line2D([], [], linewidth=1.2, label=delayed, **black),
+        Line2D([], [], marker="o", ms=3, ls="", label="gain crossover", **black),
+    ]
+    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
+        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
     figure.legend(
-        handles=[
-            Line2D([], [], color="black", linewidth=0.6, label="L without delay"),
-            Line2D(
-                [], [], color="black", linewidth=1.2, label=f"with {_Seconds(delay)}"
-            ),
-            Line2D(
-                [], [], color="black", marker="o", ms=3, ls="", label="gain crossover"
-            ),
-            *_LocusHandles(points),
-        ],
+        handles=[*handles, *_LocusHandles(points)],
         loc="outside upper center",
         ncols=5,
         fontsize=FONT_SIZE,
         frameon=False,
     )
-    return figure
 
 
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:

@@ -40,7 +40,7 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _METADATA:
-        raise ValueError(f"path: {str(path)!r}; allowed: *.png, *.svg or *.pdf")
+        Refuse("path", str(path), "*.png, *.svg or *.pdf")
     description = {_DESCRIPTIONS[suffix]: DescribeFigure(figure)}
     with (
         Replacing(path) as temporary,

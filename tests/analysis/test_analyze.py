@@ -135,7 +135,7 @@ def test_files(capsys):
         ("one_dof --vary robot.mass=-1:1:2", "robot.mass: -1.0 must be finite and > 0"),
         ("one_dof --vary robot.maas=1:2:2", "robot.maas = 1.0: unknown key 'maas', mu"),
         ("two_dof_puncture --vary position=1,2", "position = 2: [2.0, 0.0] is 2 m fr"),
-        ("one_dof --vary position=-1,2", "position = -1: must be on the tool's path"),
+        ("one_dof --vary position=-1,2", "position = -1.0: must be on the tool's path"),
         ("network_tracking_linear", "scenario = 'network_tracking_linear': must be a"),
         (
             "one_dof --vary robot.model=1:2:2",

@@ -405,7 +405,7 @@ def test_bare_wave_line_is_not_robust():
 
 
 def test_a_second_delay_is_refused():
-    with pytest.raises(ValueError, match=r"0\.1 s inside of a station: must be the ro"):
+    with pytest.raises(ValueError, match=r"inside of a station = 0\.1: must be the ro"):
         Analyze(
             "one_dof",
             "smith_predictor",
