@@ -8,6 +8,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from teleop_drake.files import Replacing
+from teleop_drake.validation import Refuse
 
 # Suffixes that SaveFigure knows, and the metadata that would change with each file.
 _METADATA: dict[str, dict[str, None]] = {
