@@ -292,7 +292,7 @@ def PlotRows(
                 position_label if place.is_position else "time [s]", fontsize=FONT_SIZE
             )
         if place.is_position:
-            _NameBorders(column[0], boundaries, x_scale)
+            _NameBoundaries(column[0], boundaries, x_scale)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels(axes[:, 0])
@@ -320,7 +320,9 @@ def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
     return [against_time] if columns == 1 else [against_time, _Place(everyone, True)]
 
 
-def _NameBorders(ax: Axes, boundaries: Mapping[float, list[str]], scale: float) -> None:
+def _NameBoundaries(
+    ax: Axes, boundaries: Mapping[float, list[str]], scale: float
+) -> None:
     """Writes the names of surfaces above a panel against the position."""
     for boundary, names in boundaries.items():
         ax.annotate(
