@@ -35,6 +35,11 @@ _MAX_DEPTH = 2**31 - 1
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
 
+# What a picture asks for, and what it is to ask for: where there is no Helvetica, fonts
+# of the same widths come before any other, from which names would stick out of boxes.
+_FONTS = b'font-family="Helvetica,sans-Serif"'
+_MORE_FONTS = b'font-family="Helvetica,Arial,Liberation Sans,Arimo,sans-serif"'
+
 # Arimo, the metric twin of Helvetica, is what graphviz-pure measures text with.
 _STYLE = """\
 graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]
@@ -260,7 +265,9 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
     if run.returncode != 0 or not run.stdout:
         reason = run.stderr.decode(errors="replace").strip()
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
-    return run.stdout
+    return (
+        run.stdout.replace(_FONTS, _MORE_FONTS) if file_format == "svg" else run.stdout
+    )
 
 
 def _SvgToPdf(svg: bytes) -> bytes:
