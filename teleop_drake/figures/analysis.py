@@ -86,7 +86,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         top.set_title(_Title(point), fontsize=FONT_SIZE)
         if point.unresolved > w[0]:
             for ax in (top, bottom):
-                ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=0)
+                ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=-1)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(*_MAGNITUDES)
         bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
@@ -307,7 +307,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
                         )
                     )
         delays = [analysis.points[0].delay for analysis in chart.analyses]
-        ax.step(chart.values, delays, where="mid", color="black", lw=0.8, zorder=3)
+        ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(edges[0], edges[-1])
         ax.set_ylim(0, chart.max_delay)
         ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
