@@ -2,11 +2,51 @@
 
 import functools
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
 Law = TypeVar("Law", bound=Callable[..., Any])
+
+
+class CompiledLaw:
+    """A law that is called as machine code, or as it is within interpreted().
+
+    Args:
+        law: The law.
+        dispatcher: The same for numba.
+    """
+
+    def __init__(self, law: Callable[..., Any], dispatcher: Callable[..., Any]):
+        self.law, self.dispatcher = law, dispatcher
+
+    def __call__(self, *args: Any) -> Any:
+        """Calls the law."""
+        return (self.law if _is_interpreted else self.dispatcher)(*args)
+
+
+_is_interpreted = False
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Lets compiled laws run as they are, where a few calls do not pay compiling."""
+    global _is_interpreted
+    before, _is_interpreted = _is_interpreted, True
+    try:
+        yield
+    finally:
+        _is_interpreted = before
+
+
+def is_python(law: Callable[..., Any]) -> bool:
+    """Returns whether a law will not be called as machine code.
+
+    Args:
+        law: Of compiled().
+    """
+    return _is_interpreted or not isinstance(law, CompiledLaw)
 
 
 @functools.cache
@@ -28,7 +68,8 @@ def compiled(law: Law) -> Law:
 
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined, unused-ignore]
         return law
-    return cast(Law, numba.njit(cache=True)(with_compiled_helpers(law)))
+    dispatcher = numba.njit(cache=True)(with_compiled_helpers(law))
+    return cast(Law, CompiledLaw(law, dispatcher))
 
 
 def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
@@ -43,6 +84,8 @@ def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
         helper = names.get(name)
         if isinstance(helper, FunctionType):
             assert helper.__module__ == law.__module__, helper
-            names[name] = compiled(helper)
+            inner = compiled(helper)
+            is_wrapped = isinstance(inner, CompiledLaw)
+            names[name] = inner.dispatcher if is_wrapped else inner
     copy = FunctionType(law.__code__, names, law.__name__, law.__defaults__)
     return functools.update_wrapper(copy, law)

@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.numerics.compiled import compiled, is_python
 
 # Eight points: the error of a smooth signal is O(step^8), well below that of the
 # fifth-order integrator which made the samples.
@@ -220,8 +220,9 @@ class IntervalPolynomial:
         polynomials = compiled(limited_polynomial)(times, values, i)
         self._evaluate = compiled(evaluate_newton)
         self._polynomials: Table = polynomials
-        if self._evaluate is evaluate_newton:
+        if is_python(self._evaluate):
             # Python itself is faster with lists.
+            self._evaluate = evaluate_newton
             self._polynomials = polynomials.tolist()
 
     def eval(self, t: float) -> Array:

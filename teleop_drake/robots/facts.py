@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.framework import Context, Diagram, System
 
+from teleop_drake.numerics.compiled import interpreted
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 
 Array = NDArray[np.float64]
@@ -44,7 +45,8 @@ def FactsOfRobot(robot: System) -> RobotFacts:
             tool_position is needed.
     """
     context = robot.CreateDefaultContext()
-    start = np.array(robot.GetOutputPort("tool_position").Eval(context))
+    with interpreted():
+        start = np.array(robot.GetOutputPort("tool_position").Eval(context))
     inertia = damping = None
     for plant, plant_context in _Plants(robot, context):
         if _IsTool(plant, plant_context, start):

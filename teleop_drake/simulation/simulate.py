@@ -1,5 +1,6 @@
 """Runs a scenario and records it."""
 
+import contextlib
 import time as clock
 import warnings
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
+from teleop_drake.numerics.compiled import interpreted
 from teleop_drake.numerics.interpolation import (
     find_crossing,
     interpolate,
@@ -133,10 +135,12 @@ def simulate(
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
-            run = RunCompiled(*what)
+            with interpreted():  # There are too few calls to pay compiling.
+                run = RunCompiled(*what)
         except CannotCompile as error:
             if engine == "compiled":
                 warnings.warn(f"run in Drake's Simulator: {error}", stacklevel=2)
+    is_compiled = run is not None
     if run is None:
         run = _RunInDrake(*what, advance)
     if run.termination == "diverged":
@@ -144,7 +148,8 @@ def simulate(
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run.times, run.signals)
     recording = _MakeRecording(scenario, diagram, run)
-    recording.events = task.FindEvents(recording)
+    with interpreted() if is_compiled else contextlib.nullcontext():
+        recording.events = task.FindEvents(recording)
     return recording
 
 

@@ -40,7 +40,7 @@ NUM_FUNCTIONS = 7
 
 def assert_same(law, *arguments):
     fast = compiled(law)
-    assert isinstance(fast, numba.core.dispatcher.Dispatcher)
+    assert isinstance(fast.dispatcher, numba.core.dispatcher.Dispatcher)
     results, expected = fast(*arguments), law(*arguments)
     if not isinstance(expected, tuple):
         results, expected = (results,), (expected,)
