@@ -1,7 +1,7 @@
 """Runs a compiled diagram."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,7 @@ class CompiledRun:
         if self._advance is None:
             self._advance = delay_integrator.advance
             if self._is_machine_code:
-                self._advance = CompileIntegrator(*arguments)
+                self._advance = cast(Callable[..., Any], CompileIntegrator(*arguments))
         status = delay_integrator.DONE
         try:
             status = self._advance(self.evaluator.function, *arguments)

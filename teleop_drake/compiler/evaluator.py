@@ -75,7 +75,7 @@ class Evaluator:
         kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
         self.program = Program(self.blocks, kernels)
         compiler = CompileEvaluate if as_machine_code else _InPython
-        self.function = compiler(self.program.text, self.program.names)
+        self.function = compiler(self.program)
 
     def Evaluate(self, context: Context) -> tuple[Array, Array]:
         """Returns the outputs and the time derivatives in a context.
@@ -128,10 +128,8 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
     raise UnsupportedSystem(system, f"its input {name} is not connected")
 
 
-def _InPython(
-    text: str, functions: dict[str, Callable[..., Any]]
-) -> Callable[..., Any]:
-    names: dict[str, Any] = dict(functions)
-    exec(text, names)
+def _InPython(program: Program) -> Callable[..., Any]:
+    names: dict[str, Any] = dict(program.names)
+    exec(program.text, names)
     evaluate: Callable[..., Any] = names["evaluate"]
     return evaluate

@@ -11,75 +11,131 @@ from collections.abc import Callable, Iterable
 from importlib import metadata
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
+
+from teleop_drake.compiler import (
+    native,
+    scalar_code,
+    symbols,
+    traced_numpy,
+    tracing,
+    typed_code,
+    typed_expressions,
+    typed_values,
+)
 from teleop_drake.compiler.jit import helpers, jit
-from teleop_drake.numerics.compiled import with_compiled_helpers
+from teleop_drake.compiler.native import (
+    Evaluate,
+    Integrator,
+    Kept,
+    Library,
+    ObjectFile,
+    Processor,
+)
+from teleop_drake.compiler.scalar_code import MakeCode, TraceProgram
+from teleop_drake.compiler.source import Program
+from teleop_drake.compiler.symbols import Untraceable
+from teleop_drake.compiler.typed_code import MakeTypedCode
+from teleop_drake.compiler.typed_values import EVALUATE, TypeOf
 from teleop_drake.numerics.delay_integrator import advance
+
+# More numbers than any array has.
+_ANY_LENGTH = 2**40
+
+# Their files decide what becomes of a program.
+_COMPILERS = (
+    native,
+    scalar_code,
+    symbols,
+    traced_numpy,
+    tracing,
+    typed_code,
+    typed_expressions,
+    typed_values,
+)
 
 # Whatever changes them may change the code.
 _VERSIONS_OF = ("numba", "numpy", "scipy", "drake", "llvmlite")
 
 
-def _EvaluateSignature() -> Any:
-    """Returns the types of the generated function `evaluate`, those of any diagram."""
-    from numba import types
-
-    numbers, integers = types.float64[::1], types.int64[::1]
-    t, x, m, y, dx = types.float64, numbers, numbers, numbers, numbers
-    return types.void(t, x, m, numbers, integers, y, dx, types.boolean)
-
-
-def CompileIntegrator(*arguments: Any) -> Callable[..., Any]:
+def CompileIntegrator(*arguments: Any) -> Integrator:
     """Returns delay_integrator.advance() as machine code.
 
-    It is compiled once for all diagrams, and kept on disk beside its source or in the
-    user's cache.
+    It is compiled once for all diagrams, and kept in the user's cache.
 
     Args:
         arguments: As advance() takes them after the function that it integrates.
     """
-    import numba
-    from numba import types
-
-    return _Integrator(
-        types.int64(
-            types.FunctionType(_EvaluateSignature()), *map(numba.typeof, arguments)
-        )
-    )
+    return _Integrator((EVALUATE, *map(TypeOf, arguments)))
 
 
 @functools.cache
-def _Integrator(signature: Any) -> Callable[..., Any]:
-    import numba
+def _Integrator(types: tuple[Any, ...]) -> Integrator:
+    key = _Key(repr((types, Processor())), [advance])
+    data, _ = Kept(
+        _CacheFolder() / key[:2] / f"advance_{key}.o",
+        lambda: ObjectFile(MakeTypedCode(cast(FunctionType, advance), types)),
+    )
+    return Integrator(Library(data))
 
-    law = with_compiled_helpers(advance)
-    dispatcher: Callable[..., Any] = numba.njit(signature, cache=True)(law)
-    return dispatcher
 
-
-def CompileEvaluate(
-    text: str, functions: dict[str, Callable[..., Any]]
-) -> Callable[..., Any]:
-    """Returns a generated function `evaluate` as machine code.
+def CompileEvaluate(program: Program) -> Evaluate:
+    """Returns the function `evaluate` of a program as machine code.
 
     The code is kept in the user's cache, under a hash of the source, of the functions
     that it calls, and of versions. Several processes may do so at once. Where nothing
     can be kept it is compiled each time.
 
+    What a graph of operations cannot do, such as a loop until something has converged,
+    is left to numba, which takes longer.
+
     Args:
-        text: The source, in the part of Python that numba knows.
-        functions: What it calls, functions and named tuples, by the names in the
-            source.
+        program: What to compute, in the part of Python that numba knows.
     """
-    return _Evaluate(text, tuple(functions.items()))
+    parameters, integers = program.parameters
+    return _Compiled(
+        program.text,
+        tuple(program.names.items()),
+        program.sizes,
+        len(parameters),
+        tuple(integers.tolist()),
+    )
 
 
 @functools.cache
-def _Evaluate(
-    text: str, functions: tuple[tuple[str, Callable[..., Any]], ...]
-) -> Callable[..., Any]:
+def _Compiled(
+    text: str,
+    names: tuple[tuple[str, Callable[..., Any]], ...],
+    sizes: tuple[int, int, int],
+    num_parameters: int,
+    integers: tuple[int, ...],
+) -> Evaluate:
+    key = _Key(
+        repr((text, sizes, num_parameters, integers, Processor())),
+        [function for _, function in names],
+    )
+    file = _CacheFolder() / key[:2] / f"evaluate_{key}.o"
+
+    def Make() -> bytes:
+        q = np.array(integers, np.int64)
+        traced = TraceProgram(text, dict(names), sizes, num_parameters, q)
+        return ObjectFile(MakeCode(traced))
+
+    try:
+        data, is_from_cache = Kept(file, Make)
+    except Untraceable:
+        return _CompiledByNumba(text, names, sizes[1])
+    library = Library(data)
+    return Evaluate(library.Address("evaluate"), library, is_from_cache)
+
+
+def _CompiledByNumba(
+    text: str, functions: tuple[tuple[str, Callable[..., Any]], ...], num_x: int
+) -> Evaluate:
     import numba
+    from numba import types
 
     key = _Key(text, [function for _, function in functions])
     file = _CacheFolder() / key[:2] / f"evaluate_{key}.py"
@@ -90,9 +146,57 @@ def _Evaluate(
     }
     names["__name__"] = __name__  # Without a module numba cannot keep it.
     exec(compile(text, str(file) if is_kept else "<evaluate>", "exec"), names)
-    compiler = numba.njit(_EvaluateSignature(), cache=is_kept)
-    dispatcher: Callable[..., Any] = compiler(names["evaluate"])
-    return dispatcher
+    numbers, integers = types.float64[::1], types.int64[::1]
+    signature = types.void(
+        *(types.float64, numbers, numbers, numbers, integers, numbers, numbers),
+        types.boolean,
+    )
+    dispatcher = numba.njit(signature, cache=is_kept)(names["evaluate"])
+    return _ByPointers(dispatcher, num_x)
+
+
+def _ByPointers(evaluate: Any, num_x: int) -> Evaluate:
+    """Returns a compiled function of arrays as one that takes pointers.
+
+    How long the arrays are stays with the caller: the function takes parts of them.
+
+    Args:
+        evaluate: The function. Where it raises an error, no rate is a number.
+        num_x: How many rates there are.
+    """
+    import numba
+    from numba import types
+
+    carray = numba.carray  # type: ignore[attr-defined, unused-ignore]
+
+    def call(
+        t: Any, x: Any, m: Any, p: Any, q: Any, y: Any, dx: Any, everything: Any
+    ) -> None:
+        rates = carray(dx, num_x)
+        try:
+            evaluate(
+                t,
+                carray(x, _ANY_LENGTH),
+                carray(m, _ANY_LENGTH),
+                carray(p, _ANY_LENGTH),
+                carray(q, _ANY_LENGTH),
+                carray(y, _ANY_LENGTH),
+                rates,
+                everything != 0,
+            )
+        except Exception:
+            for i in range(num_x):
+                rates[i] = np.nan
+
+    pointer: Callable[..., Any] = types.CPointer
+    numbers, integers = pointer(types.float64), pointer(types.int64)
+    signature = types.void(
+        *(types.float64, numbers, numbers, numbers, integers, numbers, numbers),
+        types.int32,
+    )
+    function = numba.cfunc(signature)(call)
+    misses = sum(evaluate.stats.cache_misses.values())
+    return Evaluate(int(function.address or 0), function, misses == 0)
 
 
 def _CacheFolder() -> Path:
@@ -149,6 +253,8 @@ def _Key(text: str, functions: Iterable[Callable[..., Any]]) -> str:
     for function in functions:
         Add(function)
     Add(jit.__wrapped__)  # How all of them are compiled.
+    for module in _COMPILERS:
+        content.update(_FileContent(str(module.__file__)))
     content.update(_Versions().encode())
     return content.hexdigest()[:32]
 

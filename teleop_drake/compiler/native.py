@@ -1,0 +1,187 @@
+"""LLVM's code as functions in memory, and kept on disk as object files."""
+
+import ctypes
+import functools
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.compiler.scalar_code import LIBRARY_FUNCTIONS
+from teleop_drake.compiler.typed_values import Header
+
+Array = NDArray[np.float64]
+
+# Optimisation: more than this takes longer and gains nothing.
+_LEVEL = 1
+
+
+@functools.cache
+def Target() -> Any:
+    """Returns what LLVM knows about this machine."""
+    import llvmlite.binding as llvm
+
+    try:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+    except RuntimeError:  # Newer ones are initialised as they are.
+        pass
+    # C's mathematics, where the process does not export it.
+    library = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
+    for name in LIBRARY_FUNCTIONS:
+        if hasattr(library, name):
+            address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
+            llvm.add_symbol(name, address)
+    return llvm.Target.from_default_triple().create_target_machine(
+        opt=2,
+        reloc="pic",
+        codemodel="jitdefault",
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        jit=True,
+    )
+
+
+@functools.cache
+def Processor() -> str:
+    """Returns what an object file depends on besides its source."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    return " ".join([llvm.get_default_triple(), llvm.get_host_cpu_name(), features])
+
+
+def ObjectFile(code: str) -> bytes:
+    """Returns LLVM's code as an object file.
+
+    Args:
+        code: In LLVM's language.
+    """
+    import llvmlite.binding as llvm
+
+    machine = Target()
+    module = llvm.parse_assembly(code)
+    module.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    data: bytes = machine.emit_object(module)
+    return data
+
+
+class Library:
+    """The functions of an object file.
+
+    Args:
+        data: The file.
+    """
+
+    def __init__(self, data: bytes):
+        import llvmlite.binding as llvm
+
+        Target()
+        # It takes over what it is made of, so each gets a machine of its own.
+        machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(data))
+        self._engine.finalize_object()
+
+    def Address(self, name: str) -> int:
+        """Returns where a function is.
+
+        Args:
+            name: Of the function.
+        """
+        return int(self._engine.get_function_address(name))
+
+
+_EVALUATE = ctypes.CFUNCTYPE(
+    None, ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32
+)
+
+
+class Evaluate:
+    """A function `evaluate` in machine code; see `source`.
+
+    Args:
+        address: Where it is. It takes pointers in the place of arrays.
+        owner: What has to stay for it.
+        is_from_cache: Whether it has not been compiled now.
+
+    Attributes:
+        address: Where it is.
+        is_from_cache: Whether it has not been compiled now.
+    """
+
+    def __init__(self, address: int, owner: Any, is_from_cache: bool):
+        self.address, self.is_from_cache = address, is_from_cache
+        self._owner = owner
+        self._function = _EVALUATE(address)
+
+    def __call__(
+        self,
+        t: float,
+        x: Array,
+        m: Array,
+        p: Array,
+        q: NDArray[np.int64],
+        y: Array,
+        dx: Array,
+        everything: bool,
+    ) -> None:
+        """Evaluates, as the generated function does."""
+        pointers = (array.ctypes.data for array in (x, m, p, q, y, dx))
+        self._function(t, *pointers, everything)
+
+
+class Integrator:
+    """delay_integrator.advance() in machine code.
+
+    Args:
+        library: Has it.
+    """
+
+    def __init__(self, library: Library):
+        self._library = library
+        pointers, numbers = [ctypes.c_void_p] * 3, [ctypes.c_double] * 3
+        kind = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)
+        self._function = kind(library.Address("advance"))
+
+    def __call__(
+        self, evaluate: Evaluate, problem: Any, memory: Any, *numbers: float
+    ) -> int:
+        """Integrates, as the function in Python does."""
+        headers = [np.array(Header(value), np.int64) for value in (problem, memory)]
+        pointers = (header.ctypes.data for header in headers)
+        return int(self._function(evaluate.address, *pointers, *numbers))
+
+
+def Kept(file: Path, make: Callable[[], bytes]) -> tuple[bytes, bool]:
+    """Returns what is in a file, or makes it and keeps it there.
+
+    Several processes may do so at once. Where nothing can be kept it is made each time.
+
+    Args:
+        file: The file.
+        make: Returns what belongs in it.
+
+    Returns:
+        What is in it, and whether it was there.
+    """
+    try:
+        return file.read_bytes(), True
+    except OSError:
+        data = make()
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as temporary:
+            temporary.write(data)
+        os.replace(temporary.name, file)
+    except OSError:
+        pass
+    return data, False

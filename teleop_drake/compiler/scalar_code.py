@@ -1,0 +1,395 @@
+"""A generated function `evaluate` as a graph of operations, and that as LLVM's code.
+
+LLVM gets no loops, no arrays beside the arguments, and nothing to guess about types.
+So it is done in a fraction of the time that the same functions take through numba.
+"""
+
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.compiler.symbols import (
+    Number,
+    Numbers,
+    Ref,
+    Untraceable,
+)
+from teleop_drake.compiler.traced_numpy import FUNCTIONS, MODULES
+from teleop_drake.compiler.tracing import (
+    BOOLEAN,
+    Branch,
+    Graph,
+    Leaf,
+    Node,
+    Trace,
+)
+
+Stores = dict[tuple[str, int], Any]
+
+LIBRARY_FUNCTIONS = ("exp", "log", "sin", "cos", "tan", "atan", "tanh", "pow")
+"""Those of C's mathematics that the code may call."""
+
+_INTRINSICS = ("sqrt", "fabs", "floor", "trunc", "exp", "log", "sin", "cos", "pow")
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
+_LOGIC = {"and": "and", "or": "or"}
+
+
+@dataclass(frozen=True)
+class ScalarProgram:
+    """What `evaluate` computes, number by number.
+
+    Attributes:
+        graph: The operations.
+        stores: What is written where, in any case.
+        more_stores: What is written besides if everything is asked for.
+    """
+
+    graph: Graph
+    stores: Stores
+    more_stores: Stores
+
+
+def TraceProgram(
+    text: str,
+    names: dict[str, Callable[..., Any]],
+    sizes: tuple[int, int, int],
+    num_parameters: int,
+    integers: NDArray[np.int64],
+) -> ScalarProgram:
+    """Returns what a generated function `evaluate` computes.
+
+    Args:
+        text: Its source; see `source`.
+        names: What it calls.
+        sizes: Of y, x and m.
+        num_parameters: Size of p.
+        integers: q, which is part of the structure.
+
+    Raises:
+        Untraceable: If one of its functions does what a graph cannot.
+    """
+    graph = Graph()
+    num_y, num_x, num_m = sizes
+    x, m, p, y = (
+        _Given(graph, name, size)
+        for name, size in (
+            ("x", num_x), ("m", num_m), ("p", num_parameters), ("y", num_y)
+        )
+    )  # fmt: skip
+    dx = _Given(graph, "dx", num_x)
+    q = integers.copy().view(Numbers)
+    arrays = {"dx": dx, "y": y}
+    states: list[Stores] = []
+
+    class Everything:
+        """Asked whether it is wanted, notes what has been computed until then."""
+
+        def __bool__(self) -> bool:
+            states.append(_Changes(graph, arrays))
+            return True
+
+    traced: dict[str, Any] = {
+        name: Trace(graph, function, MODULES, FUNCTIONS)
+        if isinstance(function, FunctionType)
+        else function
+        for name, function in names.items()
+    }
+    try:
+        exec(text, traced)
+        traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
+    except Untraceable:
+        raise
+    except Exception as error:  # Whatever a function does to what is no number.
+        raise Untraceable(f"{type(error).__name__}: {error}") from error
+    if not states:
+        raise Untraceable("it does not say what is wanted in any case")
+    stores, everything = states[0], _Changes(graph, arrays)
+    more = {
+        place: value
+        for place, value in everything.items()
+        if place not in stores or _Operand(stores[place]) != _Operand(value)
+    }
+    return ScalarProgram(graph, stores, more)
+
+
+def _Given(graph: Graph, name: str, size: int) -> Numbers:
+    array = np.empty(size, object)
+    for i in range(size):
+        array[i] = graph.Add("load", name, i)
+    return array.view(Numbers)
+
+
+def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
+    """Returns what is in arrays that was not given, by its place."""
+    changes = {}
+    for name, array in arrays.items():
+        for i, value in enumerate(array):
+            if _Operand(value) != graph.Add("load", name, i).ref:
+                changes[name, i] = value
+    return changes
+
+
+def _Operand(value: Any) -> Any:
+    if isinstance(value, Number):
+        if value.graph.IsBoolean(value):
+            return value.graph.Add("select", value, 1.0, 0.0).ref
+        return value.ref
+    return float(value)
+
+
+def MakeCode(program: ScalarProgram) -> str:
+    """Returns the source of `evaluate` in LLVM's language.
+
+    It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
+    has no use for q, whose numbers are in the code.
+
+    Args:
+        program: What to compute.
+    """
+    writer = _Writer(program.graph)
+    sides = [
+        [(place, _Operand(value)) for place, value in stores.items()]
+        for stores in (program.stores, program.more_stores)
+    ]
+    writer.Enliven(value for side in sides for _, value in side)
+    writer.Store(sides[0])
+    writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
+    writer.block = "more"
+    writer.Store(sides[1])
+    writer.lines += ["  br label %done", "done:", "  ret void", "}"]
+    declarations = [
+        f"declare double @llvm.{name}.f64({_Doubles(name)})" for name in _INTRINSICS
+    ] + [
+        f"declare double @{name}({_Doubles(name)})"
+        for name in LIBRARY_FUNCTIONS
+        if name not in _INTRINSICS
+    ]
+    return "\n".join([*declarations, _HEAD, *writer.lines, ""])
+
+
+def _Doubles(name: str) -> str:
+    return "double, double" if name == "pow" else "double"
+
+
+_HEAD = """
+define void @evaluate(
+  double %t, ptr %x, ptr %m, ptr %p, ptr %q, ptr %y, ptr %dx, i32 %all) {
+entry:
+  %wants = trunc i32 %all to i1"""
+
+
+class _Writer:
+    """Writes the operations of a graph, each where it is first needed.
+
+    Args:
+        graph: The operations.
+
+    Attributes:
+        lines: The code.
+        block: Name of the block under way.
+    """
+
+    def __init__(self, graph: Graph):
+        self.lines: list[str] = []
+        self.block = "entry"
+        self._graph = graph
+        # Names of the values that are known, in this block and in those before it.
+        self._scopes: list[dict[int, str]] = [{}]
+        self._num_names = 0
+        # Which results of a merge are used, and their nodes.
+        self._live: dict[int, dict[int, int]] = {}
+        self._needs: dict[int, frozenset[int]] = {}
+
+    def Enliven(self, values: Iterable[Any]) -> None:
+        """Finds out which results of merges are used.
+
+        Args:
+            values: What will be stored.
+        """
+        seen: set[int] = set()
+        pending = [value.place for value in values if isinstance(value, Ref)]
+        while pending:
+            place = pending.pop()
+            if place in seen:
+                continue
+            seen.add(place)
+            node = self._graph.nodes[place]
+            if node.operation == "merge":
+                merge, result = node.arguments
+                self._live.setdefault(merge, {})[result] = place
+                tree = self._graph.merges[merge]
+                pending += [
+                    leaf.values[result].place
+                    for leaf in _Leaves(tree)
+                    if isinstance(leaf.values[result], Ref)
+                ]
+                pending += [ref.place for ref in _Conditions(tree)]
+            else:
+                pending += _Places(node.arguments)
+
+    def Store(self, stores: Sequence[tuple[tuple[str, int], Any]]) -> None:
+        """Writes what computes values and puts them where they belong.
+
+        Args:
+            stores: An array's name and the place in it, and the value.
+        """
+        for (name, i), value in stores:
+            operand = self._Value(value)
+            pointer = self._Pointer(name, i)
+            self.lines.append(f"  store double {operand}, ptr {pointer}")
+
+    def _Value(self, argument: Any) -> str:
+        """Returns an operand, after the code that computes it."""
+        if not isinstance(argument, Ref):
+            if isinstance(argument, (bool, np.bool_)):
+                return "true" if argument else "false"
+            return "0x" + struct.pack(">d", float(argument)).hex().upper()
+        known = self._Known(argument.place)
+        if known is None:
+            for place in sorted(self._NeededFor([argument.place])):
+                if self._Known(place) is None:
+                    self._Write(place)
+            known = self._Known(argument.place)
+        assert known is not None
+        return known
+
+    def _Known(self, place: int) -> str | None:
+        for scope in reversed(self._scopes):
+            if place in scope:
+                return scope[place]
+        return None
+
+    def _NeededFor(self, places: Iterable[int]) -> set[int]:
+        """Returns what has to be computed for nodes whatever the conditions are."""
+        needed: set[int] = set()
+        pending = list(places)
+        while pending:
+            place = pending.pop()
+            if place in needed or self._Known(place) is not None:
+                continue
+            needed.add(place)
+            node = self._graph.nodes[place]
+            if node.operation == "merge":
+                needed |= self._NeededForMerge(node.arguments[0])
+            else:
+                pending += _Places(node.arguments)
+        return needed
+
+    def _NeededForMerge(self, merge: int) -> frozenset[int]:
+        if merge not in self._needs:
+            live = self._live[merge]
+
+            def Of(tree: Branch | Leaf) -> set[int]:
+                if isinstance(tree, Leaf):
+                    return self._NeededFor(_Places(tree.values[k] for k in live))
+                both = Of(tree.if_true) & Of(tree.if_false)
+                return both | self._NeededFor([tree.condition.place])
+
+            self._needs[merge] = frozenset(Of(self._graph.merges[merge]))
+        return self._needs[merge]
+
+    def _Write(self, place: int) -> None:
+        node = self._graph.nodes[place]
+        if node.operation == "merge":
+            self._WriteMerge(node.arguments[0])
+            return
+        self._scopes[-1][place] = self._Instruction(node)
+
+    def _NewName(self) -> str:
+        self._num_names += 1
+        return f"%v{self._num_names}"
+
+    def _Assign(self, instruction: str) -> str:
+        name = self._NewName()
+        self.lines.append(f"  {name} = {instruction}")
+        return name
+
+    def _Pointer(self, array: str, i: int) -> str:
+        return self._Assign(f"getelementptr double, ptr %{array}, i64 {i}")
+
+    def _Instruction(self, node: Node) -> str:
+        """Writes an operation and returns the name of its value."""
+        operation, arguments = node
+        if operation == "load":
+            array, i = arguments
+            if array == "t":
+                return "%t"
+            return self._Assign(f"load double, ptr {self._Pointer(array, i)}")
+        values = [self._Value(argument) for argument in arguments]
+        if operation in _ARITHMETIC:
+            return self._Assign(f"{_ARITHMETIC[operation]} double {', '.join(values)}")
+        if operation == "neg":
+            return self._Assign(f"fneg double {values[0]}")
+        if operation == "select":
+            yes_or_no, a, b = values
+            return self._Assign(f"select i1 {yes_or_no}, double {a}, double {b}")
+        if operation == "not":
+            return self._Assign(f"xor i1 {values[0]}, true")
+        if operation in _LOGIC:
+            return self._Assign(f"{operation} i1 {', '.join(values)}")
+        if operation in BOOLEAN:
+            comparison = _COMPARISONS.get(operation, "une")
+            return self._Assign(f"fcmp {comparison} double {', '.join(values)}")
+        name = f"llvm.{operation}.f64" if operation in _INTRINSICS else operation
+        doubles = ", ".join(f"double {value}" for value in values)
+        return self._Assign(f"call double @{name}({doubles})")
+
+    def _WriteMerge(self, merge: int) -> None:
+        """Writes blocks for the leaves of a merge, and what follows them all."""
+        live = self._live[merge]
+        end = f"merged{self._NewName()[1:]}"
+        # What each leaf comes from, and its values.
+        incoming: list[tuple[str, list[str]]] = []
+
+        def WriteTree(tree: Branch | Leaf) -> None:
+            if isinstance(tree, Leaf):
+                values = [self._Value(tree.values[k]) for k in live]
+                self.lines.append(f"  br label %{end}")
+                incoming.append((self.block, values))
+                return
+            condition = self._Value(tree.condition)
+            name = self._NewName()[1:]
+            labels = f"yes_{name}", f"no_{name}"
+            self.lines.append(
+                f"  br i1 {condition}, label %{labels[0]}, label %{labels[1]}"
+            )
+            for label, side in zip(labels, (tree.if_true, tree.if_false), strict=True):
+                self.lines.append(f"{label}:")
+                self.block = label
+                self._scopes.append({})
+                WriteTree(side)
+                self._scopes.pop()
+
+        WriteTree(self._graph.merges[merge])
+        self.lines.append(f"{end}:")
+        self.block = end
+        for k, place in enumerate(live.values()):
+            number = Number(self._graph, Ref(place))
+            kind = "i1" if self._graph.IsBoolean(number) else "double"
+            values = ", ".join(f"[{row[k]}, %{label}]" for label, row in incoming)
+            self._scopes[-1][place] = self._Assign(f"phi {kind} {values}")
+
+
+def _Places(arguments: Iterable[Any]) -> list[int]:
+    return [a.place for a in arguments if isinstance(a, Ref)]
+
+
+def _Leaves(tree: Branch | Leaf) -> Iterator[Leaf]:
+    if isinstance(tree, Leaf):
+        yield tree
+        return
+    yield from _Leaves(tree.if_true)
+    yield from _Leaves(tree.if_false)
+
+
+def _Conditions(tree: Branch | Leaf) -> Iterator[Ref]:
+    if isinstance(tree, Branch):
+        yield tree.condition
+        yield from _Conditions(tree.if_true)
+        yield from _Conditions(tree.if_false)

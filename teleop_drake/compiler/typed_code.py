@@ -1,0 +1,299 @@
+"""Loops over arrays as LLVM's code: the part of Python that the integrator is in.
+
+Numbers, arrays, named tuples of arrays, loops, conditions, and calls of functions in
+the same style. Types follow from the arguments, and each variable keeps its own. What
+is outside of that is refused when it is compiled, by its line.
+"""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Sequence
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.compiler.typed_expressions import ExpressionWriter
+from teleop_drake.compiler.typed_values import (
+    EVALUATE,
+    INTEGER,
+    NOTHING,
+    ConstantText,
+    NotTyped,
+    PartsOf,
+    Type,
+    TypeOf,
+    Value,
+)
+
+_INTRINSICS = {"fabs": "double", "sqrt": "double", "pow": "double, double"}
+
+
+def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
+    """Returns a function and all that it calls as LLVM's code.
+
+    Args:
+        function: Its arrays' elements are taken by whole indices >= 0.
+        types: Those of its arguments. A named tuple is a pointer to its Header().
+
+    Raises:
+        NotTyped: If it does what cannot be compiled here.
+    """
+    module = _Module()
+    module.Compile(function, tuple(types), "")
+    return "\n".join(
+        [
+            *module.constants,
+            *(
+                f"declare double @llvm.{name}.f64({arguments})"
+                for name, arguments in _INTRINSICS.items()
+            ),
+            *module.functions,
+            "!0 = !{}",
+        ]
+    )
+
+
+class _Module:
+    """Functions and constants.
+
+    Attributes:
+        constants: Their definitions.
+        functions: The same of the functions.
+    """
+
+    def __init__(self) -> None:
+        self.constants: list[str] = []
+        self.functions: list[str] = []
+        self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
+        self._arrays: dict[int, Value] = {}
+
+    def Compile(
+        self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
+    ) -> tuple[str, Type]:
+        """Returns the name of a function for types of arguments, and what it returns.
+
+        Args:
+            function: The function.
+            types: Of its arguments.
+            linkage: LLVM's word for who may call it.
+        """
+        key = function, types
+        if key not in self._known:
+            name = function.__name__
+            if linkage:
+                name = f"{name}.{len(self._known)}"
+            self._known[key] = name, None
+            code = _Function(self, function, types)
+            self._known[key] = name, code.result or NOTHING
+            self.functions.append(code.Text(name, linkage))
+        return self._known[key]
+
+    def Constant(self, array: Any) -> Value:
+        """Returns a constant array.
+
+        Args:
+            array: Of numpy.
+        """
+        if id(array) not in self._arrays:
+            kind = TypeOf(np.ascontiguousarray(array))
+            name = f"@array{len(self._arrays)}"
+            items = ", ".join(
+                f"{kind.item} {ConstantText(item.item())}" for item in array.ravel()
+            )
+            self.constants.append(
+                f"{name} = private constant [{array.size} x {kind.item}] [{items}]"
+            )
+            dimensions = tuple(str(n) for n in array.shape)
+            self._arrays[id(array)] = Value(kind, (name, *dimensions))
+        return self._arrays[id(array)]
+
+
+class _Function(ExpressionWriter):
+    """The code of one function for types of arguments.
+
+    Args:
+        module: Where what it needs is.
+        function: The function.
+        types: Of its arguments.
+
+    Attributes:
+        result: Type of what it returns; None: nothing.
+    """
+
+    def __init__(
+        self, module: _Module, function: FunctionType, types: tuple[Type, ...]
+    ):
+        self.result: Type = None
+        super().__init__(module, function)
+        # Where `continue` and `break` go.
+        self._loops: list[tuple[str, str]] = []
+        source = textwrap.dedent(inspect.getsource(function))
+        definition = ast.parse(source).body[0]
+        assert isinstance(definition, ast.FunctionDef)
+        names = [argument.arg for argument in definition.args.args]
+        if len(names) != len(types):
+            raise NotTyped(f"{function.__name__} takes {len(names)} arguments")
+        self._arguments = []
+        for i, (name, kind) in enumerate(zip(names, types, strict=True)):
+            parts = PartsOf(kind)
+            operands = tuple(f"%a{i}_{k}" for k in range(len(parts)))
+            self._arguments += [
+                f"{part} {operand}"
+                for part, operand in zip(parts, operands, strict=True)
+            ]
+            self._Assign(name, Value(kind, operands))
+        self._Block(definition.body)
+        if self._is_open:
+            self._lines.append(
+                "  unreachable" if self.result not in (None, NOTHING) else "  ret void"
+            )
+
+    def Text(self, name: str, linkage: str) -> str:
+        """Returns the definition.
+
+        Args:
+            name: Of the function.
+            linkage: LLVM's word for who may call it.
+        """
+        head = f"define {linkage} {self.result or NOTHING} @{name}"
+        arguments = ", ".join(self._arguments)
+        lines = [f"{head}({arguments}) {{", "entry:", *self._slots, *self._lines, "}"]
+        return "\n".join(lines)
+
+    # Statements.
+
+    def _Block(self, body: Sequence[ast.stmt]) -> None:
+        for statement in body:
+            if not self._is_open:
+                return  # What follows a return.
+            self._Statement(statement)
+
+    def _Statement(self, node: ast.stmt) -> None:
+        match node:
+            case ast.Expr(value=ast.Constant()) | ast.Pass():
+                pass
+            case ast.Expr(value=ast.Call() as call):
+                self._Expression(call)
+            case ast.Assign(targets=[target], value=value):
+                self._AssignTo(target, value)
+            case ast.AnnAssign(target=target, value=ast.expr() as value):
+                self._AssignTo(target, value)
+            case ast.AugAssign(target=target, op=op, value=value):
+                old = self._Expression(_AsLoad(target))
+                self._PutInto(target, self._Operate(op, old, self._Expression(value)))
+            case ast.If():
+                self._If(node)
+            case ast.While(test=test, body=body, orelse=[]):
+                head, inner, end = self._Name(), self._Name(), self._Name()
+                self._Label(head)
+                self._Branch(test, inner, end)
+                self._Label(inner)
+                self._Loop(body, head, end)
+                self._Jump(head)
+                self._Label(end)
+            case ast.For(target=ast.Name(), orelse=[]):
+                self._For(node)
+            case ast.Return(value=value):
+                self._Return(value)
+            case ast.Continue():
+                self._Jump(self._loops[-1][0])
+            case ast.Break():
+                self._Jump(self._loops[-1][1])
+            case _:
+                raise self._Refuse(type(node).__name__, node)
+
+    def _Return(self, value: ast.expr | None) -> None:
+        if value is None:
+            self._lines.append("  ret void")
+        else:
+            result = self._Expression(value)
+            self.result = self.result or result.type
+            if not isinstance(self.result, str) or self.result == EVALUATE:
+                raise self._Refuse("it returns no number", value)
+            operand = self._As(self.result, result).operands[0]
+            self._lines.append(f"  ret {self.result} {operand}")
+        self._is_open = False
+
+    def _AssignTo(self, target: ast.expr, value: ast.expr) -> None:
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+            values = [self._Expression(item) for item in value.elts]
+            for inner, item in zip(target.elts, values, strict=True):
+                self._PutInto(inner, item)
+        else:
+            self._PutInto(target, self._Expression(value))
+
+    def _PutInto(self, target: ast.expr, value: Value) -> None:
+        if isinstance(target, ast.Name):
+            self._Assign(target.id, value)
+            return
+        if not isinstance(target, ast.Subscript):
+            raise self._Refuse(type(target).__name__, target)
+        place = self._Element(target)
+        if place.type.num_dimensions:
+            raise self._Refuse("it writes a whole array", target)
+        kind = place.type.item
+        operand = self._As(kind, value).operands[0]
+        self._lines.append(f"  store {kind} {operand}, ptr {place.operands[0]}")
+
+    def _If(self, node: ast.If) -> None:
+        yes, no, end = self._Name(), self._Name(), self._Name()
+        self._Branch(node.test, yes, no)
+        ends_open = False
+        for label, body in ((yes, node.body), (no, node.orelse)):
+            self._Label(label)
+            self._Block(body)
+            ends_open |= self._is_open
+            self._Jump(end)
+        if ends_open:
+            self._Label(end)
+
+    def _Loop(self, body: Sequence[ast.stmt], next_round: str, end: str) -> None:
+        self._loops.append((next_round, end))
+        self._Block(body)
+        self._loops.pop()
+
+    def _For(self, node: ast.For) -> None:
+        """Writes a loop over a range, or over an array of one dimension."""
+        assert isinstance(node.target, ast.Name)
+        array: Value | None = None
+        zero, one = Value(INTEGER, ("0",)), Value(INTEGER, ("1",))
+        match node.iter:
+            case ast.Call(func=ast.Name(id="range"), args=arguments):
+                limits = [self._Expression(argument) for argument in arguments]
+                first = zero if len(limits) == 1 else limits[0]
+                last = limits[0] if len(limits) == 1 else limits[1]
+                step = limits[2] if len(limits) == 3 else one
+            case _:
+                array = self._Expression(node.iter)
+                first, last, step = zero, Value(INTEGER, array.operands[1:2]), one
+        # As in Python, the body does not decide what comes next.
+        counter = self._Slot(INTEGER)
+        self._Put(INTEGER, counter, first)
+        head, inner, following, end = (self._Name() for _ in range(4))
+        self._Label(head)
+        i = self._Take(INTEGER, counter)
+        comparison = "sgt" if step.operands[0].startswith("-") else "slt"
+        more = self._Do(f"icmp {comparison} i64 {i.operands[0]}, {last.operands[0]}")
+        self._lines.append(f"  br i1 {more}, label %{inner}, label %{end}")
+        self._is_open = False
+        self._Label(inner)
+        item = i if array is None else self._Loaded(self._At(array, [i]))
+        self._Assign(node.target.id, item)
+        self._Loop(node.body, following, end)
+        self._Label(following)
+        i = self._Take(INTEGER, counter)
+        self._Put(INTEGER, counter, self._Operate(ast.Add(), i, step))
+        self._Jump(head)
+        self._Label(end)
+
+
+def _AsLoad(target: ast.expr) -> ast.expr:
+    """Returns what is assigned to as an expression."""
+    match target:
+        case ast.Name(id=name):
+            return ast.Name(id=name, ctx=ast.Load())
+        case ast.Subscript(value=value, slice=index):
+            return ast.Subscript(value=value, slice=index, ctx=ast.Load())
+    return target

@@ -1,0 +1,114 @@
+"""Functions as graphs of operations, and as LLVM's code: the same numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.compiler.source import put
+
+pytest.importorskip("llvmlite")
+
+from teleop_drake.compiler.native import Evaluate, Library, ObjectFile
+from teleop_drake.compiler.scalar_code import MakeCode, TraceProgram
+from teleop_drake.compiler.symbols import Untraceable
+
+TABLE = np.array([[0, 1], [2, 3], [4, 5]])
+
+
+def matrices(x, table):
+    A = x[:9].reshape(3, 3)
+    S = A @ A.T
+    U, sigma, Vt = np.linalg.svd(A)
+    values, vectors = np.linalg.eigh(S)
+    b = np.linalg.solve(A, x[9:]) + np.linalg.inv(A).T @ x[9:]
+    return np.concatenate(
+        ((U * sigma @ Vt).ravel(), sigma, (vectors * values @ vectors.T).ravel(), b)
+    )
+
+
+def small_matrices(x, table):
+    U, sigma, Vt = np.linalg.svd(x[:4].reshape(2, 2))
+    kept = sigma > 1.0
+    if not kept.any():
+        return np.zeros(4)
+    return (U[:, kept] @ (sigma[kept, np.newaxis] * Vt[kept])).ravel()
+
+
+def row_of(x, starts):
+    return int(np.searchsorted(starts, x, side="right"))
+
+
+def tables(x, table):
+    starts = np.sort(np.array([-0.5, 0.3]))
+    row = min(max(row_of(x[0], starts), 0), 2)
+    limits = np.clip(x, -0.2, np.abs(x[1]))
+    return np.concatenate(
+        (np.minimum(limits, x), table[row, 1] * np.where(x > 0, x, 1))
+    )
+
+
+def writes_into(result, x, sign):
+    for i in range(3):
+        result[i] = sign * x[i] if x[i] > 0 else math.sin(x[i])
+    if x[0] > x[1]:
+        result[0] = 7.0
+
+
+def branches(x, table):
+    result = np.zeros(12)
+    writes_into(result, x, 2.0)
+    first = result.copy()
+    writes_into(result, x, -1.0)
+    return np.tanh(result) + first**2 * (1.0 if (x[3] < 0) & (x[4] < 0) else 2.0)
+
+
+TEXT = """
+def evaluate(t, x, m, p, q, y, dx, everything):
+    put(dx[0:{size}], f0(x[0:12], q.reshape((3, 2))))
+    if not everything:
+        return
+    put(y[1:], f0(y[0] * x[0:12] + t - m[0] * p[1], q.reshape((3, 2))))
+"""
+
+
+@pytest.mark.parametrize("function", [matrices, small_matrices, tables, branches])
+def test_machine_code_and_python_agree(function):
+    rng = np.random.default_rng(1)
+    size = len(function(rng.normal(size=12), TABLE))
+    names, num_x, q = {"put": put, "f0": function}, max(size, 12), TABLE.ravel()
+    text = TEXT.format(size=size)
+    python = dict(names)
+    exec(text, python)
+    program = TraceProgram(text, names, (size + 1, num_x, 1), 2, q)
+    library = Library(ObjectFile(MakeCode(program)))
+    evaluate = Evaluate(library.Address("evaluate"), library, False)
+    for _ in range(50):
+        x, m, p = rng.normal(size=num_x), rng.normal(size=1), rng.normal(size=2)
+        results = []
+        for f in (python["evaluate"], evaluate):
+            for everything in (False, True):
+                y, dx = np.full(size + 1, 0.5), np.zeros(num_x)
+                f(0.3, x, m, p, q, y, dx, everything)
+                results.append(np.concatenate((y, dx)))
+        np.testing.assert_allclose(results[2:], results[:2], rtol=1e-10, atol=1e-11)
+
+
+def test_what_a_graph_cannot_do_is_refused():
+    def until_converged(x, table):
+        while x[0] > 1e-3:
+            x = x / 2
+        return x
+
+    def by_its_numbers(x, table):
+        return x[:3] if x[0] > 0 else x
+
+    for function in (until_converged, by_its_numbers):
+        with pytest.raises(Untraceable):
+            TraceProgram(
+                TEXT.format(size=12),
+                {"put": put, "f0": function},
+                (13, 12, 1),
+                2,
+                TABLE.ravel(),
+            )
