@@ -89,6 +89,85 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
+def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds what figures show, how wide they are, and in which formats.
+
+    Args:
+        parser: The parser of the command.
+    """
+    parser.add_argument(
+        "--format",
+        default="png",
+        metavar="A,B,...",
+        help="of figures: png, svg, pdf or several of them (default: png)",
+    )
+    parser.add_argument(
+        "--columns",
+        type=int,
+        choices=(1, 2),
+        default=2,
+        help="columns of a printed page that figures span (default: 2)",
+    )
+    parser.add_argument(
+        "--signals",
+        metavar="A,B,...",
+        help="what figures show, for example tool_velocity,environment_force",
+    )
+    parser.add_argument(
+        "--window",
+        metavar="FROM:TO",
+        help="part of the time that figures show, s",
+    )
+
+
+def FormatsOf(args: argparse.Namespace) -> list[str]:
+    """Returns the formats that --format asks for.
+
+    Args:
+        args: The options.
+
+    Raises:
+        BadInput: If one is none.
+    """
+    from teleop_drake.figures.saving import FORMATS
+    from teleop_drake.validation import Choices
+
+    formats = [name.strip() for name in args.format.split(",")]
+    for name in formats:
+        if name not in FORMATS:
+            raise BadInput(
+                f"--format = {args.format!r}: must be {Choices(name, FORMATS)}"
+            )
+    return list(dict.fromkeys(formats))
+
+
+def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
+    """Returns the options of a figure as PlotRun() and PlotComparison() take them.
+
+    Args:
+        args: The options.
+
+    Raises:
+        BadInput: If the window is none.
+    """
+    time = None
+    if args.window is not None:
+        try:
+            begin, end = map(float, args.window.split(":"))
+        except ValueError:
+            begin = end = 0.0
+        if not 0 <= begin < end:
+            raise BadInput(
+                f"--window = {args.window!r}: must be FROM:TO, times in s, the later "
+                "one behind"
+            )
+        time = (begin, end)
+    signals = None
+    if args.signals is not None:
+        signals = [name.strip() for name in args.signals.split(",")]
+    return {"signals": signals, "time": time, "columns": args.columns}
+
+
 def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
     """Adds --html.
 

@@ -22,7 +22,7 @@ SMALL_FONT_SIZE = 7  # points
 # Up to this many components of a signal have a name in a legend.
 MAX_NAMED_COMPONENTS = 4
 
-BOUNDARY_STYLE: dict[str, Any] = {
+BORDER_STYLE: dict[str, Any] = {
     "color": GREY,
     "linestyle": (0, (1, 2)),
     "linewidth": 0.8,
@@ -120,12 +120,67 @@ def FormatAxes(ax: Axes) -> None:
     ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)
 
 
-def AxisLabel(key: str) -> str:
-    """Returns what the axis of a varied key of a scenario says."""
+# Of the numbers of a scenario that have one unit wherever they stand, by the last part
+# of their names. Gains whose unit the architecture decides are not among them.
+_UNITS = {
+    **dict.fromkeys(
+        (
+            *("delay", "forward_delay", "return_delay", "sample_period", "std"),
+            *("minimum", "depth", "duration", "stop_time", "max_step_size"),
+        ),
+        "s",
+    ),
+    **dict.fromkeys(("start", "reference"), "m"),
+    **dict.fromkeys(("G1", "G2"), "1/s"),
+    **dict.fromkeys(("initial_psi", "minimum_psi"), "1/kg"),
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "mass": "kg",
+    "velocity": "m/s",
+    "contact_force": "N",
+    "frequency": "rad/s",
+    "phase": "rad",
+    "drift": "s/s",
+    "burst_length": "packets",
+}
+
+
+def _NameAndUnit(key: str) -> tuple[str, str]:
+    """Returns a varied key of a scenario in words, and its unit; "" if it has none."""
     if key in DELAYS:
-        name = "delay each way" if key == "delay" else key.replace("_", " ")
-        return f"{name} [s]"
-    return ".".join(key.split(".")[-2:])
+        return ("delay each way" if key == "delay" else key.replace("_", " ")), "s"
+    parts = key.split(".")
+    last = parts[-2] if parts[-1].isdecimal() and len(parts) > 1 else parts[-1]
+    # The element of a vector is that of an axis.
+    names = [
+        "xyz"[int(part)] if part.isdecimal() and int(part) < 3 else part
+        for part in parts[-2:]
+    ]
+    return " ".join(names).replace("_", " "), _UNITS.get(last, "")
+
+
+def AxisLabel(key: str) -> str:
+    """Returns what the axis of a varied key of a scenario says: its name and unit.
+
+    Args:
+        key: A dotted path, or an alias such as `delay`.
+    """
+    name, unit = _NameAndUnit(key)
+    return f"{name} [{unit}]" if unit else name
+
+
+def LabelOfValue(key: str, value: Any) -> str:
+    """Returns a value of a varied key as a legend says it, with its unit.
+
+    Args:
+        key: A dotted path, or an alias such as `delay`.
+        value: What it has.
+    """
+    name, unit = _NameAndUnit(key)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    shown = f"{value:g}" if is_number else str(value).replace("_", " ")
+    # Between two dollars matplotlib reads a formula.
+    return f"{name} = {shown} {unit}".strip().replace("$", r"\$")
 
 
 def CellEdges(centres: np.ndarray) -> np.ndarray:

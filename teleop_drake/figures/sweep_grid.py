@@ -16,6 +16,7 @@ from teleop_drake.figures.style import (
     SMALL_FONT_SIZE,
     WIDTH,
     AxisLabel,
+    LabelOfValue,
     RunStyle,
 )
 from teleop_drake.sweep import SweepResult
@@ -84,7 +85,7 @@ class SweepGrid:
         ]
         self.row_titles = [
             ", ".join(
-                f"{AxisLabel(key)} = {ValueLabel(value)}"
+                LabelOfValue(key, value)
                 for key, value in zip(row_keys, row, strict=True)
             )
             for row in rows
@@ -164,7 +165,7 @@ class SweepGrid:
                 [],
                 label=ValueLabel(value)
                 if self.lines_are_controllers
-                else f"{AxisLabel(self.line_key)} = {ValueLabel(value)}",
+                else LabelOfValue(self.line_key, value),
                 **self.LineStyle(i),
             )
             for i, value in enumerate(values)

@@ -304,6 +304,55 @@ def interrupted(monkeypatch):
     monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupted_simulate)
 
 
+def test_compare_values(capsys):
+    """Trajectories at several values of any number, as wide as asked for."""
+    options = ["--vary", "delay=0.05,0.1", "--controllers", "direct_force"]
+    options += ["--format", "svg,pdf", "--columns", "1", "--window", "0.1:0.2"]
+    options += ["--signals", "tool_velocity", "--out", "here", "--json", "a.json"]
+    assert main(["compare", "one_dof", *SHORT, *options]) == 0
+    assert sorted(os.listdir("here")) == [
+        "one_dof_comparison.pdf",
+        "one_dof_comparison.svg",
+        "one_dof_direct_force_delay=0.05.npz",
+        "one_dof_direct_force_delay=0.1.npz",
+    ]
+    records = json.loads(Path("a.json").read_text())
+    assert [record["forward_delay"] for record in records] == [0.05, 0.1]
+    text = Path("here/one_dof_comparison.svg").read_text()
+    title = re.search("<title>(.*)</title>", text)[1]
+    assert title.startswith("One panel: velocity v_x [mm/s]; against time [s]")
+    assert "direct force, delay each way = 0.05 s" in title
+    width = float(re.search(r'<svg .*width="([\d.]+)pt"', text)[1])
+    assert width < 3.5 * 72
+    header = capsys.readouterr().out.splitlines()[2]
+    assert "direct_force, delay each way = 0.1 s" in header
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
+        ("compare", ["--vary", "delay"], "--vary = 'delay': must be PATH=VALUES"),
+        ("compare", ["--vary", "delay=a:b:c"], "--vary delay = 'a:b:c': must be START"),
+        ("compare", ["--vary", "dely=1,2"], "dely = 1: unknown key 'dely'"),
+        ("compare", ["--vary", "delay=0.1", "--seeds", "2"], "left out with --seeds"),
+        ("run", ["--format", "gif"], "--format = 'gif': must be one of png, svg, pdf"),
+        ("run", ["--window", "2:1"], "--window = '2:1': must be FROM:TO"),
+        ("run", ["--signals", "psy", "--out", "."], "signal 'psy': must be one of"),
+        ("run", ["--window", "1:2", "--out", "."], "time = [1.0, 2.0]: must be before"),
+    ],
+)
+def test_what_a_figure_cannot_show_is_refused(command, options, message, capsys):
+    assert main([command, "one_dof", *SHORT, *options]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert message in error
+
+
+def test_a_run_over_a_network_draws_it():
+    options = ["--channel", "lte", "--out", "here", "--controller", "direct_force"]
+    assert main(["run", "one_dof", *SHORT, *options]) == 0
+    assert "one_dof_direct_force_network.png" in os.listdir("here")
+
+
 def test_interrupted_run_keeps_what_there_is(interrupted, capsys):
     assert main(["run", "one_dof", *SHORT, "--out", "here", "--json", "a.json"]) == 130
     assert len(os.listdir("here")) == 3

@@ -29,7 +29,7 @@ def test_a_slider_that_is_turned_shows_other_runs():
     assert explorer.values == {"delay": 0.1, STIFFNESS: 100.0}
     slider = explorer.sliders["delay"]
     assert slider.value == 0.1 and len(slider.options) == 11
-    assert explorer.sliders[STIFFNESS].description == "bone.stiffness"
+    assert explorer.sliders[STIFFNESS].description == "bone stiffness [N/m]"
     first = explorer.picture.value
     slider.value = 0.05
     assert explorer.picture.value != first

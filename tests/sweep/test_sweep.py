@@ -896,7 +896,7 @@ def test_more_that_varies():
 
     figure = PlotStability(result)
     assert len(figure.axes) == 6
-    assert figure.axes[0].get_ylabel() == "bone.stiffness"
+    assert figure.axes[0].get_ylabel() == "bone stiffness [N/m]"
     # Of each panel: rows are stiffnesses, columns are delays.
     cells = [ax.collections[0].get_array().tolist() for ax in figure.axes]
     assert cells == [[[1, 2], [1, 2]]] * 4 + [[[1, 3], [1, 3]]] * 2

@@ -1,15 +1,20 @@
 """The command `teleop-drake compare`."""
 
 import argparse
+import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.options import (
     AddEngineOption,
+    AddFigureOptions,
     AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
     ControllersOf,
+    FigureOptionsOf,
+    FormatsOf,
     Load,
     LoadToRun,
     OverridesOf,
@@ -32,6 +37,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "(default: the thesis's two)",
     )
     parser.add_argument(
+        "--vary",
+        metavar="PATH=VALUES",
+        help="instead of controllers compare values, for example "
+        "delay=0.05,0.1,0.2; with --controllers both",
+    )
+    parser.add_argument(
         "--seeds",
         type=int,
         metavar="N",
@@ -39,6 +50,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "medians, shares and differences with intervals",
     )
     AddEngineOption(parser)
+    AddFigureOptions(parser)
     AddHtmlOption(parser)
     AddRunOptions(
         parser,
@@ -62,34 +74,46 @@ def Execute(args: argparse.Namespace) -> int:
     if args.controllers is not None:
         controllers = ControllersOf(args.controllers)
     if args.seeds is not None:
+        if args.vary is not None:
+            raise BadInput(f"--vary = {args.vary!r}: must be left out with --seeds")
         if args.html is not None:
             raise BadInput(f"--html = {args.html!r}: must be left out with --seeds")
         return _CompareOverSeeds(args, controllers)
+    formats, options = FormatsOf(args), FigureOptionsOf(args)
+    cases = _Cases(args, controllers)
     scenarios = {
-        kind: LoadToRun(args, f"controller.kind={kind}") for kind in controllers
+        case.label: LoadToRun(args, *case.overrides) for case in cases.values()
     }
-    name = scenarios[controllers[0]].name
+    name = next(iter(scenarios.values())).name
     CheckJson(args.json)
     CheckHtml(args.html)
-    figure_path, *recording_paths = PrepareFolder(
-        args.out, f"{name}_comparison.png", *(f"{name}_{k}.npz" for k in controllers)
+    paths = PrepareFolder(
+        args.out,
+        *(f"{name}_comparison.{suffix}" for suffix in formats),
+        *(f"{name}_{stem}.npz" for stem in cases),
     )
+    figure_paths, recording_paths = paths[: len(formats)], paths[len(formats) :]
 
     from teleop_drake.figures.runs import PlotComparison, SaveFigure
     from teleop_drake.tasks.metrics import RunSummary
 
     recordings: dict[str, Recording] = {}
-    for (kind, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
-        recordings[kind] = Simulate(scenario, args.quiet, args.engine)
-        recordings[kind].Save(path)
-        if recordings[kind].termination == "interrupted":
+    for (label, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
+        recordings[label] = Simulate(scenario, args.quiet, args.engine)
+        recordings[label].Save(path)
+        if recordings[label].termination == "interrupted":
             break
-    records = {kind: RunSummary(recording) for kind, recording in recordings.items()}
-    SaveFigure(PlotComparison(recordings), figure_path)
+    records = {label: RunSummary(recording) for label, recording in recordings.items()}
+    names = {label.replace("_", " "): x for label, x in recordings.items()}
+    try:
+        figure = PlotComparison(names, **options)
+    except (KeyError, ValueError) as e:
+        raise BadInput(e) from None
+    for path in figure_paths:
+        SaveFigure(figure, path)
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
-        names = {kind.replace("_", " "): x for kind, x in recordings.items()}
         MakeReplay(names).Save(args.html)
     if args.json is not None:
         WriteJson(args.json, list(records.values()))
@@ -97,11 +121,55 @@ def Execute(args: argparse.Namespace) -> int:
         for recording in recordings.values():
             print(Headline(recording))
         print(Table(records))
-        written = [figure_path, *recording_paths[: len(recordings)]]
+        written = [*figure_paths, *recording_paths[: len(recordings)]]
         written += [args.html] if args.html is not None else []
         print("Written:", ", ".join(map(str, written)))
-    is_interrupted = recordings[kind].termination == "interrupted"
+    is_interrupted = recordings[label].termination == "interrupted"
     return INTERRUPTED if is_interrupted else 0
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One of the runs that are compared: what it is called, and how it differs."""
+
+    label: str
+    overrides: list[str]
+
+
+def _Cases(args: argparse.Namespace, controllers: list[str]) -> dict[str, _Case]:
+    """Returns the runs that are compared, by the ends of the names of their files.
+
+    A value that is varied is one of every controller; if none is asked for, of the
+    scenario's own.
+    """
+    if args.vary is None:
+        return {kind: _Case(kind, [f"controller.kind={kind}"]) for kind in controllers}
+    from teleop_drake.figures.style import LabelOfValue
+    from teleop_drake.scenario.tree import DumpYaml
+    from teleop_drake.sweep import ALIASES, ParseValues, SweepError
+
+    key, equals, text = args.vary.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise BadInput(f"--vary = {args.vary!r}: must be PATH=VALUES")
+    try:
+        values = ParseValues(text)
+    except SweepError as e:
+        raise BadInput(f"--vary {key} = {e}") from None
+    cases = {}
+    for kind in controllers if args.controllers is not None else [""]:
+        for value in values:
+            shown = (
+                DumpYaml(value, default_flow_style=True).removesuffix("...\n").strip()
+            )
+            overrides = [f"controller.kind={kind}"] if kind else []
+            overrides += [f"{path}={shown}" for path in ALIASES.get(key, (key,))]
+            label = LabelOfValue(key, value)
+            stem = re.sub(r"[^\w.=-]+", "_", f"{key.split('.')[-1]}={shown}")
+            cases["_".join(filter(None, [kind, stem]))] = _Case(
+                ", ".join(filter(None, [kind, label])), overrides
+            )
+    return cases
 
 
 def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
@@ -120,7 +188,10 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
         )
     except (ValueError, SweepError) as e:  # ScenarioError is a ValueError.
         raise BadInput(e) from None
-    (figure_path,) = PrepareFolder(args.out, f"{plan.scenario.name}_seeds.png")
+    figure_paths = PrepareFolder(
+        args.out,
+        *(f"{plan.scenario.name}_seeds.{suffix}" for suffix in FormatsOf(args)),
+    )
 
     import numpy as np
 
@@ -135,12 +206,14 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
         for metric in SelectMetrics(plan.scenario)
         if np.isfinite(result.Values(metric)).any()
     ]
-    SaveFigure(PlotSeeds(result, *metrics), figure_path)
+    figure = PlotSeeds(result, *metrics)
+    for path in figure_paths:
+        SaveFigure(figure, path)
     if args.json is not None:
         WriteJson(args.json, result.records)
     if args.json != "-":
         if not HasIntervals():
             print(NO_INTERVALS)
         print(SeedsTable(result, metrics))
-        print("Written:", figure_path)
+        print("Written:", ", ".join(map(str, figure_paths)))
     return 0

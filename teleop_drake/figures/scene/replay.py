@@ -26,7 +26,6 @@ from teleop_drake.figures.scene.stage import (
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.recording import Recording
-from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
@@ -102,10 +101,12 @@ def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
         ValueError: If there is none, or their numbers of axes differ.
     """
     if not recordings:
-        Refuse("recordings", {}, "one or more")
+        raise ValueError("recordings: empty; allowed: at least one")
     sizes = {x["tool_position"].shape[1] for x in recordings.values()}
     if len(sizes) > 1:
-        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
+        raise ValueError(
+            f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
+        )
 
 
 def AnimateRuns(

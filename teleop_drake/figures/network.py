@@ -1,0 +1,138 @@
+"""What the networks of a run did to their packets, against time."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from teleop_drake.channels import NetworkChannelConfig
+from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.channels.receiver import Receiver
+from teleop_drake.figures.style import (
+    COLORS,
+    FONT_SIZE,
+    GREY,
+    FormatAxes,
+    WidthOf,
+)
+from teleop_drake.recording import Recording
+from teleop_drake.tasks import TaskOf
+from teleop_drake.validation import Refuse
+
+_ROW_HEIGHT = 1.5  # inches
+
+# Spans of time over which a share of lost packets is taken.
+_NUM_SPANS = 40
+
+
+def HasNetwork(recording: Recording) -> bool:
+    """Returns whether PlotNetwork() has something to show.
+
+    Args:
+        recording: A run.
+    """
+    return bool(_Networks(recording))
+
+
+def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
+    """Plots delay, age of information and loss of each network against time.
+
+    The delay is that of each packet, over the time when it was sent; a cross at the top
+    is one that was lost. The age is how old what the receiver shows is, and the loss
+    the share of what was sent around a time. The packets are drawn again: they are
+    functions of the scenario alone. Those of a trace need its file.
+
+    Args:
+        recording: A run with a channel of kind `network`, or of one of its names.
+        columns: Columns of a printed page that the figure spans, 1 or 2.
+
+    Raises:
+        ValueError: If it has no such channel.
+    """
+    networks = _Networks(recording)
+    if not networks:
+        Refuse("recording", recording.scenario.name, "a run with a channel of packets")
+    figure = Figure(
+        figsize=(WidthOf(columns), 3 * _ROW_HEIGHT + 0.4),
+        layout=ConstrainedLayoutEngine(w_pad=0.1),
+    )
+    axes = figure.subplots(3, len(networks), sharex=True, sharey="row", squeeze=False)
+    end = float(recording.time[-1])
+    for column, (name, config) in zip(axes.T, networks.items(), strict=True):
+        network = config.Network(recording.scenario.duration, stream=name)
+        sent = np.arange(0.0, end, network.sample_period)
+        arrivals = network.Arrivals(len(sent))
+        delay, age, loss = column
+        _DrawDelays(delay, sent, arrivals)
+        age.plot(
+            *_Age(network, config.receiver, len(sent), end), color=COLORS[0], lw=0.9
+        )
+        _DrawLoss(loss, sent, np.isinf(arrivals), end)
+        delay.set_title(name.replace("_", " "), fontsize=FONT_SIZE)
+        loss.set_xlabel("time [s]", fontsize=FONT_SIZE)
+        loss.set_xlim(0.0, end or 1.0)
+        for ax in column:
+            FormatAxes(ax)
+    for ax in axes[:, 0]:
+        # Where nothing is lost a range of its own would be rounding.
+        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
+    labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
+    for ax, label in zip(axes[:, 0], labels, strict=True):
+        ax.set_ylabel(label, fontsize=FONT_SIZE)
+    figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def _Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
+    """Returns the channels of a run that are networks, by the names of their fields."""
+    channels = TaskOf(recording.scenario).Channels(recording.scenario)
+    return {
+        name: config
+        for name, config in channels.items()
+        if isinstance(config, NetworkChannelConfig)
+    }
+
+
+def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
+    """Draws the delay of each packet, and the lost ones above the panel."""
+    has_arrived = np.isfinite(arrivals)
+    delays = 1e3 * (arrivals - sent)[has_arrived]
+    ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
+    lost = sent[~has_arrived]
+    ax.plot(
+        lost,
+        np.full(len(lost), 1.03),
+        "x",
+        color=COLORS[1],
+        markersize=3,
+        markeredgewidth=0.7,
+        transform=ax.get_xaxis_transform(),
+        clip_on=False,
+        in_layout=False,
+    )
+
+
+def _Age(
+    network: PacketNetwork, receiver: Receiver, count: int, end: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the age of what is shown in ms, a saw tooth, and its times in s."""
+    sent = np.arange(count) * network.sample_period
+    shown = np.array([network.Shown(k, receiver) for k in range(count)])
+    order = np.lexsort((sent, shown))
+    sent, shown = np.maximum.accumulate(sent[order]), shown[order]
+    sent, shown = sent[shown < end], shown[shown < end]
+    until = np.append(shown[1:], end) if len(shown) else shown
+    times = np.column_stack([shown, until]).ravel()
+    ages = np.column_stack([shown - sent, until - sent]).ravel()
+    return times, 1e3 * ages
+
+
+def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> None:
+    """Draws the share of packets that was lost, in spans of time and in all."""
+    edges = np.linspace(0.0, end or 1.0, _NUM_SPANS + 1)
+    number, _ = np.histogram(sent, edges)
+    lost, _ = np.histogram(sent[is_lost], edges)
+    share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
+    ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
+    if len(sent):
+        ax.axhline(100.0 * is_lost.mean(), color=GREY, linewidth=0.9, linestyle="--")
