@@ -66,7 +66,7 @@ def test_every_page_is_in_the_index():
 
 
 @pytest.mark.parametrize(
-    "code", Blocks("python"), ids=["run", "own_controller", "energy"]
+    "code", Blocks("python"), ids=["run", "own_controller", "kernel", "energy"]
 )
 def test_examples_run(code):
     result = subprocess.run(

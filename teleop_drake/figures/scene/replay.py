@@ -26,6 +26,7 @@ from teleop_drake.figures.scene.stage import (
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.recording import Recording
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
@@ -101,12 +102,10 @@ def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
         ValueError: If there is none, or their numbers of axes differ.
     """
     if not recordings:
-        raise ValueError("recordings: empty; allowed: at least one")
+        Refuse("recordings", {}, "one or more")
     sizes = {x["tool_position"].shape[1] for x in recordings.values()}
     if len(sizes) > 1:
-        raise ValueError(
-            f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
-        )
+        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
 
 
 def AnimateRuns(

@@ -130,5 +130,5 @@ def test_what_does_not_fit_into_one_scene(pair):
     with pytest.raises(ValueError, match="at least one"):
         MakeReplay({})
     arm = MakeRecording("two_dof_combined")
-    with pytest.raises(ValueError, match=r"\[1, 2\] task axes"):
+    with pytest.raises(ValueError, match=r"num_axes = \[1, 2\]: must be the same"):
         MakeReplay({**pair, "arm": arm})
