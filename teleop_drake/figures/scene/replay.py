@@ -32,13 +32,13 @@ Array = NDArray[np.float64]
 
 # Pictures per second, at normal times and around what happens; the latter is played in
 # slow motion.
-_RATE, _DENSE_RATE = 30.0, 240.0
+_RATE, _DENSE_RATE = 30.0, 150.0
 
 # How long before and after what happens pictures are dense, s.
 _BEFORE, _AFTER = 0.1, 0.3
 
 # At most so much of a run is dense: one that bounces is nothing but events.
-_MOST_DENSE = 4.0
+_MOST_DENSE = 3.0
 
 # Share of the samples of a force that are smaller than that of the longest arrow.
 _SHARE = 99.0
