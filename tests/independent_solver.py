@@ -12,6 +12,7 @@ Equation numbers are those of P. P. Sarda, MS thesis, UT Arlington, 2012. SI uni
 """
 
 import bisect
+import functools
 from dataclasses import dataclass
 from math import inf, isinf
 
@@ -626,3 +627,10 @@ def thesis_task(name, adaptive, *, delays=(0.1, 0.1), elbow="down", **controller
         denominator=(1.0, 25.0, 0.0),
         controller=Adaptive(**(shared | gains | controller)) if adaptive else None,
     )
+
+
+@functools.cache
+def solve_thesis_task(name, adaptive, delays, duration):
+    """Solves one of the thesis's tasks up to five times the commanded speed."""
+    task = thesis_task(name, adaptive, delays=delays)
+    return solve(task, duration, speed_limit=5 * np.linalg.norm(task.velocity))

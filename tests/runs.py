@@ -1,17 +1,62 @@
-"""Simulations that several tests look at; each is run once."""
+"""Simulations that several tests look at; each is run once.
+
+Processes that run the tests side by side share them as files.
+"""
 
 import functools
+import hashlib
+import os
+import pickle
 import sys
+import tempfile
+from pathlib import Path
 
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+
+# The folder of the recordings, set by conftest.py; None keeps them in this process.
+folder: Path | None = None
+
+_recordings: dict[str, Recording] = {}
+
+
+def Simulated(scenario: AnyScenario, engine: str = "drake") -> Recording:
+    """Returns what simulate() returns, simulated by the first who asks for it."""
+    assert engine == "drake"
+    text = ScenarioToYaml(scenario)
+    if text not in _recordings:
+        _recordings[text] = _Load(scenario, text) or _Simulate(scenario, text)
+    return _recordings[text]
 
 
 @functools.cache
 def Run(name: str, kind: str, *overrides: str) -> Recording:
     """Simulates a scenario with a controller; overrides are PATH=VALUE."""
     print("simulate", name, kind, *overrides, file=sys.stderr)
-    return simulate(LoadScenario(name, [f"controller.kind={kind}", *overrides]))
+    return Simulated(LoadScenario(name, [f"controller.kind={kind}", *overrides]))
+
+
+def _File(text: str) -> Path:
+    assert folder is not None
+    return folder / f"run_{hashlib.sha256(text.encode()).hexdigest()}.pickle"
+
+
+def _Load(scenario: AnyScenario, text: str) -> Recording | None:
+    if folder is None or not _File(text).exists():
+        return None
+    parts = pickle.loads(_File(text).read_bytes())
+    return Recording(scenario=scenario, **parts)
+
+
+def _Simulate(scenario: AnyScenario, text: str) -> Recording:
+    recording = simulate(scenario)
+    if folder is not None:
+        parts = vars(recording).copy()
+        del parts["scenario"]  # It does not pickle.
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            pickle.dump(parts, file)
+        os.replace(file.name, _File(text))
+    return recording

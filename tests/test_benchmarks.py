@@ -55,6 +55,7 @@ def test_straightforward_keeps_its_target_while_it_bounces():
     assert accuracy.LargestError(oracle, solution) <= contenders.TARGETS[2]
 
 
+@pytest.mark.slow  # A benchmark's contender; channels/ has the delays.
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_sampled_delays_are_about_right(task):
     arguments = (task, ADAPTIVE, 0.1, 1.0)
@@ -65,6 +66,7 @@ def test_sampled_delays_are_about_right(task):
     assert 1e-4 < error < 1e-2
 
 
+@pytest.mark.slow  # test_independent_solver.py says it.
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_the_oracle_has_converged(controller):
     arguments = ("two_dof_combined", controller, 0.1, 4.0)
@@ -72,7 +74,7 @@ def test_the_oracle_has_converged(controller):
     assert accuracy.LargestError(accuracy.Oracle(*arguments), looser) < 1e-6
 
 
-@pytest.mark.parametrize("kind", ["variable", "sampled", "network"])
+@pytest.mark.parametrize("kind", Slow(["variable", "sampled", "network"]))
 @pytest.mark.parametrize("controller", Slow(CONTROLLERS, but=[1]))
 def test_channels_agree_with_their_oracle(controller, kind):
     # Long enough for the puncture, the contact and the surgeon's switch.

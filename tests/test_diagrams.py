@@ -22,31 +22,42 @@ pytestmark = pytest.mark.xdist_group("diagrams")
 DIRECTORY = Path(__file__).parent.parent / "diagrams"
 SCRIPTS = sorted(DIRECTORY.glob("*.py"))
 
+END = "-- end of a script --\n"
+
+# One interpreter for all: starting it takes longer than most of them.
+RUN_ALL = f"""
+import pathlib, runpy, sys
+for script in map(pathlib.Path, sys.argv[1:]):
+    sys.argv = [str(script), script.stem + ".svg"]
+    sys.path[0] = str(script.parent)
+    runpy.run_path(str(script), run_name="__main__")
+    print({END!r}, end="")
+"""
+
 # Ports of MultibodyPlant that Drake 1.51 does not have and 1.58 has.
 NEWER_PORTS = {"surface_displacements", "surface_speeds"}
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Runs a script once; returns the picture it wrote and the lines it printed."""
+    """Runs the scripts; tells the picture that one wrote and the lines it printed."""
     directory = tmp_path_factory.mktemp("diagrams")
-    done: dict[str, tuple[Path, list[str]]] = {}
+    output = subprocess.run(
+        [sys.executable, "-W", "error", "-c", RUN_ALL, *SCRIPTS],
+        # Away from the repository, as a user's own script would be.
+        cwd=directory,
+        env=os.environ | {"PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert output.stderr == ""
+    *lines, rest = output.stdout.split(END)
+    assert rest == ""
+    printed = dict(zip(SCRIPTS, lines, strict=True))
 
     def run(script: Path) -> tuple[Path, list[str]]:
-        if script.stem not in done:
-            picture = directory / f"{script.stem}.svg"
-            output = subprocess.run(
-                [sys.executable, "-W", "error", script, picture],
-                # Away from the repository, as a user's own script would be.
-                cwd=directory,
-                env=os.environ | {"PYTHONPATH": ""},
-                capture_output=True,
-                text=True,
-                check=True,
-            )
-            assert output.stderr == ""
-            done[script.stem] = picture, output.stdout.splitlines()
-        return done[script.stem]
+        return directory / f"{script.stem}.svg", printed[script].splitlines()
 
     return run
 

@@ -5,6 +5,7 @@ from math import factorial, inf, pi
 
 import numpy as np
 import pytest
+from grids import Slow
 from independent_solver import (
     AdaptiveLaw,
     Layer,
@@ -275,8 +276,8 @@ def test_a_run_ends_where_it_is_told_to():
     assert fast.at(fast.end)["v_WT"][0] == pytest.approx(0.0011, rel=1e-9)
 
 
-@pytest.mark.parametrize("adaptive", [False, True])
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+@pytest.mark.parametrize("adaptive", Slow([True, False]))
+@pytest.mark.parametrize("name", Slow(["two_dof_combined", "one_dof"]))
 def test_every_number_has_converged(name, adaptive):
     task = thesis_task(name, adaptive)
     duration = 18.0 if name == "one_dof" else 5.0

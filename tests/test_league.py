@@ -1,5 +1,6 @@
 """The league table: complete, what the runs give, and passive where it says so."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import league_table
@@ -36,7 +37,6 @@ from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep import FlattenMetrics
-from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunMetrics
 
 TABLE = ReadTable()
@@ -142,12 +142,9 @@ def quick(request, tmp_path_factory):
     """The first configurations that --quick runs, where it keeps them, and the rows."""
     configurations = Configurations(is_quick=True)[: request.param]
     out = tmp_path_factory.mktemp("league")
-    executor = WorkerProcesses(2)
-    try:
+    with ThreadPoolExecutor(1) as executor:
         # A few runs of every architecture are not worth compiling.
         rows = MakeTable(configurations, out=out, executor=executor, engine="drake")
-    finally:
-        executor.shutdown()
     return configurations, out, rows
 
 
@@ -302,6 +299,7 @@ def test_waves_stay_passive_over_networks(channel, round_trip):
     assert energy.min() > -1e-6 * energy.max()
 
 
+@pytest.mark.slow  # test_the_channel_is_passive() has a network.
 @pytest.mark.parametrize(
     ("channel", "round_trip"), Slow([("loss", 0.2), ("both", 1.0)])
 )

@@ -7,7 +7,6 @@ from teleop_drake.environments.surface import (
     PUNCTURE,
     FindSurface,
     Material,
-    ShownNormal,
     Surface,
     SurfacesOf,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "LayerConfig",
     "LayersEnvironmentConfig",
     "Material",
-    "ShownNormal",
     "Surface",
     "SurfacesOf",
 ]

@@ -4,7 +4,6 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DependencyTicket
 
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
-from teleop_drake.validation import Refuse
 
 
 class HandOperator(ModalOperator):
@@ -54,7 +53,7 @@ class HandOperator(ModalOperator):
             ValueError: If a value is not finite, or the end is not after the beginning.
         """
         if not end > begin:
-            Refuse("end", end, f"> {begin} (s)")
+            raise ValueError(f"end: {end}; allowed: > {begin} (s)")
         values = [begin, end, *CheckVelocity(before), *CheckVelocity(after)]
         context.get_mutable_numeric_parameter(self._line).SetFromVector(values)
 

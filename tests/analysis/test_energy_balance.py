@@ -248,6 +248,7 @@ def test_a_wave_line_stores_its_waves(delays):
     assert TwoPortEnergyBalance(recording).violation[-1] == 0
 
 
+@pytest.mark.slow  # test_time_domain_passivity.py looks at each axis.
 def test_passivity_control_makes_no_more_than_its_allowance():
     """Direct force makes more than E_0 on each axis; under passivity control it may
     not, a horizon's worth of overdraft apart."""

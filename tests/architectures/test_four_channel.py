@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import Slow
 from phasors import FeltImpedance
 
 from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
@@ -113,9 +114,12 @@ def test_defaults_derive_from_the_delays_and_the_robot():
 
 @pytest.mark.parametrize(
     ("variant", "name"),
-    [(variant, "one_dof") for variant in VARIANTS]
-    # In force-force nothing ties the motions of two different masses together.
-    + [(variant, "two_dof_puncture") for variant in VARIANTS[:3]],
+    Slow(
+        [(variant, "one_dof") for variant in VARIANTS]
+        # In force-force nothing ties the motions of two different masses together.
+        + [(variant, "two_dof_puncture") for variant in VARIANTS[:3]],
+        but=[*range(len(VARIANTS)), len(VARIANTS)],
+    ),
 )
 def test_without_delay_the_tool_follows_the_command(variant, name):
     scenario = Scenario(f"variant={variant}", name=name, delay=0)
@@ -126,6 +130,7 @@ def test_without_delay_the_tool_follows_the_command(variant, name):
     assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
 
 
+@pytest.mark.slow  # Rows of the league table say it, too.
 def test_more_transparency_costs_stability():
     """At 0.1 s each way, position-position settles on the bone, position-force not."""
     collision = {}

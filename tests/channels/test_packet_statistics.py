@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from grids import Slow
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
@@ -24,7 +25,7 @@ def make(*, h=0.001, **arguments):
 
 @pytest.mark.parametrize(
     "receiver",
-    [Receiver(), Receiver(policy="playout", depth=0.02)],
+    Slow([Receiver(policy="playout", depth=0.02), Receiver()]),
     ids=lambda receiver: receiver.policy,
 )
 def test_statistics_against_counting(receiver):

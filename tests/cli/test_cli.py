@@ -435,6 +435,7 @@ def test_an_error_of_a_block_is_one_line(monkeypatch, capsys):
     )
 
 
+@pytest.mark.slow  # Short: a sweep's, and test_interrupted_run_keeps_what_there_is().
 def test_ctrl_c():
     command = ["run", "two_dof_collision", "--duration", "1e4", "--out", "here"]
     with subprocess.Popen(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grids import Slow
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
@@ -53,7 +54,7 @@ def Simulate(environment, *overrides, as_block=False):
     return simulate(scenario)
 
 
-@pytest.mark.parametrize("as_block", [False, True], ids=["kind", "environment="])
+@pytest.mark.parametrize("as_block", Slow([False, True]), ids=["kind", "environment="])
 def test_all_asks_the_wall(as_block):
     recording = Simulate(Wall(), as_block=as_block)
     (contact, *_) = recording.EventTimes("contact")

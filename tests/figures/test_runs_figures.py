@@ -4,6 +4,7 @@ import re
 import matplotlib
 import numpy as np
 import pytest
+from grids import Slow
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
@@ -339,9 +340,9 @@ def test_figures_are_described_in_words(tmp_path):
 
 
 def test_bad_arguments():
-    with pytest.raises(ValueError, match=r"recordings = \{\}"):
+    with pytest.raises(ValueError, match="recordings: empty"):
         PlotComparison({})
-    with pytest.raises(ValueError, match=r"num_axes = \[1, 2\]: must be the same"):
+    with pytest.raises(ValueError, match=r"\[1, 2\] task axes"):
         PlotComparison({name: MakeRecording(name, "direct_force") for name in TASKS})
     with pytest.raises(ValueError, match="psi"):
         PlotWeights(MakeRecording("one_dof", "direct_force"))
@@ -357,7 +358,7 @@ def test_no_global_state_changes(tmp_path):
     assert pyplot.get_fignums() == figures
 
 
-@pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
+@pytest.mark.parametrize("suffix", Slow(["svg", "png", "pdf"]))
 def test_saved_figures_are_reproducible(tmp_path, suffix):
     contents = []
     for k in range(2):
@@ -376,7 +377,7 @@ def test_saved_figures_are_reproducible(tmp_path, suffix):
 
 def test_saving_fails_without_leftovers(tmp_path, monkeypatch):
     figure = PlotRun(MakeRecording("one_dof", "direct_force"))
-    with pytest.raises(ValueError, match=r"figure\.gif': must be \*\.png"):
+    with pytest.raises(ValueError, match=r"figure\.gif'; allowed: \*\.png"):
         SaveFigure(figure, tmp_path / "figure.gif")
     with pytest.raises(OSError, match="missing"):
         SaveFigure(figure, tmp_path / "missing" / "figure.png")

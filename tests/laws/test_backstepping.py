@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -182,7 +183,7 @@ def test_lyapunov_identity_at_random_points(n, seed):
     assert _violation(backstepping, seed, n, nu1=0.0, nu3=0.0, Upsilon=0.0) < 1e-9
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
 def test_lyapunov_identity_along_a_trajectory(n):
     rng = np.random.default_rng(n)
     network = GaussianNetwork(lower=[-1] * n, upper=[1] * n, count=[3] * n, width=1.0)
@@ -433,7 +434,7 @@ def test_projection_is_inactive_above_the_limit():
     assert project(1.01 * LIMIT * np.eye(2), update, LIMIT) is update
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds)
 def test_smallest_singular_value_stays_above_the_limit(n, seed):

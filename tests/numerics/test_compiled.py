@@ -7,6 +7,7 @@ import sys
 import numba
 import numpy as np
 import pytest
+from grids import Slow
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -170,12 +171,16 @@ RUNS = {
 }
 
 
-@pytest.fixture(scope="module")
-def whole_runs():
-    """Every run with numba and without it."""
+@pytest.fixture(scope="module", params=Slow([0.4, 1.0]))
+def whole_runs(request):
+    """Every run with numba and without it; the short run of the tests has a part."""
+    runs = [
+        (name, values | {"duration": request.param * values["duration"]})
+        for name, values in RUNS.values()
+    ]
     return [
         subprocess.run(
-            [sys.executable, "-c", RUN, which, json.dumps(list(RUNS.values()))],
+            [sys.executable, "-c", RUN, which, json.dumps(runs)],
             stdout=subprocess.PIPE,
             check=True,
             text=True,

@@ -6,6 +6,7 @@ import re
 import signal
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 
 import numpy as np
 import pytest
@@ -123,15 +124,15 @@ def test_contact_is_located_and_perceived_one_return_delay_later():
         assert before[0] != after[0]
 
 
-def test_mirror_image_elbows_give_mirror_image_runs():
-    for kind in CONTROLLERS:
-        down = Run("two_dof_combined", kind, "duration=4")
-        up = Run("two_dof_combined", kind, "duration=4", "robot.elbow=up")
-        times = np.linspace(0, 4, 801)
-        for name in ("tool_position", "tool_velocity", "control_force"):
-            mirror = up.Interpolate(name, times) * [1, -1]
-            scale = np.ptp(down[name])
-            assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
+@pytest.mark.parametrize("kind", Slow(CONTROLLERS, but=[1]))
+def test_mirror_image_elbows_give_mirror_image_runs(kind):
+    down = Run("two_dof_combined", kind)
+    up = Run("two_dof_combined", kind, "duration=4", "robot.elbow=up")
+    times = np.linspace(0, 4, 801)[:-1]
+    for name in ("tool_position", "tool_velocity", "control_force"):
+        mirror = up.Interpolate(name, times) * [1, -1]
+        scale = np.ptp(down[name])
+        assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
@@ -314,6 +315,7 @@ def test_delays_of_the_packets_in_the_recording():
         DIRECT,
         "forward_channel.delay=0.0731",
         "simulator.max_step_size=0.03",
+        "duration=2.1",
     )
     times = np.unique(recording.time[(recording.time > 0.5) & (recording.time < 2)])
     for way, delay in (("forward", 0.0731), ("return", 0.1)):
@@ -322,8 +324,13 @@ def test_delays_of_the_packets_in_the_recording():
         assert np.abs(sent - received).max() < 1e-6
 
 
-@pytest.mark.parametrize("forward", [0.05, 0.1, 0.3, 1 / 3])
-@pytest.mark.parametrize("back", [0.05, 0.1, 0.15, 0.3])
+@pytest.mark.parametrize(
+    ("back", "forward"),
+    Slow(
+        list(product([0.05, 0.1, 0.15, 0.3], [0.05, 0.1, 0.3, 1 / 3])),
+        but=[0, 5, 9, 15],
+    ),
+)
 def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
     """0.05 + 0.05 and 0.1 differ by a rounding error in some runs."""
     delays = {"forward_channel.delay": forward, "return_channel.delay": back}
@@ -363,26 +370,14 @@ def test_diagram_of_ones_own_is_simulated():
 @pytest.mark.parametrize(
     ("name", "other", "message"),
     [
-        (
-            "two_dof_puncture",
-            "one_dof",
-            r"robot\.num_axes = 1: must be 2",
-        ),
-        (
-            "one_dof",
-            "network_tracking_linear",
-            "for one_dof, with .* environment",
-        ),
-        (
-            "network_tracking_linear",
-            "one_dof",
-            "for network_.*, with a system named",
-        ),
+        ("two_dof_puncture", "one_dof", "two_dof_puncture, its robot has 1 task axes"),
+        ("one_dof", "network_tracking_linear", "one_dof, it has no environment"),
+        ("network_tracking_linear", "one_dof", "network_tracking_linear, it has no"),
     ],
 )
 def test_diagram_of_another_task_is_refused(name, other, message):
     teleoperator = MakeDiagram(LoadScenario(other))
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=f"^teleoperator: must be made for {message}"):
         simulate(LoadScenario(name), teleoperator=teleoperator)
 
 
@@ -515,15 +510,13 @@ def test_solver_statistics():
 
 @pytest.mark.parametrize("scheme", Slow(["runge_kutta3", "runge_kutta2", "radau3"]))
 def test_other_integrators_agree(scheme):
-    other = Run(
-        "one_dof",
-        DIRECT,
-        "duration=9",
-        f"simulator.integration_scheme={scheme}",
-        "simulator.max_step_size=0.002",
-    )
-    reference = Run("one_dof", DIRECT, "duration=9")
-    times = np.linspace(0, 9, 501)
+    # From close to the border of the tissue across it.
+    task = ("one_dof", DIRECT, "duration=3", "robot.start=[0.0065]")
+    fine = "simulator.max_step_size=0.002"
+    other = Run(*task, f"simulator.integration_scheme={scheme}", fine)
+    reference = Run(*task)
+    assert reference.EventTimes("puncture")
+    times = np.linspace(0, 3, 501)
     difference = other.Interpolate("tool_velocity", times) - reference.Interpolate(
         "tool_velocity", times
     )
@@ -559,7 +552,7 @@ def test_save_leaves_nothing_half_written(tmp_path, monkeypatch):
 def test_load_refuses_other_files(tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, x=np.zeros(3))
-    with pytest.raises(ValueError, match="must be a recording of"):
+    with pytest.raises(ValueError, match="not a recording"):
         LoadRecording(path)
 
 

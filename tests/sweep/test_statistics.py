@@ -127,6 +127,7 @@ def test_the_commands(tmp_path, monkeypatch, capsys):
     """One random channel is enough, and `compare` takes seeds as well."""
     monkeypatch.chdir(tmp_path)
     channel = ["--set", f"forward_channel={NETWORK}", "--duration", "0.4", "--quiet"]
+    channel += ["--engine", "drake"]  # What can run so soon is not worth compiling.
     seeds = ["--seeds", "3"]
     sweep = ["sweep", "one_dof", *channel, *seeds, "--jobs", "1", "--engine", "drake"]
     assert main(sweep) == 0

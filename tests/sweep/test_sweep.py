@@ -49,6 +49,9 @@ from teleop_drake.sweep import (
 from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
+# They use the same worker processes.
+pytestmark = pytest.mark.xdist_group("sweep")
+
 SHORT = {"duration": 0.2, "simulator.accuracy": 1e-5}
 OPTIONS = ["--duration", "0.2", "--accuracy", "1e-5", "--engine", "drake"]
 
@@ -644,11 +647,11 @@ def test_command(capsys, monkeypatch):
     }
     # Drawn again, with other metrics, without a run.
     monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
-    options[2:] = ["--metrics", "collision.time, force_rms_error", "--resume"]
+    options[2:] = ["--metrics", "collision.time", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "one_dof: 8 runs, 8 completed, 0 diverged, 0 failed"
-    assert {"collision_time.png", "force_rms_error_x.png"} <= set(os.listdir("out"))
+    assert "collision_time.png" in os.listdir("out")
 
 
 def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):

@@ -22,6 +22,9 @@ from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.tasks.tracking import MakeNetworkTracking, MakeReference
 
+# They look at the same runs.
+pytestmark = pytest.mark.xdist_group("tracking")
+
 CASES = ("network_tracking_linear", "network_tracking_coupled")
 CASE = pytest.mark.parametrize("name", CASES)
 
@@ -113,7 +116,7 @@ def Reference(name):
     return times, {key: np.array([row[key] for row in rows]) for key in rows[0]}
 
 
-@CASE
+@pytest.mark.parametrize("name", Slow(CASES, but=[1]))
 def test_agrees_with_a_second_solver(name):
     times, expected = Reference(name)
     recording = Run(name)
@@ -123,7 +126,7 @@ def test_agrees_with_a_second_solver(name):
         assert error.max() <= 1e-3 * scale, signal
 
 
-@CASE
+@pytest.mark.parametrize("name", Slow(CASES, but=[1]))
 def test_metrics_agree_with_a_second_solver(name):
     times, expected = Reference(name)
 
@@ -141,7 +144,8 @@ def test_metrics_agree_with_a_second_solver(name):
     assert len(metrics) == 3
 
 
-@pytest.mark.parametrize("name", Slow(CASES))
+@pytest.mark.slow  # The second solver says more.
+@CASE
 def test_converged(name):
     coarse = RunMetrics(Run(name))
     fine = RunMetrics(

@@ -3,9 +3,14 @@
 from types import SimpleNamespace
 
 import pytest
+from grids import Slow
+from runs import Simulated
 
-from teleop_drake.thesis.report import WriteReport
+from teleop_drake.thesis import report, studies
+from teleop_drake.thesis.claims.requests import REQUESTS
+from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.runs import ThesisRuns
+from teleop_drake.thesis.studies.lyapunov import LyapunovTelemetry
 
 
 @pytest.fixture(scope="session")
@@ -15,14 +20,32 @@ def progress_lines():
 
 @pytest.fixture(scope="session")
 def thesis_runs(progress_lines):
-    # The runs are few, and compiling takes longer.
-    with ThesisRuns(2, progress_lines.append, engine="drake") as runs:
-        yield runs
+    """The runs of the thesis; its tasks as they stand are those of other tests too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("teleop_drake.thesis.runs.simulate", Simulated)
+        # The runs are few, and compiling takes longer.
+        with ThesisRuns(1, progress_lines.append, engine="drake") as runs:
+            # First what no other test simulates.
+            for name, overrides in reversed(REQUESTS):
+                runs(name, **overrides)
+            yield runs
 
 
-@pytest.fixture(scope="session")
-def reproduced(thesis_runs, progress_lines, tmp_path_factory):
-    """A folder with everything that `teleop-drake reproduce` writes."""
-    folder = tmp_path_factory.mktemp("reproduced")
-    paths = WriteReport(thesis_runs, folder, progress_lines.append)
-    return SimpleNamespace(folder=folder, paths=paths)
+@pytest.fixture(scope="session", params=Slow(["a few figures", "everything"]))
+def reproduced(request, thesis_runs, tmp_path_factory):
+    """A folder with what `teleop-drake reproduce` writes.
+
+    The short run of the tests makes the whole ledger, but draws a few figures and
+    makes one of the studies.
+    """
+    lines: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "a few figures":
+            figures = {number: FIGURES[number] for number in ("2.1", "3.2", "4.5")}
+            patch.setattr(report, "FIGURES", figures)
+            patch.setattr(report, "STUDIES", (LyapunovTelemetry,))
+            patch.setattr(studies, "REQUESTS", [])
+        figures = list(report.FIGURES.values())
+        folder = tmp_path_factory.mktemp("reproduced")
+        paths = report.WriteReport(thesis_runs, folder, lines.append)
+    return SimpleNamespace(folder=folder, paths=paths, figures=figures, lines=lines)

@@ -54,7 +54,7 @@ def test_every_file_is_there(reproduced):
     assert set(reproduced.folder.iterdir()) == set(reproduced.paths)
     names = {path.name for path in reproduced.paths}
     assert {"ledger.json", "ledger.csv"} < names
-    for figure in FIGURES.values():
+    for figure in reproduced.figures:
         assert {f"{figure.stem}.png", f"{figure.stem}.svg"} < names
     for path in reproduced.paths:
         if path.suffix == ".png":
@@ -68,8 +68,8 @@ def test_each_run_is_simulated_once(reproduced, progress_lines):
     finished = [line for line in progress_lines if re.search(r": \w+, [\d.]+ s$", line)]
     assert len(finished) > 8
     assert len({line.split(": ")[0] for line in finished}) == len(finished)
-    for number in FIGURES:
-        assert progress_lines.count(f"figure {number}") == 1
+    for figure in reproduced.figures:
+        assert reproduced.lines.count(f"figure {figure.number}") == 1
 
 
 def test_report_is_self_contained(page):
@@ -85,7 +85,7 @@ def test_report_is_self_contained(page):
 
 
 def test_report_has_every_figure(reproduced, page):
-    for figure in FIGURES.values():
+    for figure in reproduced.figures:
         assert f'id="{figure.stem}"' in page
         assert f"Figure {figure.number}: {escape(figure.title)}" in page
         assert escape(figure.caption) in page
