@@ -41,7 +41,7 @@ def fit_pieces(
     *,
     kinks: Iterable[float] = (),
     tolerance: float = 1e-13,
-    shortest: float = 1e-6,
+    shortest: float | None = None,
 ) -> Pieces:
     """Returns polynomials that are a function, to within a tolerance.
 
@@ -52,8 +52,11 @@ def fit_pieces(
         kinks: Where a derivative jumps; no piece reaches across one.
         tolerance: What they may differ by, as a share of the function, or of 1 where it
             is less.
-        shortest: Pieces are not cut into pieces shorter than this.
+        shortest: Pieces are not cut into pieces shorter than this, whatever the
+            tolerance; None: 1e-5 of the whole, so that there cannot be too many.
     """
+    if shortest is None:
+        shortest = 1e-5 * (end - start)
     inner = sorted({float(x) for x in kinks if start < x < end})
     ends = [float(start), *inner, float(end)]
     # The next interval is the last one of the list.
