@@ -175,14 +175,16 @@ def _Finish(
         ax.set_ylabel(AxisLabel(grid.line_key), fontsize=FONT_SIZE)
     grid.AddTitles(axes)
     handles += [
-        Line2D([], [], color="black", linestyle=style, label=f"stable in {name} up to")
+        Line2D(
+            [], [], color="black", linestyle=style, label=f"end of stability, {name}"
+        )
         for name, style in styles.items()
     ]
     if handles:
         figure.legend(
             handles=handles,
             loc="outside upper center",
-            ncols=min(len(handles), 5),
+            ncols=len(handles) if len(handles) <= 4 else 3,
             fontsize=FONT_SIZE,
             frameon=False,
         )

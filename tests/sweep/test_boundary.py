@@ -82,7 +82,7 @@ def test_maps_have_the_boundary_over_them():
     assert ax.lines[-1].get_ydata().tolist() == MASSES
     assert bar.get_ylabel() == "collision peak force [N]"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["diverges or fails", "stable in free up to"]
+    assert texts == ["diverges or fails", "end of stability, free"]
     # The boundary does not widen the map.
     assert ax.get_xlim() == PlotStability(result).axes[0].get_xlim()
     assert len(PlotStability(result, boundaries).axes[0].lines) == 2
