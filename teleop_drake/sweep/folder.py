@@ -2,7 +2,8 @@
 
 It has
 
-* `sweep.json`: what is swept, so that --resume can tell whether it is the same sweep;
+* `sweep.json`: what is swept, with the engine, the versions of the packages and the
+  commit, so that --resume can tell whether it is the same sweep;
 * `runs.jsonl`: one record per line with a checksum, added as each run ends, and put
   into the order of the grid when all have;
 * `runs.csv`: the scalar metrics, one row per run, written when all have ended;
@@ -23,6 +24,7 @@ import io
 import json
 import os
 import re
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,6 +47,7 @@ class SweepFolder:
         plan: The sweep.
         resume: Whether it may hold this very sweep already.
         notice: Called with a line of text if records were changed and are dropped.
+        part: (I, N) if it holds only the I-th of N parts of the runs; None: all.
 
     Raises:
         SweepError: On entering it, if it cannot be used.
@@ -56,7 +59,9 @@ class SweepFolder:
         plan: SweepPlan,
         resume: bool,
         notice: Callable[[str], None],
+        part: tuple[int, int] | None = None,
     ):
+        self._part = part
         self._path = path
         self._notice = notice
         self._plan = plan
@@ -93,9 +98,13 @@ class SweepFolder:
         if self._journal.write(line) != len(line):
             raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
 
+    def FinishPart(self, records: Sequence[Mapping[str, Any]]) -> None:
+        """Puts the records of a part into the order of the grid."""
+        self._Write("runs.jsonl", "".join(map(_JsonLine, records)))
+
     def Finish(self, result: SweepResult) -> None:
         """Writes all files in their final form."""
-        self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
+        self.FinishPart(result.records)
         for name, table in _Tables(result).items():
             self._Write(name, _Csv(table))
 
@@ -112,6 +121,8 @@ class SweepFolder:
 
     def _CheckParameters(self) -> None:
         mine = _Parameters(self._plan)
+        if self._part is not None:
+            mine["part"] = list(self._part)
         file = self._path / "sweep.json"
         if not file.exists():
             if (self._path / "runs.jsonl").exists():
@@ -119,7 +130,8 @@ class SweepFolder:
                     f"{self._Title()}: must be a folder without the runs.jsonl of "
                     "something else"
                 )
-            self._Write("sweep.json", json.dumps(mine, indent=2) + "\n")
+            told = mine | {"commit": _Commit()}
+            self._Write("sweep.json", json.dumps(told, indent=2) + "\n")
             return
         if not self._resume:
             raise SweepError(
@@ -130,6 +142,7 @@ class SweepFolder:
             theirs = dict(json.loads(file.read_bytes()))
         except (ValueError, TypeError):
             theirs = {}
+        theirs.pop("commit", None)  # It may be one that changes nothing here.
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
             raise SweepError(
@@ -167,8 +180,8 @@ class SweepFolder:
 def _Version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:  # Run without being installed.
-        return "unknown"
+    except importlib.metadata.PackageNotFoundError:  # Or run without being installed.
+        return "none"
 
 
 def _Parameters(plan: SweepPlan) -> dict[str, Any]:
@@ -178,20 +191,44 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
         "overrides": plan.overrides,
         "axes": plan.axes,
         "first_scenario": ScenarioToYaml(plan.scenario),
-        "versions": {name: _Version(name) for name in ("teleop-drake", "drake")},
+        "engine": plan.engine,
+        "versions": {
+            name: _Version(name) for name in ("teleop-drake", "drake", "numpy", "numba")
+        },
     }
-    if plan.engine != "drake":
-        parameters["engine"] = plan.engine
     if plan.traces:
         parameters["traces"] = plan.traces
     return dict(json.loads(json.dumps(parameters)))
 
 
-def _JsonLine(record: dict[str, Any]) -> str:
+def _Commit() -> str | None:
+    """Returns the commit of the package's sources, with "+" where they differ from it.
+
+    None if no git repository has them.
+    """
+
+    def Git(*arguments: str) -> str:
+        folder = str(Path(__file__).parent)
+        return subprocess.run(
+            ["git", "-C", folder, *arguments],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+
+    try:
+        # An environment in a user's own repository is not of that repository.
+        Git("ls-files", "--error-unmatch", Path(__file__).name)
+        return Git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _JsonLine(record: Mapping[str, Any]) -> str:
     """Returns a line of runs.jsonl: the record and a checksum of it."""
     text = json.dumps(record, allow_nan=False)
     checksum = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return json.dumps(record | {"checksum": checksum}) + "\n"
+    return json.dumps({**record, "checksum": checksum}) + "\n"
 
 
 def _ReadLine(

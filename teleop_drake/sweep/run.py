@@ -5,7 +5,7 @@ import itertools
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
 from queue import SimpleQueue
@@ -116,42 +116,143 @@ def RunSweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    if jobs is not None and (jobs < 1 or executor is not None):
-        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
-        raise SweepError(f"jobs = {jobs}: must be {allowed}")
-    records: dict[int, dict[str, Any]] = {}
+    _CheckJobs(jobs, executor)
     with contextlib.ExitStack() as stack:
         folder = None
         if out is not None:
             folder = stack.enter_context(
                 SweepFolder(Path(out), plan, resume, notice or warnings.warn)
             )
+        records = _RunAll(
+            plan, range(len(plan.points)), folder, executor, jobs, progress, notice
+        )
+        result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
+        if folder is not None:
+            folder.Finish(result)
+    return result
+
+
+def RunPart(
+    plan: SweepPlan,
+    part: tuple[int, int],
+    out: str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Does every N-th run of a plan, and returns their records.
+
+    MergeParts makes a sweep of all parts, which may be done on different machines.
+
+    Args:
+        plan: By PlanSweep.
+        part: (I, N), 1 <= I <= N: the runs I - 1, I - 1 + N and so on.
+        out: Folder of this part.
+        executor: Where to simulate.
+        jobs: Number of WorkerProcesses.
+        resume: Whether to go on with the part in `out`.
+        progress: Called with the numbers of finished runs and of all.
+        notice: Called with what the user should know of the folder.
+
+    Raises:
+        SweepError: If jobs, the part or the folder cannot be used.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        OSError: If a file cannot be written.
+    """
+    _CheckJobs(jobs, executor)
+    number, count = part
+    if not 1 <= number <= count:
+        raise SweepError(f"part = {number}/{count}: must be 1/N to N/N")
+    runs = range(number - 1, len(plan.points), count)
+    with SweepFolder(Path(out), plan, resume, notice or warnings.warn, part) as folder:
+        records = _RunAll(plan, runs, folder, executor, jobs, progress, notice)
+        folder.FinishPart(records)
+    return records
+
+
+def MergeParts(
+    plan: SweepPlan,
+    parts: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    notice: Callable[[str], None] | None = None,
+) -> SweepResult:
+    """Makes one sweep of parts that RunPart has done.
+
+    Args:
+        plan: That of the parts.
+        parts: Their folders, in the order of the parts: all there are.
+        out: Folder of the sweep; one that was merged before is written anew.
+        notice: Called with what the user should know of the folders.
+
+    Returns:
+        The records of all runs.
+
+    Raises:
+        SweepError: If a folder cannot be used, is of another sweep, or lacks runs.
+        OSError: If a file cannot be written.
+    """
+    notice = notice or warnings.warn
+    records: dict[int, dict[str, Any]] = {}
+    for i, path in enumerate(parts):
+        part = (i + 1, len(parts))
+        with SweepFolder(Path(path), plan, True, notice, part) as folder:
             records |= folder.records
-        if progress is not None:
-            progress(len(records), len(plan.points))
-        runs = [run for run in range(len(plan.points)) if run not in records]
-        if runs and plan.engine != "drake":
-            why = WhyNotCompiled(plan.scenario)
-            if why:
-                (notice or warnings.warn)(f"run in Drake's Simulator: {why}")
-        if runs and executor is None:
-            executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(runs)))
+    missing = len(plan.points) - len(records)
+    if missing:
+        raise SweepError(
+            f"parts = {len(parts)} folders: must have all {len(plan.points)} runs, and "
+            f"{missing} are missing; --resume does them"
+        )
+    result = SweepResult(
+        scenario=plan.scenario,
+        axes=plan.axes,
+        records=[records[run] for run in range(len(plan.points))],
+    )
+    with SweepFolder(Path(out), plan, True, notice) as folder:
+        folder.Finish(result)
+    return result
+
+
+def _CheckJobs(jobs: int | None, executor: Executor | None) -> None:
+    if jobs is not None and (jobs < 1 or executor is not None):
+        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
+        raise SweepError(f"jobs = {jobs}: must be {allowed}")
+
+
+def _RunAll(
+    plan: SweepPlan,
+    runs: Sequence[int],
+    folder: SweepFolder | None,
+    executor: Executor | None,
+    jobs: int | None,
+    progress: Callable[[int, int], None] | None,
+    notice: Callable[[str], None] | None,
+) -> list[dict[str, Any]]:
+    """Returns the records of runs of a plan; does what the folder does not have."""
+    records = {} if folder is None else dict(folder.records)
+    if progress is not None:
+        progress(len(records), len(runs))
+    missing = [run for run in runs if run not in records]
+    if missing and plan.engine != "drake":
+        why = WhyNotCompiled(plan.scenario)
+        if why:
+            (notice or warnings.warn)(f"run in Drake's Simulator: {why}")
+    with contextlib.ExitStack() as stack:
+        if missing and executor is None:
+            executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(missing)))
             stack.callback(executor.shutdown, cancel_futures=True)
         if executor is not None:
-            for record in _Simulate(plan, runs, executor):
+            for record in _Simulate(plan, missing, executor):
                 records[record["run"]] = record
                 if folder is not None:
                     folder.Append(record)
                 if progress is not None:
-                    progress(len(records), len(plan.points))
-        result = SweepResult(
-            scenario=plan.scenario,
-            axes=plan.axes,
-            records=[records[run] for run in range(len(plan.points))],
-        )
-        if folder is not None:
-            folder.Finish(result)
-    return result
+                    progress(len(records), len(runs))
+    return [records[run] for run in runs]
 
 
 def _Simulate(

@@ -152,9 +152,15 @@ def test_records_are_those_of_single_runs(threads):
 def test_a_file_with_a_trace_can_be_swept(processes):
     os.mkdir("mine")
     Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
-    scenario = LoadScenario("one_dof", SHORT)
-    scenario.forward_channel.kind = "variable"
-    scenario.forward_channel.trace = "lag.csv"
+    scenario = LoadScenario(
+        "one_dof",
+        SHORT
+        | {
+            "forward_channel.kind": "variable",
+            "forward_channel.trace": "mine/lag.csv",
+        },
+    )
+    scenario.forward_channel.trace = "lag.csv"  # Relative to the file.
     Path("mine/task.yaml").write_text(ScenarioToYaml(scenario))
     result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]}, executor=processes)
     assert [record["reason"] for record in result.records] == ["", ""]

@@ -2,10 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.options import (
@@ -17,13 +15,7 @@ from teleop_drake.cli.options import (
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
-from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from teleop_drake.figures.sweep_maps import Boundaries
-    from teleop_drake.sweep import SweepPlan, SweepResult
+from teleop_drake.cli.sweeping import AddWorkerOptions, DaskExecutor, ReportSweep
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -60,21 +52,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="metrics to draw, for example collision.peak_force or a whole group such "
         "as puncture (default: a few; runs.csv has all)",
     )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        metavar="N",
-        help="processes that simulate (default: one per processor)",
-    )
-    parser.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="simulate on the cluster of this Dask scheduler instead, for example "
-        "tcp://host:8786",
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="do only what is missing in --out"
-    )
+    AddWorkerOptions(parser)
     AddEngineOption(parser, default="auto")
     AddRunOptions(
         parser,
@@ -89,14 +67,10 @@ def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep, and draws them."""
     from teleop_drake.scenario import ScenarioError
     from teleop_drake.sweep import (
-        HasIntervals,
-        HasSeeds,
         PlanSweep,
         RunSweep,
         SelectMetrics,
         SweepError,
-        TableNames,
-        VariesSeedsOnly,
     )
 
     if args.jobs is not None and args.dask is not None:
@@ -111,7 +85,7 @@ def Execute(args: argparse.Namespace) -> int:
             names = [name.strip() for name in args.metrics.split(",")]
             metrics = SelectMetrics(plan.scenario, names)
         with (
-            _DaskExecutor(args.dask, args.quiet) as executor,
+            DaskExecutor(args.dask, args.quiet) as executor,
             SweepProgress(args.quiet) as show,
         ):
 
@@ -139,25 +113,9 @@ def Execute(args: argparse.Namespace) -> int:
             f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
             "--resume does the rest",
         )
-    figures, note = _DrawSweep(result, metrics, Path(args.out), plan)
+    ReportSweep(result, plan, metrics, Path(args.out), is_silent=args.json == "-")
     if args.json is not None:
         WriteJson(args.json, result.records)
-    if args.json != "-":
-        statuses = [record["status"] for record in result.records]
-        counts = ", ".join(
-            f"{statuses.count(status)} {status}"
-            for status in ("completed", "diverged", "failed")
-        )
-        print(f"{plan.scenario.name}: {len(statuses)} runs, {counts}")
-        if HasSeeds(result) and not HasIntervals():
-            print(NO_INTERVALS)
-        if VariesSeedsOnly(result):
-            print(SeedsTable(result, metrics))
-        if note:
-            print(note)
-        names = ["runs.jsonl", *TableNames(result)]
-        written = [Path(args.out) / name for name in names] + figures
-        print("Written:", ", ".join(map(str, written)))
     return 0
 
 
@@ -234,98 +192,3 @@ def Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
         except ScenarioError:  # It may be good with its overrides.
             controllers = list(CONTROLLERS)
     return ({"controller": controllers} if controllers else {}) | grid, overrides
-
-
-@contextmanager
-def _DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | None"]:
-    """Yields the executor of a Dask cluster, or None without an address.
-
-    If the cluster has no workers yet, it says so on stderr.
-    """
-    if address is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise BadInput(
-            f"--dask = {address!r}: must be left out, or the package distributed "
-            "installed (pip install 'teleop-drake[dask]')"
-        ) from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as e:
-        raise BadInput(
-            f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
-        ) from None
-    with client:
-        if not is_quiet and not client.scheduler_info()["workers"]:
-            print(
-                f"teleop-drake: {address} has no workers; the runs wait for the first "
-                f"one (dask worker {address}). Ctrl-C ends the sweep",
-                file=sys.stderr,
-                flush=True,
-            )
-        # The default, pure, would take runs with equal arguments for one.
-        yield client.get_executor(pure=False)
-
-
-def _DrawSweep(
-    result: "SweepResult", names: Sequence[str], folder: Path, plan: "SweepPlan"
-) -> tuple[list[Path], str]:
-    """Draws the metrics; returns the files, or why there are none.
-
-    Args:
-        result: The sweep.
-        names: The metrics; empty: some, of those that any run has.
-        folder: Where to.
-        plan: What the sweep was.
-    """
-    import numpy as np
-
-    from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import PlotMap, PlotSeeds, PlotStability, PlotSweep
-    from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
-
-    metrics = list(names) or [
-        metric
-        for metric in SelectMetrics(result.scenario)
-        if np.isfinite(result.Values(metric)).any()
-    ]
-    # Over the seeds alone, there is nothing to plot a metric against.
-    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
-    figures = {}
-    try:
-        for metric in metrics:
-            figures[metric.replace(".", "_")] = plot(result, metric)
-    except ValueError as e:
-        return [], f"No figures ({e})"
-    note = ""
-    with suppress(ValueError):  # Only one key is varied.
-        figures["stability"] = PlotStability(result)
-        boundaries, note = _Boundaries(result, plan)
-        figures["stability"] = PlotStability(result, boundaries)
-        for metric in metrics:
-            name = metric.replace(".", "_")
-            figures[f"{name}_map"] = PlotMap(result, metric, boundaries)
-    for name, figure in figures.items():
-        SaveFigure(figure, folder / f"{name}.png")
-    return [folder / f"{name}.png" for name in figures], note
-
-
-def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
-    """Returns what the analysis says of each panel of a map, or why it says nothing."""
-    from teleop_drake.figures.sweep_grid import SweepGrid
-    from teleop_drake.sweep.boundary import FindBoundaries
-
-    grid = SweepGrid(result)
-    try:
-        return {
-            (i, j): FindBoundaries(
-                plan, grid.x_key, grid.line_key, grid.line_values, others=others
-            )
-            for i, row in enumerate(grid.panel_points)
-            for j, others in enumerate(row)
-        }, ""
-    except ValueError as error:
-        return {}, f"No boundary of stability in the maps ({error})"

@@ -1,0 +1,179 @@
+"""What commands that sweep have in common: workers, and what is shown at the end."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from teleop_drake.figures.sweep_maps import Boundaries
+    from teleop_drake.sweep import SweepPlan, SweepResult
+
+
+def AddWorkerOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds --jobs, --dask and --resume.
+
+    Args:
+        parser: The parser of the command.
+    """
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that simulate (default: one per processor)",
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="simulate on the cluster of this Dask scheduler instead, for example "
+        "tcp://host:8786",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="do only what is missing in --out"
+    )
+
+
+def ReportSweep(
+    result: "SweepResult",
+    plan: "SweepPlan",
+    metrics: Sequence[str],
+    folder: Path,
+    *,
+    is_silent: bool,
+) -> None:
+    """Draws a sweep into its folder, and prints how it ended and what was written.
+
+    Args:
+        result: The sweep.
+        plan: What it was to be.
+        metrics: The metrics to draw; empty: some, of those that any run has.
+        folder: Its folder.
+        is_silent: Whether to print nothing.
+    """
+    from teleop_drake.sweep import (
+        HasIntervals,
+        HasSeeds,
+        TableNames,
+        VariesSeedsOnly,
+    )
+
+    figures, note = _DrawSweep(result, metrics, folder, plan)
+    if is_silent:
+        return
+    statuses = [record["status"] for record in result.records]
+    counts = ", ".join(
+        f"{statuses.count(status)} {status}"
+        for status in ("completed", "diverged", "failed")
+    )
+    print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
+    if HasSeeds(result) and not HasIntervals():
+        print(NO_INTERVALS)
+    if VariesSeedsOnly(result):
+        print(SeedsTable(result, metrics))
+    if note:
+        print(note)
+    names = ["runs.jsonl", *TableNames(result)]
+    written = [folder / name for name in names] + figures
+    print("Written:", ", ".join(map(str, written)))
+
+
+@contextmanager
+def DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | None"]:
+    """Yields the executor of a Dask cluster, or None without an address.
+
+    If the cluster has no workers yet, it says so on stderr.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise BadInput(
+            f"--dask = {address!r}: must be left out, or the package distributed "
+            "installed (pip install 'teleop-drake[dask]')"
+        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as e:
+        raise BadInput(
+            f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
+        ) from None
+    with client:
+        if not is_quiet and not client.scheduler_info()["workers"]:
+            print(
+                f"teleop-drake: {address} has no workers; the runs wait for the first "
+                f"one (dask worker {address}). Ctrl-C ends the sweep",
+                file=sys.stderr,
+                flush=True,
+            )
+        # The default, pure, would take runs with equal arguments for one.
+        yield client.get_executor(pure=False)
+
+
+def _DrawSweep(
+    result: "SweepResult", names: Sequence[str], folder: Path, plan: "SweepPlan"
+) -> tuple[list[Path], str]:
+    """Draws the metrics; returns the files, or why there are none.
+
+    Args:
+        result: The sweep.
+        names: The metrics; empty: some, of those that any run has.
+        folder: Where to.
+        plan: What the sweep was.
+    """
+    import numpy as np
+
+    from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.figures.sweeps import PlotMap, PlotSeeds, PlotStability, PlotSweep
+    from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
+
+    metrics = list(names) or [
+        metric
+        for metric in SelectMetrics(result.scenario)
+        if np.isfinite(result.Values(metric)).any()
+    ]
+    # Over the seeds alone, there is nothing to plot a metric against.
+    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
+    figures = {}
+    try:
+        for metric in metrics:
+            figures[metric.replace(".", "_")] = plot(result, metric)
+    except ValueError as e:
+        return [], f"No figures ({e})"
+    note = ""
+    with suppress(ValueError):  # Only one key is varied.
+        figures["stability"] = PlotStability(result)
+        boundaries, note = _Boundaries(result, plan)
+        figures["stability"] = PlotStability(result, boundaries)
+        for metric in metrics:
+            name = metric.replace(".", "_")
+            figures[f"{name}_map"] = PlotMap(result, metric, boundaries)
+    for name, figure in figures.items():
+        SaveFigure(figure, folder / f"{name}.png")
+    return [folder / f"{name}.png" for name in figures], note
+
+
+def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
+    """Returns what the analysis says of each panel of a map, or why it says nothing."""
+    from teleop_drake.figures.sweep_grid import SweepGrid
+    from teleop_drake.sweep.boundary import FindBoundaries
+
+    grid = SweepGrid(result)
+    try:
+        return {
+            (i, j): FindBoundaries(
+                plan, grid.x_key, grid.line_key, grid.line_values, others=others
+            )
+            for i, row in enumerate(grid.panel_points)
+            for j, others in enumerate(row)
+        }, ""
+    except ValueError as error:
+        return {}, f"No boundary of stability in the maps ({error})"

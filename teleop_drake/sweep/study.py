@@ -1,0 +1,256 @@
+"""A study: sweeps of several scenarios, described by a file.
+
+    scenarios: [two_dof_collision, mine.yaml]
+    controllers: [direct_force, adaptive_backstepping, my_module:MyLaw]
+    grid:
+      delay: 0:0.4:9
+      environment.layers.bone.stiffness: [100, 300]
+    seeds: 20
+    overrides: {duration: 8}
+    engine: auto
+
+Every key but `scenarios` may be left out. The folder of a study has a folder for each
+scenario, which is that of a sweep (see sweep.folder). A part of a study, one of N, is
+what one job of an array of jobs does; it stands in folders `part-I-of-N` of those.
+"""
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
+from teleop_drake.scenario.tree import ParseFile, ReadText
+from teleop_drake.sweep.plan import MAX_RUNS, ParseValues, PlanSweep, SweepPlan
+from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.run import MergeParts, RunPart, RunSweep
+from teleop_drake.validation import CheckChoice, Refuse, Within
+
+_KEYS = (
+    "scenarios",
+    "controllers",
+    "grid",
+    "seeds",
+    "overrides",
+    "engine",
+    "metrics",
+)
+
+
+@dataclass(kw_only=True, frozen=True)
+class Study:
+    """A study that was checked.
+
+    Attributes:
+        plans: The sweep of each scenario, by the name of its file.
+        metrics: What to draw, as SelectMetrics takes them; None: a few.
+    """
+
+    plans: dict[str, SweepPlan]
+    metrics: list[str] | None
+
+    @property
+    def num_runs(self) -> int:
+        """Number of runs of all sweeps."""
+        return sum(len(plan.points) for plan in self.plans.values())
+
+
+def LoadStudy(file: str | os.PathLike[str]) -> Study:
+    """Reads a study and checks everything that can be wrong before it runs.
+
+    Args:
+        file: A YAML file. Paths of scenarios in it are relative to it.
+
+    Raises:
+        ScenarioError: If a key or a value is not allowed.
+        SweepError: If a grid cannot be used.
+    """
+    path = Path(file)
+    tree = ParseFile(path, ReadText(path))
+    for key in tree:
+        CheckChoice("key", key, _KEYS)
+    grid = _Grid(tree)
+    overrides = tree.get("overrides") or {}
+    if not isinstance(overrides, Mapping):
+        Refuse("overrides", overrides, "a mapping of paths to values")
+    plans: dict[str, SweepPlan] = {}
+    for name in _Scenarios(tree, path.parent):
+        stem = Path(name).stem
+        if stem in plans:
+            Refuse("scenarios", stem, "scenarios whose files have different names")
+        with Within(f"scenarios.{stem}"):
+            plans[stem] = PlanSweep(
+                name, grid, overrides=overrides, engine=tree.get("engine") or "auto"
+            )
+    metrics = tree.get("metrics")
+    if metrics is not None and not _IsListOfText(metrics):
+        Refuse("metrics", metrics, "a list of metrics")
+    return Study(plans=plans, metrics=metrics)
+
+
+def RunStudy(
+    study: Study,
+    out: str | os.PathLike[str],
+    *,
+    part: tuple[int, int] | None = None,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> dict[str, SweepResult]:
+    """Does a study, or a part of it.
+
+    Args:
+        study: By LoadStudy.
+        out: Folder of the study.
+        part: (I, N) to do the I-th of N parts; None: all.
+        executor: Where to simulate; None: in WorkerProcesses.
+        jobs: Number of WorkerProcesses; None: one for each processor.
+        resume: Whether to go on with what is in `out`.
+        progress: Called with the numbers of finished runs and of all.
+        notice: Called with what the user should know of the folders.
+
+    Returns:
+        What came out for each scenario; empty for a part.
+
+    Raises:
+        SweepError: If jobs, the part or the folder cannot be used.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        OSError: If a file cannot be written.
+    """
+    num_before = 0
+    num_runs = study.num_runs
+    if part is not None:
+        num_runs = sum(
+            len(p.points[part[0] - 1 :: part[1]]) for p in study.plans.values()
+        )
+
+    def Report(finished: int, _: int) -> None:
+        if progress is not None:
+            progress(num_before + finished, num_runs)
+
+    results = {}
+    for name, plan in study.plans.items():
+        options: dict[str, Any] = {
+            "executor": executor,
+            "jobs": jobs,
+            "resume": resume,
+            "progress": Report,
+            "notice": notice,
+        }
+        if part is None:
+            results[name] = RunSweep(plan, out=Path(out, name), **options)
+            num_before += len(plan.points)
+        else:
+            folder = Path(out, name, f"part-{part[0]}-of-{part[1]}")
+            num_before += len(RunPart(plan, part, folder, **options))
+    return results
+
+
+def MergeStudy(
+    study: Study,
+    out: str | os.PathLike[str],
+    *,
+    notice: Callable[[str], None] | None = None,
+) -> dict[str, SweepResult]:
+    """Makes one study of the parts in its folder.
+
+    Args:
+        study: By LoadStudy.
+        out: Folder of the study.
+        notice: Called with what the user should know of the folders.
+
+    Returns:
+        What came out for each scenario.
+
+    Raises:
+        SweepError: If there are no parts, some are missing, or are of another study.
+        OSError: If a file cannot be written.
+    """
+    return {
+        name: MergeParts(plan, _Parts(Path(out, name)), Path(out, name), notice=notice)
+        for name, plan in study.plans.items()
+    }
+
+
+def ParsePart(text: str) -> tuple[int, int]:
+    """Returns the part that I/N stands for.
+
+    Args:
+        text: For example "3/20".
+
+    Raises:
+        SweepError: If it is not one, or I is not 1 to N.
+    """
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise SweepError(f"{text!r}: must be I/N with 1 <= I <= N")
+    return int(match[1]), int(match[2])
+
+
+def _Parts(folder: Path) -> list[Path]:
+    """Returns the folders of all parts, which must be there."""
+    counts = {path.name.rpartition("-")[2] for path in folder.glob("part-*-of-*")}
+    title = f"out = {str(folder)!r}"
+    if len(counts) != 1:
+        found = f"of {', '.join(sorted(counts))}" if counts else "none"
+        raise SweepError(f"{title}: must have the parts of one N, and has {found}")
+    count = int(counts.pop())
+    paths = [folder / f"part-{i + 1}-of-{count}" for i in range(count)]
+    missing = [path.name for path in paths if not (path / "sweep.json").exists()]
+    if missing:
+        raise SweepError(f"{title}: must have all parts, and lacks {missing[0]}")
+    return paths
+
+
+def _Scenarios(tree: Mapping[str, Any], folder: Path) -> list[str]:
+    """Returns built-in names, and paths as seen from here."""
+    names = tree.get("scenarios")
+    if not _IsListOfText(names):
+        Refuse("scenarios", names, "a list of scenarios")
+    return [
+        name if name in ScenarioNames() else str(folder / Path(name)) for name in names
+    ]
+
+
+def _Grid(tree: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Returns the grid of every scenario: controllers first, seeds last."""
+    grid: dict[str, list[Any]] = {}
+    controllers = tree.get("controllers")
+    if controllers == "all":
+        grid["controller"] = list(ARCHITECTURES)
+    elif controllers is not None:
+        if not _IsListOfText(controllers):
+            Refuse("controllers", controllers, "`all` or a list of controllers")
+        grid["controller"] = controllers
+    varied = tree.get("grid") or {}
+    if not isinstance(varied, Mapping):
+        Refuse("grid", varied, "a mapping of paths to values")
+    for key, values in varied.items():
+        if isinstance(values, str):
+            try:
+                grid[str(key)] = ParseValues(values)
+            except SweepError as e:
+                raise SweepError(f"grid.{key} = {e}") from None
+        elif isinstance(values, list) and values:
+            grid[str(key)] = values
+        else:
+            Refuse(f"grid.{key}", values, "a list of values or START:STOP:COUNT")
+    seeds = tree.get("seeds")
+    if seeds is not None:
+        if not isinstance(seeds, int) or not 1 <= seeds <= MAX_RUNS:
+            Refuse("seeds", seeds, f"1 to {MAX_RUNS}")
+        grid["seed"] = list(range(seeds))
+    return grid
+
+
+def _IsListOfText(value: Any) -> TypeGuard[list[str]]:
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(item, str) for item in value)
+    )

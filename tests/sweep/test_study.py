@@ -1,0 +1,125 @@
+"""Studies: several scenarios from a file, whole or in parts."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from teleop_drake.cli import main
+from teleop_drake.sweep import SweepError, study
+
+STUDY = """
+scenarios: [one_dof, mine.yaml]
+controllers: [direct_force]
+grid:
+  delay: 0:0.04:3
+overrides: {duration: 0.2}
+engine: drake
+"""
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def Write(text=STUDY, name="study.yaml"):
+    Path(name).write_text(text, encoding="utf-8")
+    return name
+
+
+def Mine(capsys):
+    assert main(["show", "one_dof", "--set", "robot.mass=2"]) == 0
+    Write(capsys.readouterr().out, "mine.yaml")
+
+
+def Files(folder):
+    """The files of a study but for those of its parts."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in Path(folder).rglob("*")
+        if path.is_file() and "part-" not in str(path)
+    }
+
+
+def test_parts_make_the_whole(capsys):
+    """Byte for byte, pictures included; a part can be missing until it is done."""
+    Mine(capsys)
+    file, one = Write(), ["--jobs", "1", "--quiet"]
+    assert main(["study", file, *one, "--out", "whole"]) == 0
+    out = capsys.readouterr().out
+    assert "one_dof: 3 runs, 3 completed" in out
+    assert main(["study", file, *one, "--out", "parts", "--shard", "1/2"]) == 0
+    assert main(["study", file, "merge", "--out", "parts"]) == 2
+    assert "lacks part-2-of-2" in capsys.readouterr().err
+    assert main(["study", file, *one, "--out", "parts", "--shard", "2/2"]) == 0
+    capsys.readouterr()
+    merge = ["study", file, "merge", "--out", "parts", "--json", "-"]
+    assert main(merge) == 0
+    records = json.loads(capsys.readouterr().out)
+    assert {name: len(runs) for name, runs in records.items()} == {
+        "one_dof": 3,
+        "mine": 3,
+    }
+    whole = Files("whole")
+    assert Files("parts") == whole
+    assert "mine/runs.csv" in whole and any(name.endswith(".png") for name in whole)
+    told = json.loads(whole["one_dof/sweep.json"])
+    assert told["engine"] == "drake" and set(told) >= {"versions", "commit", "axes"}
+    assert set(told["versions"]) == {"teleop-drake", "drake", "numpy", "numba"}
+
+
+def test_a_part_of_another_study_is_noticed(capsys):
+    text = STUDY.replace(", mine.yaml", "")
+    one = ["--jobs", "1", "--quiet"]
+    assert main(["study", Write(text), *one, "--shard", "1/1"]) == 0
+    other = Write(text.replace("0.04:3", "0.02:3"), "other.yaml")
+    assert main(["study", other, "merge"]) == 2
+    assert "holds a sweep with other parameters (axes" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("grid:", "grids:", "key = 'grids': must be one of scenarios, .*'grid'"),
+        ("[one_dof, mine.yaml]", "one_dof", "scenarios = 'one_dof': must be a list"),
+        ("[one_dof, mine.yaml]", "[]", "scenarios = .*: must be a list"),
+        ("mine.yaml", "one_dof", "scenarios = 'one_dof': must be scenarios whose"),
+        (", mine.yaml", ", none.yaml", "none.yaml"),
+        ("[direct_force]", "direct", "controllers = 'direct': must be `all` or"),
+        ("0:0.04:3", "0:0.04:x", "grid.delay = '0:0.04:x': must be START"),
+        ("0:0.04:3", "[-1]", "forward_channel.delay = -1"),
+        ("0:0.04:3", "{a: 1}", "grid.delay = .*must be a list of values or START"),
+        ("{duration: 0.2}", "7", "overrides = 7: must be a mapping"),
+        ("engine: drake", "engine: steam", "engine = 'steam': must be one of"),
+        ("engine: drake", "seeds: -1", "seeds = -1: must be 1 to"),
+        ("engine: drake", "metrics: speed", "metrics = 'speed': must be a list"),
+        ("engine: drake", "metrics: [speed]", "metric 'speed': must be one of"),
+    ],
+)
+def test_bad_studies(old, new, message, capsys):
+    text = STUDY.replace(old, new)
+    assert text != STUDY
+    if "mine.yaml" in text and "none" not in new:
+        text = text.replace(", mine.yaml", "")
+    assert main(["study", Write(text), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(message, line), line
+    assert not Path("out").exists()
+
+
+def test_bad_options(capsys):
+    file = Write(STUDY.replace(", mine.yaml", ""))
+    for arguments, message in {
+        ("--shard", "0/3"): "'0/3': must be I/N with 1 <= I <= N",
+        ("--shard", "4/3"): "'4/3': must be I/N",
+        ("--shard", "1/2", "--json", "-"): "--json: must be left out with --shard",
+        ("merge", "--jobs", "2"): "--jobs: must be left out where parts are merged",
+        ("merge",): "must have the parts of one N, and has none",
+    }.items():
+        assert main(["study", file, *arguments]) == 2
+        assert message in capsys.readouterr().err
+    assert study.ParsePart("3/20") == (3, 20)
+    with pytest.raises(SweepError):
+        study.ParsePart("three/20")
