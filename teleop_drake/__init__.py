@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from teleop_drake.analysis.port_linearization import LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.explore import Explore
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AnalyzeStability",
     "Explore",
+    "LinearizePorts",
     "LoadRecording",
     "LoadScenario",
     "MakeDiagram",
@@ -58,6 +60,7 @@ __all__ = [
 
 # Where the names above are from.
 _PLACES = {
+    "analysis.port_linearization": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.explore": ["Explore"],
