@@ -17,7 +17,7 @@ from teleop_drake.driving.view import View
 from teleop_drake.operators import RecordedConfig
 from teleop_drake.operators.hand import HandOperator
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import Scenario, ScenarioError
+from teleop_drake.scenario import CheckSteps, Scenario, ScenarioError
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
@@ -119,7 +119,7 @@ class Drive:
                 full_speed=self._full_speed,
                 rate=self._rate,
             )
-            self.segments.append(segment.Run(min(self._left, LONGEST_SEGMENT)))
+            self.segments.append(segment.Run())
             recording = self.segments[-1].recording
             self._left -= float(recording.time[-1])
             self._is_over = segment.wants_end or recording.termination == "interrupted"
@@ -129,6 +129,12 @@ class Drive:
 
     def _Load(self, settings: Settings, start: Array | None) -> Scenario:
         """Returns the scenario of a segment, from a start or else from its own."""
+        scenario = self._LoadFrom(settings, start)
+        while not _HasAcceptableSteps(scenario):
+            scenario = dataclasses.replace(scenario, duration=scenario.duration / 2)
+        return scenario
+
+    def _LoadFrom(self, settings: Settings, start: Array | None) -> Scenario:
         overrides = [
             *self._overrides,
             *settings.Overrides(self._base),
@@ -146,6 +152,15 @@ class Drive:
             # What was wished is not allowed; the scenario itself is.
             self._say(f"Not possible: {error}")
             return self._base
+
+
+def _HasAcceptableSteps(scenario: Scenario) -> bool:
+    """Returns whether a segment takes no more steps than simulate() accepts."""
+    try:
+        CheckSteps(scenario)
+    except ScenarioError:
+        return False
+    return True
 
 
 class _Driven:
@@ -177,12 +192,8 @@ class _Driven:
         self._diagram: Diagram = MakeTeleoperator(scenario, operator=self._operator)
         self._rows = [np.zeros(1 + n)]
 
-    def Run(self, duration: float) -> Segment:
-        """Drives, and returns what happened.
-
-        Args:
-            duration: For how long at most, s.
-        """
+    def Run(self) -> Segment:
+        """Drives, and returns what happened."""
         if self._view is not None:
             self._view.Begin(self._scenario)
         recording = simulate(

@@ -42,6 +42,9 @@ def test_writes_what_was_driven(tmp_path, capsys):
     scenario = LoadScenario(out / "drive_01.yaml")
     assert scenario.surgeon.kind == "recorded"
     assert LoadRecording(out / "drive_01.npz").time[-1] == 0.25 == scenario.duration
+    page = str(tmp_path / "page.html")
+    assert main(["replay", str(out / "drive_01.npz"), "--out", page]) == 0
+    capsys.readouterr()
     assert main(["run", str(out / "drive_01.yaml"), "--json", "-"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["metrics"]["start_velocity_overshoot"] == 0

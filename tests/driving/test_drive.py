@@ -114,6 +114,14 @@ def test_what_is_not_possible_is_said():
         Drive("no_such", hand=hand)
 
 
+def test_a_segment_is_as_long_as_its_steps_allow():
+    """What simulate() would refuse is cut into pieces."""
+    hand = ScriptedHand(lambda t: [0.0], DIRECT)
+    drive = Drive("one_dof", ["simulator.max_step_size=1e-4"], hand=hand, duration=400)
+    scenario = drive._Load(DIRECT, None)
+    assert scenario.duration == 100
+
+
 def test_by_the_sliders_of_a_page():
     """The command is the slider's, and what is felt is shown."""
     meshcat = Meshcat()
