@@ -1,4 +1,4 @@
-"""Kinds of a user's own, in a module that scenarios name: a control law, a robot."""
+"""Kinds of a user's own, that scenarios name: a control law, a robot, an operator."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from teleop_drake.architectures import ControlLawConfig
+from teleop_drake.operators import OperatorConfig
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import CheckNumber
 
@@ -103,3 +104,34 @@ class Puck(LeafSystem):
     def DoCalcTimeDerivatives(self, context, derivatives):
         v = np.split(self._State(context), 2)[1]
         derivatives.SetFromVector(np.concatenate([v, self._Acceleration(context)]))
+
+
+class Fading(LeafSystem):
+    """v_d = velocity exp(-t), whatever is felt."""
+
+    def __init__(self, velocity):
+        LeafSystem.__init__(self)
+        n = velocity.size
+        force = self.DeclareVectorInputPort("haptic_force", n)
+        time, nothing = {self.time_ticket()}, {self.nothing_ticket()}
+        for name, size, compute, tickets in (
+            ("velocity_command", n, lambda x: velocity * np.exp(-x.get_time()), time),
+            ("force_command", n, force.Eval, {force.ticket()}),
+            ("mode", 1, lambda x: [0.0], nothing),
+        ):
+            self.DeclareVectorOutputPort(
+                name,
+                size,
+                lambda context, output, compute=compute: output.SetFromVector(
+                    compute(context)
+                ),
+                tickets,
+            )
+
+
+@dataclass(kw_only=True, eq=False)
+class FadingConfig(OperatorConfig):
+    """An operator who loses interest."""
+
+    def MakeOperator(self, *, start, contact_surface=None):
+        return Fading(np.asarray(self.velocity, dtype=float))

@@ -20,6 +20,7 @@ DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 CHANNEL = "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 50}"
 LAW = ["controller.kind=own_kinds:BrakedForce", "controller.parameters.damping=0.4"]
 ROBOT = ["robot={model: own_kinds:PuckConfig, start: [0], mass: 0.8}"]
+OPERATOR = "surgeon.kind=own_kinds:FadingConfig"
 SHORT = "duration=0.5"
 
 
@@ -39,7 +40,9 @@ def Options(*overrides):
 
 
 @pytest.mark.parametrize(
-    "own", [[CHANNEL], LAW, [CHANNEL, *LAW], [*ROBOT, *LAW]], ids=str
+    "own",
+    [[CHANNEL], LAW, [CHANNEL, *LAW], [*ROBOT, *LAW], [OPERATOR]],
+    ids=str,
 )
 def test_commands(own, capsys):
     options = Options(*own, SHORT)

@@ -30,6 +30,9 @@ PERIOD = 1 / 32
 LONGEST_SEGMENT = 600.0
 """In s: after that the task begins anew."""
 
+_WARM_UP = 0.05
+"""Simulated time in s that calls everything once."""
+
 _NUM_STILL = 8
 """For so many pictures new settings stay as they are before they count."""
 
@@ -105,14 +108,18 @@ class Drive:
         self._full_speed = FullSpeed(self._base)
         self._start: Array | None = None
         self._is_over = False
+        self._warm: set[tuple[str, str]] = set()
         self.segments: list[Segment] = []
 
     def Run(self) -> None:
         """Drives until the time is over, or the hand has enough, or Ctrl-C."""
         while not self._is_over and self._left > PERIOD / 2:
             settings = self._hand.Wanted()
+            scenario = self._Load(settings, self._start)
+            if self._WarmUp(scenario) == "interrupted":
+                return
             segment = _Driven(
-                self._Load(settings, self._start),
+                scenario,
                 settings,
                 hand=self._hand,
                 view=self._view,
@@ -134,6 +141,18 @@ class Drive:
             scenario = dataclasses.replace(scenario, duration=scenario.duration / 2)
         return scenario
 
+    def _WarmUp(self, scenario: Scenario) -> str:
+        """Lets numba compile the laws of an architecture before the clock starts.
+
+        Returns:
+            How that ended; see Recording.
+        """
+        kinds = (scenario.controller.kind, scenario.forward_channel.kind)
+        if kinds in self._warm:
+            return "completed"
+        self._warm.add(kinds)
+        return simulate(dataclasses.replace(scenario, duration=_WARM_UP)).termination
+
     def _LoadFrom(self, settings: Settings, start: Array | None) -> Scenario:
         overrides = [
             *self._overrides,
@@ -151,7 +170,8 @@ class Drive:
         except ScenarioError as error:
             # What was wished is not allowed; the scenario itself is.
             self._say(f"Not possible: {error}")
-            return self._base
+            duration = min(self._left, LONGEST_SEGMENT)
+            return dataclasses.replace(self._base, duration=duration)
 
 
 def _HasAcceptableSteps(scenario: Scenario) -> bool:

@@ -182,8 +182,9 @@ class HumanConfig(OperatorConfig):
     # One of GOALS.
     goal: str = "position"
     # omega_c, rad/s, > 0. Assumed: McRuer and Jex 1967 have 3 to 5 without delay, and
-    # a human who feels one lowers it.
-    crossover_frequency: float = 1.5
+    # a human who feels one lowers it; with 1 the adaptive controller is stable in the
+    # thesis's tasks.
+    crossover_frequency: float = 1.0
     # tau, s, >= 0. Assumed: McRuer and Jex 1967 have 0.1 to 0.2.
     reaction_delay: float = 0.15
     # T_N, s, > 0. Assumed: McRuer and Jex 1967 have about 0.1.

@@ -81,7 +81,7 @@ def test_ctrl_c_ends_everything():
     try:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("Open http://localhost:")
-        time.sleep(1.0)
+        time.sleep(0.5)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=60)
     finally:

@@ -110,6 +110,7 @@ def test_what_is_not_possible_is_said():
     (segment,) = Driven(hand, 0.1, overrides, say=lines.append)
     assert "controller.kind = 'no_such': must be one of" in lines[0]
     assert segment.scenario.controller.kind == "direct_force"
+    assert segment.recording.time[-1] == pytest.approx(0.1)
     with pytest.raises(ScenarioError, match="scenario"):
         Drive("no_such", hand=hand)
 
