@@ -58,7 +58,7 @@ class Event:
     Attributes:
         name: `puncture` (the tool leaves the first layer that yields), `heal` (it is
             back in it), `contact` and `release` (it reaches and leaves the hard
-            surface), `surgeon_force` and `surgeon_stop` (the surgeon's switches).
+            surface), `surgeon_force` and `surgeon_stop` (the operator's switches).
         time: When, in s.
     """
 
@@ -258,7 +258,7 @@ class Recording:
 
     @property
     def commands(self) -> np.ndarray:
-        """What the surgeon applies and commands, [F_h; v_d] in N and m/s (N, 2n)."""
+        """What the operator applies and commands, [F_h; v_d] in N and m/s (N, 2n)."""
         if "velocity_command" in self.signals:
             return np.hstack([self["force_command"], self["velocity_command"]])
         return self["forward_packet_sent"]

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 from pydrake.systems.framework import OutputPort, PortDataType, System
 
+from teleop_drake.validation import Refuse
+
 # A port's own name, but for these.
 _NAMES = {
     ("master", "forward_packet"): "forward_packet_sent",
@@ -99,9 +101,10 @@ def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
             if name in signals:
                 owner = signals[name].get_system().get_name()
             if owner != block and not {owner, block}.isdisjoint(_LOOP):
-                raise ValueError(
-                    f"{block}: its output port {own!r} must have another name: the "
-                    f"signal {name!r} is that of {owner}"
+                Refuse(
+                    f"output port of {block}",
+                    own,
+                    f"another name, because the signal {name!r} is that of {owner}",
                 )
             signals[name] = port
     return signals

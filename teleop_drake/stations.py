@@ -1,7 +1,7 @@
 """The two ends of the loop: the master station and the slave station (Fig. 2.1).
 
 A control architecture is a pair of them: a master side, which MakeMasterStation puts
-between the surgeon and the channels, and a slave side, which is the station at the
+between the operator and the channels, and a slave side, which is the station at the
 robot. They speak in packets, which is all that the channels between them carry. What a
 packet holds is the architecture's own affair; those of the thesis are
 
@@ -10,7 +10,13 @@ packet holds is the architecture's own affair; those of the thesis are
 
 from collections.abc import Sequence
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.architectures import (
@@ -42,7 +48,7 @@ def MakeMasterStation(
     operator: System | None = None,
     haptic_device: System | None = None,
 ) -> Diagram:
-    """Makes the surgeon, the haptic device and the master side, named `master`.
+    """Makes the operator, the haptic device and the master side, named `master`.
 
     | port | name           | size | unit                             |
     |------|----------------|------|----------------------------------|
@@ -50,8 +56,8 @@ def MakeMasterStation(
     | out  | forward_packet | m_f  | of the packet; thesis [N; m/s]   |
     | out  | surgeon_mode   | 1    | see Surgeon                      |
 
-    A master side stands between the hand and the channels: it hears what the surgeon
-    applies and commands, and says what the surgeon feels. With one, the station has
+    A master side stands between the hand and the channels: it hears what the operator
+    applies and commands, and says what the operator feels. With one, the station has
     as further outputs felt_position (n, m), felt_velocity (n, m/s), velocity_command
     (n, m/s), force_command (n, N) and every further output of the master side (its
     telemetry), by its own name.
@@ -62,7 +68,7 @@ def MakeMasterStation(
             applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
-        surfaces: Of the environment, of which the surgeon feels the contact; None:
+        surfaces: Of the environment, of which the operator feels the contact; None:
             those of the scenario's.
         operator: An operator of your own in the place of the scenario's; see
             OperatorConfig.MakeOperator for its ports.
@@ -96,48 +102,56 @@ def MakeMasterStation(
     )
     force = surgeon.GetOutputPort("force_command")
     command = surgeon.GetOutputPort("velocity_command")
-    if master_side is None:
-        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-        return_packet = unpack.get_input_port()
-        forward_packet = pack.get_output_port()
-        felt_position, felt_velocity = map(unpack.get_output_port, (0, 1))
-        haptic_force, velocity_command = map(pack.get_input_port, (0, 1))
-    else:
-        name = master_side.get_name() or "master_side"
-        side = builder.AddNamedSystem(name, master_side)
-        return_packet = side.GetInputPort("return_packet")
-        forward_packet = side.GetOutputPort("forward_packet")
-        felt_position, felt_velocity = map(
-            side.GetOutputPort, ("felt_position", "felt_velocity")
-        )
-        haptic_force, velocity_command = map(
-            side.GetInputPort, ("haptic_force", "velocity_command")
-        )
-    builder.ExportInput(return_packet, "return_packet")
+    inputs, outputs = _AddMasterSide(builder, master_side, n)
+    builder.ExportInput(inputs["return_packet"], "return_packet")
     for source, target, input_name in (
-        (felt_position, surgeon, "felt_position"),
-        (felt_velocity, surgeon, "felt_velocity"),
-        (felt_velocity, device, "felt_velocity"),
+        (outputs["felt_position"], surgeon, "felt_position"),
+        (outputs["felt_velocity"], surgeon, "felt_velocity"),
+        (outputs["felt_velocity"], device, "felt_velocity"),
         (command, device, "velocity_command"),
         (device.GetOutputPort("haptic_force"), surgeon, "haptic_force"),
     ):
         if target.HasInputPort(input_name):
             builder.Connect(source, target.GetInputPort(input_name))
-    builder.Connect(force, haptic_force)
-    builder.Connect(command, velocity_command)
-    builder.ExportOutput(forward_packet, "forward_packet")
+    builder.Connect(force, inputs["haptic_force"])
+    builder.Connect(command, inputs["velocity_command"])
+    builder.ExportOutput(outputs.pop("forward_packet"), "forward_packet")
     builder.ExportOutput(surgeon.GetOutputPort("mode"), "surgeon_mode")
     if master_side is not None:
         builder.ExportOutput(command, "velocity_command")
         builder.ExportOutput(force, "force_command")
-        for i in range(master_side.num_output_ports()):
-            port = master_side.get_output_port(i)
-            if port.get_name() != "forward_packet":
-                builder.ExportOutput(port, port.get_name())
+        for name, port in outputs.items():
+            builder.ExportOutput(port, name)
     master = builder.Build()
     master.set_name("master")
     return master
+
+
+def _AddMasterSide(
+    builder: DiagramBuilder, master_side: System | None, n: int
+) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+    """Adds the master side, None for the thesis's, and returns its ports by name."""
+    if master_side is None:
+        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
+        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
+        return {
+            "haptic_force": pack.get_input_port(0),
+            "velocity_command": pack.get_input_port(1),
+            "return_packet": unpack.get_input_port(),
+        }, {
+            "felt_position": unpack.get_output_port(0),
+            "felt_velocity": unpack.get_output_port(1),
+            "forward_packet": pack.get_output_port(),
+        }
+    name = master_side.get_name() or "master_side"
+    side = builder.AddNamedSystem(name, master_side)
+    needed = ("felt_position", "felt_velocity", "forward_packet")
+    outputs = {name: side.GetOutputPort(name) for name in needed}
+    ports = map(side.get_output_port, range(side.num_output_ports()))
+    return {
+        name: side.GetInputPort(name)
+        for name in ("haptic_force", "velocity_command", "return_packet")
+    }, {port.get_name(): port for port in ports} | outputs
 
 
 def MakeControlLaw(scenario: Scenario) -> System:

@@ -7,6 +7,7 @@ from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import CheckStart, Scenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import MakeArchitecture, MakeMasterStation
+from teleop_drake.validation import Refuse
 
 
 def MakeTeleoperator(
@@ -131,7 +132,7 @@ def AddTeleoperator(
             scenario, control_law=control_law, facts=scenario.Facts(robot, environment)
         )
     elif control_law is not None:
-        raise ValueError("control_law: must be None with an architecture, which has it")
+        Refuse("control_law", control_law.get_name(), "null with an architecture")
     master = builder.AddNamedSystem(
         "master",
         MakeMasterStation(
@@ -142,43 +143,54 @@ def AddTeleoperator(
             haptic_device=haptic_device,
         ),
     )
-    forward_channel = builder.AddNamedSystem(
-        "forward_channel",
-        forward_channel
-        or scenario.forward_channel.MakeChannel(
+    controller = architecture.slave_side
+    if forward_channel is None:
+        forward_channel = scenario.forward_channel.MakeChannel(
             size=master.GetOutputPort("forward_packet").size(),
             initial_value=architecture.initial_forward_packet,
             duration=scenario.duration,
             stream="forward_channel",
-        ),
-    )
-    controller = builder.AddNamedSystem("controller", architecture.slave_side)
-    builder.AddNamedSystem("robot", robot)
-    builder.AddNamedSystem("environment", environment)
-    return_channel = builder.AddNamedSystem(
-        "return_channel",
-        return_channel
-        or scenario.return_channel.MakeChannel(
+        )
+    if return_channel is None:
+        return_channel = scenario.return_channel.MakeChannel(
             size=controller.GetOutputPort("return_packet").size(),
             initial_value=architecture.initial_return_packet,
             duration=scenario.duration,
             stream="return_channel",
-        ),
-    )
-    NamedSignals(
-        (master, forward_channel, controller, robot, environment, return_channel)
-    )
-    for source, output, target, input_name in (
-        (master, "forward_packet", forward_channel, "signal"),
-        (forward_channel, "delayed_signal", controller, "forward_packet"),
-        (controller, "control_force", robot, "control_force"),
-        (robot, "tool_position", environment, "tool_position"),
-        (robot, "tool_velocity", environment, "tool_velocity"),
-        (environment, "environment_force", robot, "environment_force"),
-        (robot, "tool_position", controller, "tool_position"),
-        (robot, "tool_velocity", controller, "tool_velocity"),
-        (environment, "environment_force", controller, "environment_force"),
-        (controller, "return_packet", return_channel, "signal"),
-        (return_channel, "delayed_signal", master, "return_packet"),
+        )
+    for name, system in (
+        ("forward_channel", forward_channel),
+        ("controller", controller),
+        ("robot", robot),
+        ("environment", environment),
+        ("return_channel", return_channel),
     ):
-        builder.Connect(source.GetOutputPort(output), target.GetInputPort(input_name))
+        builder.AddNamedSystem(name, system)
+    _CloseLoop(builder)
+
+
+_CONNECTIONS = (
+    ("master", "forward_packet", "forward_channel", "signal"),
+    ("forward_channel", "delayed_signal", "controller", "forward_packet"),
+    ("controller", "control_force", "robot", "control_force"),
+    ("robot", "tool_position", "environment", "tool_position"),
+    ("robot", "tool_velocity", "environment", "tool_velocity"),
+    ("environment", "environment_force", "robot", "environment_force"),
+    ("robot", "tool_position", "controller", "tool_position"),
+    ("robot", "tool_velocity", "controller", "tool_velocity"),
+    ("environment", "environment_force", "controller", "environment_force"),
+    ("controller", "return_packet", "return_channel", "signal"),
+    ("return_channel", "delayed_signal", "master", "return_packet"),
+)
+"""From which output of which system to which input of which, in Fig. 2.1."""
+
+
+def _CloseLoop(builder: DiagramBuilder) -> None:
+    """Connects the six systems, after checking that each signal has its own name."""
+    names = dict.fromkeys(source for source, _, _, _ in _CONNECTIONS)
+    NamedSignals(map(builder.GetSubsystemByName, names))
+    for source, output, target, input_name in _CONNECTIONS:
+        builder.Connect(
+            builder.GetSubsystemByName(source).GetOutputPort(output),
+            builder.GetSubsystemByName(target).GetInputPort(input_name),
+        )

@@ -1,15 +1,15 @@
 """What the linearizer holds of a diagram: states, cut delays and fixed inputs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.linear_part import DelayBlock, LinearPartOf
+from teleop_drake.validation import ScenarioError, Within
 
 Array = NDArray[np.float64]
 
@@ -41,30 +41,32 @@ class States:
         return values
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class InnerDelay:
-    """A TransportDelay inside a station, cut open: what it delivers is set."""
+    """A delay inside of a station, cut open: what it delivers is set."""
 
-    def __init__(self, system: TransportDelay, context: Context):
-        self.delay = system.delay
-        self.size = system.get_input_port().size()
-        self._system, self._context = system, context
+    system: System
+    context: Context
+    delay: float
+
+    @property
+    def size(self) -> int:
+        """Width of its signal."""
+        return int(self.system.get_input_port().size())
 
     def GetInput(self) -> Array:
         """Returns what goes into the delay now."""
-        value: Array = self._system.get_input_port().Eval(self._context)
+        value: Array = self.system.get_input_port().Eval(self.context)
         return value
 
     def Get(self) -> Array:
         """Returns what it delivers now."""
-        value: Array = self._system.get_output_port().Eval(self._context)
+        value: Array = self.system.get_output_port().Eval(self.context)
         return value
 
     def Set(self, value: Array) -> None:
         """Lets it deliver a value."""
-        # A history of a single sample, which arrives now.
-        time = self._context.get_time()
-        history = SampleHistory(times=(time,), values=np.array([value]), now=time)
-        self._context.SetAbstractState(0, history)
+        cast(DelayBlock, self.system).Deliver(self.context, value)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,11 +89,74 @@ class FixedInput:
 
 def Leaves(system: System) -> Iterator[System]:
     """Yields the systems whose states are told apart."""
-    if isinstance(system, Diagram) and not isinstance(system, AdaptiveBackstepping):
+    if isinstance(system, Diagram) and not hasattr(system, "ForLinearModel"):
         for child in system.GetSystems():
             yield from Leaves(child)
     else:
         yield system
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CutPart:
+    """A part of the loop, its states and what its blocks tell.
+
+    Attributes:
+        states: The continuous states that the model has.
+        delays: Delays inside.
+        assumptions: What the model takes for granted; see linear_part.
+    """
+
+    states: list[States]
+    delays: list[InnerDelay]
+    assumptions: set[str]
+
+
+def CutOpen(
+    system: System,
+    contexts: Mapping[System, Context],
+    *,
+    estimates: Array | None = None,
+    may_delay: bool = False,
+) -> CutPart:
+    """Finds the states of a part of the loop, and cuts the delays inside of it.
+
+    Args:
+        system: The part; its name goes before the fields that are refused.
+        contexts: Of every block.
+        estimates: The state of an adaptive law in it; None: the initial one.
+        may_delay: Whether there may be delays inside.
+
+    Raises:
+        ScenarioError: If a block has a state that is neither continuous nor a mode, or
+            has no linear model.
+    """
+    part = CutPart(states=[], delays=[], assumptions=set())
+    for block in Leaves(system):
+        context = contexts[block]
+        with Within(system.get_name()):
+            told = LinearPartOf(block, estimates)
+        is_cut = may_delay and told.delay is not None
+        is_sampled = context.num_discrete_state_groups() > 0 and not told.has_modes
+        if (is_sampled or context.num_abstract_states() > 0) and not is_cut:
+            raise ScenarioError(
+                f"{system.get_name()}.{block.get_name()} = a state that is not "
+                "continuous: must be continuous for a linear model"
+            )
+        if is_cut and told.delay:
+            part.delays.append(
+                InnerDelay(system=block, context=context, delay=told.delay)
+            )
+        if told.assumption:
+            part.assumptions.add(told.assumption)
+        if told.state is not None:
+            context.SetContinuousState(told.state)
+        size = context.num_continuous_states()
+        if told.num_states is not None:
+            size = told.num_states
+        if size:
+            indices = np.arange(size)
+            part.states.append(States(system=block, context=context, indices=indices))
+    return part
 
 
 def Concatenate(parts: Sequence[Array]) -> Array:

@@ -21,7 +21,9 @@ class LoopModel:
             one input and one output for each internal delay of the master.
         slave: From the forward packet received to the return packet sent, followed by
             one input and one output for each internal delay of the slave. Its states
-            are [r (n), v (n), the states of the controller that are not frozen].
+            are [r (n), v (n), the states of the controller that are not frozen]; a
+            robot with more joints has [r, s, v, w] in the place of [r, v], see
+            analysis.tool_motion.
         frozen_weights: Whether the estimates of an adaptive law are held constant.
         idle_passivity: Whether passivity controllers are taken to inject nothing.
         packet_sizes: Entries of the forward and of the return packet.

@@ -14,15 +14,19 @@ from teleop_drake.environments.surface import (
     EMPTY,
     FindSurface,
     LastPassed,
+    ShownNormal,
     Surface,
     SurfacesOf,
 )
 from teleop_drake.recording import Recording
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import Scenario
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
 
 Array = NDArray[np.float64]
+
+POSITION = "position"
+"""Where the tool is on its path, as a key of charts; see OperatingPointAt."""
 
 # Where the depth of an impact is looked for, in m.
 _SHORTEST_IMPACT = 1e-9
@@ -136,9 +140,10 @@ def _DepthOfImpact(
     low, high = 0.0, _SHORTEST_IMPACT
     while Work(high) < energy:
         if high > _DEEPEST_IMPACT:
-            raise ValueError(
-                f"surface {surface.name!r}: a tool of {energy:g} J comes deeper than "
-                f"{_DEEPEST_IMPACT:g} m; allowed: a surface that stops it"
+            raise ScenarioError(
+                f"environment.{surface.name} = a surface into which a tool of "
+                f"{energy:g} J comes deeper than {_DEEPEST_IMPACT:g} m: must be one "
+                "that stops it"
             )
         low, high = high, 2 * high
     for _ in range(60):
@@ -148,39 +153,41 @@ def _DepthOfImpact(
 
 
 def OperatingPointAt(
-    scenario: Scenario, x: float, *, environment: System | None = None
+    scenario: Scenario, position: float, *, environment: System | None = None
 ) -> OperatingPoint:
-    """Returns the operating point on the tool's path at a position along x.
+    """Returns the operating point at a position along the tool's path.
 
     The tool moves there with the commanded velocity; behind the contact surface it is
     at rest.
 
     Args:
         scenario: A valid one.
-        x: In m.
+        position: p_WT along the normal of the contact surface or, where there is none,
+            of the puncture surface or else along x, in m.
         environment: As for OperatingPoints.
 
     Raises:
-        ValueError: If the path does not lead there or the robot does not reach it.
+        ScenarioError: If the path does not lead there or the robot does not reach it.
     """
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    if not math.isfinite(x) or (x != start[0] and not (x - start[0]) * velocity[0] > 0):
-        raise ValueError(
-            f"position = {x:g}: must be on the tool's path, which starts at x = "
-            f"{start[0]:g} m with {velocity[0]:g} m/s"
-        )
-    position = start.copy()
-    if x != start[0]:
-        position = start + velocity * (x - start[0]) / velocity[0]
-    try:
-        scenario.robot.JointPositions(position)
-    except ScenarioError as e:
-        raise ValueError(f"position = {x:g}: {str(e).removeprefix('start: ')}") from e
     surfaces = _Surfaces(scenario, environment)
+    normal = ShownNormal(surfaces, len(start))
+    begin, speed = float(normal @ start), float(normal @ velocity)
+    way = position - begin
+    if not math.isfinite(position) or (way != 0 and not way * speed > 0):
+        allowed = f"on the tool's path, from {begin:g} m on with {speed:g} m/s"
+        Refuse(POSITION, position, allowed)
+    p_WT = start + velocity * way / speed if way else start.copy()
+    try:
+        scenario.robot.JointPositions(p_WT)
+    except ScenarioError as e:
+        # The robot calls the point its start.
+        reason = str(e).removeprefix("start: ")
+        raise ScenarioError(f"{POSITION} = {position:g}: {reason}") from e
     contact = FindSurface(surfaces, CONTACT)
-    is_inside = contact is not None and contact.Depth(position) > 0
-    return _MakePoint(surfaces, position, 0 * velocity if is_inside else velocity)
+    is_inside = contact is not None and contact.Depth(p_WT) > 0
+    return _MakePoint(surfaces, p_WT, 0 * velocity if is_inside else velocity)
 
 
 def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
@@ -193,13 +200,10 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
         time: In s; not the instant of a jump.
 
     Raises:
-        ValueError: If the time is not within the run.
+        ScenarioError: If the time is not within the run.
     """
-    if not recording.time[0] <= time <= recording.time[-1]:
-        raise ValueError(
-            f"time = {time:g}: must be {recording.time[0]:g} to "
-            f"{recording.time[-1]:g} s, the run's"
-        )
+    begin, end = (float(x) for x in recording.time[[0, -1]])
+    CheckNumber("time", time, "s, of the run", minimum=begin, maximum=end)
 
     def At(*names: str) -> Array:
         return np.concatenate(

@@ -165,7 +165,11 @@ class _Cut:
         self._output = output_port
         self.held = self._Held(blocks)
         self.delays = [
-            InnerDelay(block.system, self._contexts[block.system])
+            InnerDelay(
+                system=block.system,
+                context=self._contexts[block.system],
+                delay=block.system.delay,
+            )
             for block in blocks
             if isinstance(block.system, TransportDelay) and block.system.delay > 0
         ]

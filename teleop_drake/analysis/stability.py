@@ -1,6 +1,6 @@
 """At which delay the loop fails, and why: margins of the linearised loop.
 
-The loop has one delay only, T = T_f + T_r. Everything from the surgeon to the robot
+The loop has one delay only, T = T_f + T_r. Everything from the operator to the robot
 crosses the forward channel and everything back crosses the return channel, each with
 the same delay for all entries of a packet. So with slave S(s) and master M(s)
 
@@ -17,7 +17,7 @@ well and taken to be T whatever T is. A loop with a second delay, different from
 refused.
 
 Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
-how far the surgeon's device has been wound up against a spring, and do not count as an
+how far the operator's device has been wound up against a spring, and do not count as an
 instability. In velocity mode there is one per axis, because the tool's position and the
 device's integral of the felt velocity both integrate v, and their sum stays what it
 was. With the thesis's packets it does not show in L and is removed with whatever else
@@ -42,11 +42,13 @@ from teleop_drake.analysis.linear_models import LoopModel
 from teleop_drake.analysis.linearization import LinearizeLoop
 from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import (
+    POSITION,
     OperatingPoint,
     OperatingPointAt,
     OperatingPoints,
 )
 from teleop_drake.analysis.resolution import RootError, UnresolvedRadius
+from teleop_drake.environments import ShownNormal
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,
@@ -60,18 +62,16 @@ from teleop_drake.numerics.delay_margin import (
 )
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
 from teleop_drake.scenario import AnyScenario, AsTeleoperation, LoadScenario, Scenario
+from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
 
 Array = NDArray[np.float64]
 
 MAX_DELAY = 2.0
 """Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
 
-POSITION = "position"
-"""Key of StabilityChart that stands for the tool's position along x."""
-
 _NO_LOOP = "tracking has no loop with a delay"
 
-# How far behind a border StabilityChart goes where a value is at one, in m.
+# How far behind a surface StabilityChart goes where a value is on one, in m.
 _BEHIND = 1e-6
 
 # A root this close to 0, relative to the fastest mode, may be a neutral one.
@@ -98,7 +98,7 @@ class PointStability:
         unresolved: The size in 1/s below which roots and crossings are not told from
             neutral ones, and do not count; see analysis.resolution.
         slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
-            the loop after the surgeon has switched to a force. None: it has no other.
+            the loop after the operator has switched to a force. None: it has no other.
     """
 
     model: LoopModel
@@ -360,14 +360,13 @@ def AnalyzeStability(
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            a channel is no delay.
-        ValueError: If max_delay is not allowed, LinearizeLoop refuses a point, or a
-            station has a delay of its own that is not the round trip.
+            a channel is no delay; if max_delay is not allowed, LinearizeLoop refuses a
+            point, or a station has a delay of its own that is not the round trip.
+        ValueError: If the loop is not well posed without delay.
     """
     scenario = AsTeleoperation(scenario, _NO_LOOP)
     scenario.Validate()
-    if not 0 < max_delay < np.inf:
-        raise ValueError(f"max_delay = {max_delay}: must be a finite number > 0 (s)")
+    CheckNumber("max_delay", max_delay, "s", above=0)
     forward, back = (
         getattr(scenario, path).AsConstantDelay(path, scenario.duration)
         for path in ("forward_channel", "return_channel")
@@ -474,21 +473,21 @@ def ChartStability(
     Args:
         name_or_path: As for LoadScenario.
         key: A dotted path to a number, for example environment.layers.bone.stiffness;
-            or POSITION, the tool's position along x in m, all along its path, instead
-            of one operating point in each layer. At the border of a layer, where there
-            is no linear model, it is that of the layer which begins there.
+            or POSITION, where the tool is on its path in m (see OperatingPointAt),
+            instead of one operating point in each layer. On a surface, where there is
+            no linear model, it is that of what begins there.
         values: Values of the key, at least one.
         overrides: As for LoadScenario; the key comes after them.
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
         progress: Called with the number of finished values and their number.
 
     Raises:
-        ScenarioError: If a value is not allowed.
-        ValueError: As AnalyzeStability, or if there is no value.
+        ScenarioError: If a value is not allowed, as AnalyzeStability, or if there is
+            none.
     """
     points = np.unique(np.asarray(values, dtype=float))
     if points.size == 0:
-        raise ValueError(f"{key}: no value; allowed: at least one")
+        Refuse(key, [], "a list of one value or more")
     if not isinstance(overrides, Mapping):
         pairs: list[str] = [overrides] if isinstance(overrides, str) else [*overrides]
     analyses = []
@@ -496,7 +495,7 @@ def ChartStability(
         if key == POSITION:
             scenario = LoadScenario(name_or_path, overrides)
             loop = AsTeleoperation(scenario, _NO_LOOP)
-            chosen = [OperatingPointAt(loop, _OffBorder(loop, value))]
+            chosen = [OperatingPointAt(loop, _OffSurface(loop, value))]
         else:
             chosen = None
             if isinstance(overrides, Mapping):
@@ -517,9 +516,9 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
     if model.inner_delays:
         for inner in model.inner_delays:
             if not np.isclose(inner, delay, rtol=1e-9, atol=0):
-                raise ValueError(
-                    f"a delay of {inner:g} s inside of a station: must be the round "
-                    f"trip, {delay:g} s, because the loop would have two delays"
+                raise ScenarioError(
+                    f"delay inside of a station = {inner:g}: must be the round trip, "
+                    f"{delay:g} s, because the loop would have two delays"
                 )
         notes.append(
             "The delay inside of the predictor is taken to be the round trip, at every "
@@ -537,15 +536,18 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
     return notes
 
 
-def _OffBorder(scenario: Scenario, x: float) -> float:
-    """Returns a position, or one just behind the border that is there."""
+def _OffSurface(scenario: Scenario, position: float) -> float:
+    """Returns a position, or one just behind the surface that is there."""
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    if velocity[0] == 0:
-        return x
-    place = start + velocity * (x - start[0]) / velocity[0]
-    for surface in scenario.Surfaces():
-        speed = surface.Along(velocity) / velocity[0]
-        if speed and abs(depth := float(surface.Depth(place) / speed)) < _BEHIND:
-            return x - depth + _BEHIND
-    return x
+    surfaces = scenario.Surfaces()
+    normal = ShownNormal(surfaces, len(start))
+    speed = float(normal @ velocity)
+    if speed == 0:
+        return position
+    p_WT = start + velocity * (position - float(normal @ start)) / speed
+    for surface in surfaces:
+        share = surface.Along(velocity) / speed
+        if share and abs(depth := float(surface.Depth(p_WT) / share)) < _BEHIND:
+            return position - depth + _BEHIND
+    return position

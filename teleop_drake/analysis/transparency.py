@@ -1,6 +1,6 @@
-"""What the surgeon feels through the channels, and whether it can become unstable.
+"""What the operator feels through the channels, and whether it can become unstable.
 
-The teleoperator is a two-port between the surgeon's hand and the environment. Its
+The teleoperator is a two-port between the operator's hand and the environment. Its
 admittance matrix y(j w), (2n, 2n), is put together from both sides, linearised, and
 the exact delays between them:
 
@@ -8,7 +8,7 @@ the exact delays between them:
 
 F_h is applied at the hand, where v_m is felt; F_e is what the tool exerts on the
 environment, where it moves with v_s. F_h . v_m and -F_e . v_s are the powers that go
-in. Behind it an environment with F_e = Z_e v_s makes it the one-port that the surgeon
+in. Behind it an environment with F_e = Z_e v_s makes it the one-port that the operator
 feels, F_h = Z_to v_m.
 
 The tool is at rest here: the model of an arm in motion, at an instant, is not passive,
@@ -91,11 +91,11 @@ def AdmittanceMatrix(
 
 
 def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray:
-    """Returns the impedance Z_to(j w) that the surgeon feels (K, n, n).
+    """Returns the impedance Z_to(j w) that the operator feels (K, n, n).
 
         Z_to = [y11 - y12 Z_e (1 + y22 Z_e)^-1 y21]^-1
 
-    It is infinite where a motion cannot be felt at all; Re Z_to < 0 where the surgeon
+    It is infinite where a motion cannot be felt at all; Re Z_to < 0 where the operator
     is given energy.
 
     Args:
@@ -138,7 +138,7 @@ def AxisTwoPort(admittance: ArrayLike, axis: int = 0) -> ComplexArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transparency:
-    """What the surgeon feels at an operating point.
+    """What the operator feels at an operating point.
 
     Attributes:
         point: The operating point.
@@ -192,7 +192,7 @@ def AnalyzeTransparency(
     return_delay: float,
     frequencies: ArrayLike = FREQUENCIES,
 ) -> Transparency:
-    """Analyses what the surgeon feels at an operating point.
+    """Analyses what the operator feels at an operating point.
 
     Args:
         scenario: A valid one.
@@ -234,7 +234,7 @@ def AnalyzeTransparency(
 def FeltStiffness(
     scenario: Scenario, point: OperatingPoint, frequencies: ArrayLike
 ) -> Array:
-    """Returns the stiffness along x that the surgeon feels (K) in N/m.
+    """Returns the stiffness along x that the operator feels (K) in N/m.
 
         k(w) = Re j w / Y_xx(j w),   Y = Z_to^-1
 

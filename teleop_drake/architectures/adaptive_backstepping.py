@@ -27,6 +27,7 @@ from teleop_drake.laws.backstepping import (
     unpack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.numerics.compiled import compiled
 from teleop_drake.validation import (
     REQUIRED,
@@ -144,6 +145,16 @@ class AdaptiveBackstepping(LeafSystem):
                 "control_force_error": ("errors", n, 2 * n),
             },
             sizes={"errors": 2 * n},
+        )
+
+    def ForLinearModel(self, estimates: NDArray[np.float64] | None) -> LinearPart:
+        """Returns that only F_c, the first part of the state, is one of the model.
+
+        Args:
+            estimates: The whole state at the operating point; None: the initial one.
+        """
+        return LinearPart(
+            num_states=self._n, state=estimates, assumption=FROZEN_WEIGHTS
         )
 
     def DoCalcTimeDerivatives(

@@ -1,6 +1,6 @@
 """Lawrence's architecture: position and force travel both ways.
 
-Both sides and the config are one kind, so they stand together, in 607 lines.
+Both sides and the config are one kind, so they stand together, in more than 600 lines.
 """
 
 from dataclasses import dataclass, field

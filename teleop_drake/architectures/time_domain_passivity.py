@@ -23,7 +23,21 @@ from teleop_drake.laws.passivity import (
     scaled_energy_rates,
     slave_damping,
 )
+from teleop_drake.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.validation import CheckNumber, Refuse
+
+# Energy that leaves a budget ample, in units of the scale or of E_0.
+_AMPLE = 1e9
+
+
+def IdlePart(num_axes: int) -> LinearPart:
+    """Returns what a passivity controller tells that is not to act: no energy has left.
+
+    Args:
+        num_axes: n, of the state [E_in (n), E_out (n)].
+    """
+    energies = np.repeat([0.0, -_AMPLE], num_axes)
+    return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
 
 
 class PassivityMaster(LeafSystem):
@@ -143,6 +157,14 @@ class PassivityMaster(LeafSystem):
             sizes={"stored": n},
             unused=("velocity_command",),
         )  # fmt: skip
+
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that the budget is ample and stays so.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return IdlePart(self._n)
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""
@@ -315,6 +337,14 @@ class PassivitySlave(LeafSystem):
             sizes={"stored": n, "incoming_power": n},
             unused=("environment_force",),
         )  # fmt: skip
+
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that the budget is ample and stays so.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return IdlePart(self._n)
 
     def _Energies(self, context: Context) -> np.ndarray:
         """Returns [E_in, E_out] in J."""

@@ -26,6 +26,7 @@ from teleop_drake.laws.wave_variables import (
     slave_force,
     wave_root,
 )
+from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
 
 
@@ -302,10 +303,19 @@ class WaveSlave(LeafSystem):
             "slave_power", n, self._CalcSlavePower, prerequisites_of_calc=wave
         )
 
-    @property
-    def drift_correction(self) -> float:
-        """Rate in 1/s at which the tool is pulled to the master's position."""
-        return self._rate
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that there is nothing special; refuses a correction of the drift.
+
+        Args:
+            estimates: Has no effect.
+
+        Raises:
+            ScenarioError: If there is a correction.
+        """
+        if self._rate:
+            allowed = "0 for a linear model, because it acts in one direction only"
+            Refuse("drift_correction", self._rate, allowed)
+        return LinearPart()
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""

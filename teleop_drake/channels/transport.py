@@ -4,11 +4,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.channels.base import ChannelConfig
 from teleop_drake.channels.delay_line import CheckChannel, DelayLine
 from teleop_drake.kernel import Delay, Kernel
+from teleop_drake.linear_part import LinearPart
+from teleop_drake.numerics.sample_history import SampleHistory
+
+Array = NDArray[np.float64]
 
 
 class TransportDelay(DelayLine):
@@ -111,6 +117,25 @@ class TransportDelay(DelayLine):
                 )
             ]
         )
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns the delay.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return LinearPart(delay=self._delay)
+
+    def Deliver(self, context: Context, value: Array) -> None:
+        """Lets the block deliver a value now: its only sample, which arrives now.
+
+        Args:
+            context: Of the block.
+            value: As wide as the signal.
+        """
+        now = context.get_time()
+        history = SampleHistory(times=(now,), values=np.array([value]), now=now)
+        context.SetAbstractState(0, history)
 
     def StoreKey(self, time: float) -> float:
         """Returns when the sample taken at a time arrives, s.

@@ -66,12 +66,12 @@ def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
     y, _ = evaluator.Evaluate(context)
     program = evaluator.program
     _, m, _ = evaluator.ReadContext(context)
-    before = m.copy()
+    before, contexts = m.copy(), ContextsIn(evaluator.system, context)
     for _, guard, source, target in program.transitions:
         if guard is None or y[guard][0] > 0:
             m[target] = y[source]
     for block, part in zip(evaluator.blocks, program.modes, strict=True):
-        own = block.system.GetMyMutableContextFromRoot(context)
+        own = contexts[block.system]
         first = part.start
         for i in range(own.num_discrete_state_groups()):
             size = own.get_discrete_state(i).size()

@@ -57,6 +57,7 @@ class Evaluator:
         as_machine_code: Whether to compile it, for which numba is needed.
 
     Attributes:
+        system: The diagram.
         blocks: Of the diagram.
         program: What they compute.
         function: The function `evaluate` of the program.
@@ -69,7 +70,7 @@ class Evaluator:
         self, system: System, context: Context, *, as_machine_code: bool = False
     ):
         self.blocks = Flatten(system)
-        self._system = system
+        self.system = system
         contexts = ContextsIn(system, context)
         kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
         self.program = Program(self.blocks, kernels)
@@ -99,7 +100,7 @@ class Evaluator:
         Returns:
             x, m, and y with what no kernel delivers.
         """
-        program, contexts = self.program, ContextsIn(self._system, context)
+        program, contexts = self.program, ContextsIn(self.system, context)
         num_y, _, num_m = program.sizes
         y, m = np.zeros(num_y), np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()

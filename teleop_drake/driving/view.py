@@ -23,8 +23,8 @@ SPAN = 8.0
 _PATH = "/driving"
 
 # In the stage's units, of which the scene shows 2: the strips stand below the tool.
-_WIDTH, _HEIGHT = 1.6, 0.22
-_FORCE_Z, _SPEED_Z = -0.42, -0.72
+_WIDTH, _HEIGHT = 1.6, 0.14
+_FORCE_Z, _SPEED_Z = -0.37, -0.53
 
 
 class View:
@@ -58,7 +58,7 @@ class View:
             path = f"{_PATH}/{name}"
             self._meshcat.SetObject(
                 f"{path}/frame",
-                Box(_WIDTH, 0.002, 2 * _HEIGHT / 2),
+                Box(_WIDTH, 0.002, _HEIGHT),
                 Rgba(*to_rgb(GREY), 0.15),
             )
             self._meshcat.SetTransform(path, RigidTransform([0.0, 0.0, z]))

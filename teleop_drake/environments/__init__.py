@@ -7,6 +7,7 @@ from teleop_drake.environments.surface import (
     PUNCTURE,
     FindSurface,
     Material,
+    ShownNormal,
     Surface,
     SurfacesOf,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "LayerConfig",
     "LayersEnvironmentConfig",
     "Material",
+    "ShownNormal",
     "Surface",
     "SurfacesOf",
 ]

@@ -30,7 +30,9 @@ from teleop_drake.laws.layered_force import (
     layered_force,
     puncture_position,
 )
+from teleop_drake.linear_part import LinearPart
 from teleop_drake.numerics.compiled import compiled
+from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]
 Regions = NDArray[np.int64]
@@ -56,8 +58,8 @@ class LayeredForceField(LeafSystem):
     an accuracy (context.SetAccuracy), the instant at which the tool crosses into
     another region is located by a witness function and the force of a step is
     computed with the law of one region throughout. Without an accuracy the position
-    alone decides, also in the middle of a step. A kink, such as touching an undamped
-    spring, needs no event: error control handles it.
+    alone decides, also in the middle of a step. A non-smooth point, such as
+    touching an undamped spring, needs no event: error control handles it.
 
     Initial value: the region at the initial position.
 
@@ -90,9 +92,9 @@ class LayeredForceField(LeafSystem):
         self._force = compiled(layered_force)
         self._row = compiled(layer_row)
         # Where each region begins and ends.
-        borders = self._layers[self._regions[1:, 0], 0].tolist()
-        self._begins = [-math.inf, *borders]
-        self._ends = [*borders, math.inf]
+        boundaries = self._layers[self._regions[1:, 0], 0].tolist()
+        self._begins = [-math.inf, *boundaries]
+        self._ends = [*boundaries, math.inf]
 
         self._p = self.DeclareVectorInputPort("tool_position", num_axes)
         self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
@@ -133,6 +135,14 @@ class LayeredForceField(LeafSystem):
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns where the layers begin, in their order; see LayerSurfaces."""
         return self._surfaces
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that the tool stays in its layer.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return LinearPart(has_modes=True)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -291,20 +301,11 @@ def _OwnName(layer: Layer) -> str:
 
 def _CheckLayers(layers: Sequence[Layer]) -> None:
     for i, layer in enumerate(layers):
-        for name in ("stiffness", "damping"):
-            value = getattr(layer, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(
-                    f"layers.{layer.name}.{name}: {value}; allowed: a finite number "
-                    ">= 0"
-                )
-        if not math.isfinite(layer.reference):
-            raise ValueError(
-                f"layers.{layer.name}.reference: {layer.reference}; allowed: a finite "
-                "number (m)"
-            )
-        if i > 0 and not layers[i - 1].start < layer.start < math.inf:
-            raise ValueError(
-                f"layers.{layer.name}.start: {layer.start}; allowed: more than "
-                f"{layers[i - 1].start} m, where layer {layers[i - 1].name!r} starts"
+        path = f"layers.{layer.name}"
+        CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
+        CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
+        CheckNumber(f"{path}.reference", layer.reference, "m")
+        if i > 0:
+            CheckNumber(
+                f"{path}.start", layer.start, "m", above=float(layers[i - 1].start)
             )

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, System
 
+from teleop_drake.validation import Refuse, Show
+
 Array = NDArray[np.float64]
 
 CONTACT = "contact"
@@ -50,7 +52,7 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A plane at which the force of an environment jumps or has a kink.
+    """A plane at which the force of an environment jumps or is not smooth.
 
     Attributes:
         name: What it is called: CONTACT, PUNCTURE or a name of one's own.
@@ -74,15 +76,12 @@ class Surface:
             np.array(x, dtype=float) for x in (self.point_W, self.normal_W)
         )
         if point_W.ndim != 1 or point_W.shape != normal_W.shape:
-            raise ValueError(
-                f"surface {self.name!r}: point_W and normal_W of shapes "
-                f"{point_W.shape} and {normal_W.shape}; allowed: n numbers each"
-            )
-        if np.isnan(point_W).any() or not np.isclose(np.linalg.norm(normal_W), 1.0):
-            raise ValueError(
-                f"surface {self.name!r}: normal_W = {normal_W.tolist()}; allowed: a "
-                "unit vector"
-            )
+            allowed = f"as many numbers as normal_W = {Show(normal_W)} has"
+            Refuse(f"{self.name}.point_W", point_W, allowed)
+        if np.isnan(point_W).any():
+            Refuse(f"{self.name}.point_W", point_W, "a list of numbers (m)")
+        if not np.isclose(np.linalg.norm(normal_W), 1.0):
+            Refuse(f"{self.name}.normal_W", normal_W, "a unit vector")
         object.__setattr__(self, "point_W", point_W)
         object.__setattr__(self, "normal_W", normal_W)
 
@@ -141,6 +140,23 @@ def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:
         name: CONTACT for example.
     """
     return next((surface for surface in surfaces if surface.name == name), None)
+
+
+def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
+    """Returns along which direction (n) positions are told: into a surface, else x.
+
+    Into the contact surface if there is one, else into the puncture surface.
+
+    Args:
+        surfaces: Of the environment.
+        num_axes: n.
+    """
+    for name in (CONTACT, PUNCTURE):
+        surface = FindSurface(surfaces, name)
+        if surface is not None:
+            return surface.normal_W
+    x: Array = np.eye(num_axes)[0]
+    return x
 
 
 def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:

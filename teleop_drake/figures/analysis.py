@@ -9,19 +9,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
+from teleop_drake.analysis.operating_point import POSITION
 from teleop_drake.analysis.stability import (
-    POSITION,
     PointStability,
     StabilityAnalysis,
     StabilityChart,
 )
 from teleop_drake.analysis.transparency import Transparency
+from teleop_drake.environments import ShownNormal
 from teleop_drake.figures.style import (
     COLORS,
     FONT_SIZE,
@@ -54,7 +56,7 @@ _LLEWELLYN_RANGE = (-1.5, 3.0)
 
 _STABLE = "#56B4E9"
 _UNSTABLE = "#F0F0F0"
-_UNRESOLVED = "#F0F0F0"
+_UNRESOLVED = "#DCDCDC"
 
 
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
@@ -77,33 +79,14 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
-        loci = _TrackedLoci(point, w)
-        for i in range(loci.shape[1]):
-            style = _LocusStyle(i)
-            if np.abs(loci[:, i]).max() < _NOTHING:
-                continue
-            top.loglog(w, np.abs(loci[:, i]), **style)
-            phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
-            k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
-            # The branch on which the last crossover has -180 to 180 degrees: the way
-            # from there down to -180 is its phase margin.
-            phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
-            bottom.semilogx(w, phase, **style | {"linewidth": 0.6})
-            delayed = phase - np.degrees(w * point.delay)
-            bottom.semilogx(w, delayed, **style)
-            dots = {"marker": "o", "ms": 3, "ls": "", "color": style["color"]}
-            top.plot(w[k], np.ones(len(k)), **dots)
-            bottom.plot(w[k], delayed[k], **dots)
-            limits = [
-                min([limits[0], *delayed[k]]),
-                max([limits[1], *phase[k]]),
-            ]
+        low, high = _DrawLoci(top, bottom, point, w)
+        limits = [min(limits[0], low), max(limits[1], high)]
         top.axhline(1, color=GREY, linewidth=0.6, zorder=0)
         bottom.axhline(-180, color=GREY, linewidth=0.6, zorder=0)
         top.set_title(_Title(point), fontsize=FONT_SIZE)
         if point.unresolved > w[0]:
             for ax in (top, bottom):
-                ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=0)
+                ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=-1)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(*_MAGNITUDES)
         bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
@@ -115,24 +98,57 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     bottom.yaxis.set_major_locator(_Multiple(90))
     axes[0, 0].set_ylabel("|eigenlocus of L|", fontsize=FONT_SIZE)
     axes[1, 0].set_ylabel("phase [°]", fontsize=FONT_SIZE)
-    delay = points[0].delay
+    _AddBodeLegend(figure, points)
+    return figure
+
+
+def _DrawLoci(
+    top: Axes, bottom: Axes, point: PointStability, w: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Draws the eigenloci of an operating point.
+
+    Returns:
+        The least and the largest phase in degrees that are to be seen.
+    """
+    loci = _TrackedLoci(point, w)
+    shown: list[float] = []
+    for i in range(loci.shape[1]):
+        style = _LocusStyle(i)
+        if np.abs(loci[:, i]).max() < _NOTHING:
+            continue
+        top.loglog(w, np.abs(loci[:, i]), **style)
+        phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
+        k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
+        # The branch on which the last crossover has -180 to 180 degrees: the way
+        # from there down to -180 is its phase margin.
+        phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
+        bottom.semilogx(w, phase, **style | {"linewidth": 0.6})
+        delayed = phase - np.degrees(w * point.delay)
+        bottom.semilogx(w, delayed, **style)
+        dots = {"marker": "o", "ms": 3, "ls": "", "color": style["color"]}
+        top.plot(w[k], np.ones(len(k)), **dots)
+        bottom.plot(w[k], delayed[k], **dots)
+        shown += [*delayed[k], *phase[k]]
+    return min(shown, default=0.0), max(shown, default=0.0)
+
+
+def _AddBodeLegend(figure: Figure, points: Sequence[PointStability]) -> None:
+    black: dict[str, Any] = {"color": "black"}
+    delayed = f"with {_Seconds(points[0].delay)}"
+    handles: list[Artist] = [
+        Line2D([], [], linewidth=0.6, label="L without delay", **black),
+        Line2D([], [], linewidth=1.2, label=delayed, **black),
+        Line2D([], [], marker="o", ms=3, ls="", label="gain crossover", **black),
+    ]
+    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
+        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
     figure.legend(
-        handles=[
-            Line2D([], [], color="black", linewidth=0.6, label="L without delay"),
-            Line2D(
-                [], [], color="black", linewidth=1.2, label=f"with {_Seconds(delay)}"
-            ),
-            Line2D(
-                [], [], color="black", marker="o", ms=3, ls="", label="gain crossover"
-            ),
-            *_LocusHandles(points),
-        ],
+        handles=[*handles, *_LocusHandles(points)],
         loc="outside upper center",
         ncols=5,
         fontsize=FONT_SIZE,
         frameon=False,
     )
-    return figure
 
 
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
@@ -291,11 +307,11 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
                         )
                     )
         delays = [analysis.points[0].delay for analysis in chart.analyses]
-        ax.step(chart.values, delays, where="mid", color="black", lw=0.8, zorder=3)
+        ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(edges[0], edges[-1])
         ax.set_ylim(0, chart.max_delay)
         ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
-        label = "tool position x [m]" if is_path else AxisLabel(chart.key)
+        label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
         ax.set_xlabel(label, fontsize=FONT_SIZE)
         _Format(ax)
     axes[0].set_ylabel("round-trip delay [s]", fontsize=FONT_SIZE)
@@ -303,13 +319,20 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     return figure
 
 
+def _PathLabel(chart: StabilityChart) -> str:
+    scenario = chart.analyses[0].scenario
+    is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
+    where = "x" if is_x else "along the surface's normal"
+    return f"tool position {where} [m]"
+
+
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
-    """Plots what the surgeon feels, against the environment, and Llewellyn's parameter.
+    """Plots what the operator feels and the environment, and Llewellyn's parameter.
 
     A column for each operating point. Above, the magnitude of Z_to of each axis with
     the scenario's delays (thick) and without delay (thin), and that of Z_e along x
     (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
-    passive surgeon and environment if it is 1 or more at all frequencies.
+    passive operator and environment if it is 1 or more at all frequencies.
 
     Args:
         points: From AnalyzeTransparency.

@@ -15,12 +15,17 @@ import subprocess
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from pydrake.systems.framework import System
 
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.path import Path as Outline
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
@@ -29,6 +34,11 @@ _MAX_DEPTH = 2**31 - 1
 
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
+
+# What a picture asks for, and what it is to ask for: where there is no Helvetica, fonts
+# of the same widths come before any other, from which names would stick out of boxes.
+_FONTS = b'font-family="Helvetica,sans-Serif"'
+_MORE_FONTS = b'font-family="Helvetica,Arial,Liberation Sans,Arimo,sans-serif"'
 
 # Arimo, the metric twin of Helvetica, is what graphviz-pure measures text with.
 _STYLE = """\
@@ -255,7 +265,9 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
     if run.returncode != 0 or not run.stdout:
         reason = run.stderr.decode(errors="replace").strip()
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
-    return run.stdout
+    return (
+        run.stdout.replace(_FONTS, _MORE_FONTS) if file_format == "svg" else run.stdout
+    )
 
 
 def _SvgToPdf(svg: bytes) -> bytes:
@@ -264,7 +276,6 @@ def _SvgToPdf(svg: bytes) -> bytes:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
     from matplotlib.patches import PathPatch
-    from matplotlib.path import Path as Outline
 
     root = ElementTree.fromstring(svg)
     left, top, width, height = map(float, root.attrib["viewBox"].split())
@@ -288,45 +299,63 @@ def _SvgToPdf(svg: bytes) -> bytes:
     axes.set_ylim(top - shift_y + height, top - shift_y)
     axes.set_axis_off()
     for element in graph.iter():
-        get = element.attrib.get
-        kind = element.tag.rpartition("}")[2]
-        if kind == "text":
-            axes.text(
-                float(element.attrib["x"]),
-                float(element.attrib["y"]),
-                element.text or "",
-                family=family,
-                size=scale * float(element.attrib["font-size"]),
-                weight=get("font-weight", regular),
-                color=get("fill", "black"),
-                ha={"start": "left", "middle": "center"}[get("text-anchor", "start")],
-                va="baseline",
-                parse_math=False,
+        if element.tag.endswith("}text"):
+            _DrawText(axes, element, family=family, weight=regular, scale=scale)
+        elif (outline := _Outline(element)) is not None:
+            get = element.attrib.get
+            axes.add_patch(
+                PathPatch(
+                    outline,
+                    facecolor=get("fill", "black"),
+                    edgecolor=get("stroke", "none"),
+                    linewidth=float(get("stroke-width", "1")),
+                )
             )
-            continue
-        if kind == "ellipse":
-            center = float(element.attrib["cx"]), float(element.attrib["cy"])
-            outline = Outline.circle(center, float(element.attrib["rx"]))
-        elif kind in ("path", "polygon", "polyline"):
-            numbers = re.findall(r"-?[\d.]+", get("d") or element.attrib["points"])
-            points = [
-                (float(x), float(y))
-                for x, y in zip(numbers[::2], numbers[1::2], strict=True)
-            ]
-            rest = Outline.CURVE4 if kind == "path" else Outline.LINETO
-            outline = Outline(points, [Outline.MOVETO] + [rest] * (len(points) - 1))
-        else:
-            continue
-        axes.add_patch(
-            PathPatch(
-                outline,
-                facecolor=get("fill", "black"),
-                edgecolor=get("stroke", "none"),
-                linewidth=float(get("stroke-width", "1")),
-            )
-        )
     file = io.BytesIO()
     with rc_context({"pdf.use14corefonts": plain, "pdf.fonttype": 42}):
         # Without a date the same diagram gives the same bytes.
         figure.savefig(file, format="pdf", metadata={"CreationDate": None})
     return file.getvalue()
+
+
+def _DrawText(
+    axes: "Axes",
+    element: ElementTree.Element,
+    *,
+    family: str,
+    weight: str,
+    scale: float,
+) -> None:
+    """Draws an SVG text; weight is that of text which says nothing of it."""
+    get = element.attrib.get
+    axes.text(
+        float(element.attrib["x"]),
+        float(element.attrib["y"]),
+        element.text or "",
+        family=family,
+        size=scale * float(element.attrib["font-size"]),
+        weight=get("font-weight", weight),
+        color=get("fill", "black"),
+        ha={"start": "left", "middle": "center"}[get("text-anchor", "start")],
+        va="baseline",
+        parse_math=False,
+    )
+
+
+def _Outline(element: ElementTree.Element) -> "Outline | None":
+    """Returns the outline of an SVG shape, None if it is none."""
+    from matplotlib.path import Path as Outline
+
+    kind = element.tag.rpartition("}")[2]
+    if kind == "ellipse":
+        center = float(element.attrib["cx"]), float(element.attrib["cy"])
+        return Outline.circle(center, float(element.attrib["rx"]))
+    if kind not in ("path", "polygon", "polyline"):
+        return None
+    text = element.attrib.get("d") or element.attrib["points"]
+    numbers = re.findall(r"-?[\d.]+", text)
+    points = [
+        (float(x), float(y)) for x, y in zip(numbers[::2], numbers[1::2], strict=True)
+    ]
+    rest = Outline.CURVE4 if kind == "path" else Outline.LINETO
+    return Outline(points, [Outline.MOVETO] + [rest] * (len(points) - 1))

@@ -22,7 +22,7 @@ from teleop_drake.environments import CONTACT, PUNCTURE
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import SelectAxisRows, SelectRows, SelectTime
 from teleop_drake.figures.style import (
-    BORDER_STYLE,
+    BOUNDARY_STYLE,
     FONT_SIZE,
     GREY,
     MAX_NAMED_COMPONENTS,
@@ -42,9 +42,10 @@ from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import (
     AxisName,
     AxisPanels,
-    ShownNormal,
+    NormalOfRuns,
     SignalRow,
 )
+from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.2  # inches
 
@@ -88,7 +89,7 @@ def PlotComparison(
 ) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
 
-    One row each for tool velocity (with what the surgeon commands), sensed force,
+    One row each for tool velocity (with what the operator commands), sensed force,
     tool position and control force, per task axis: against time on the left, against
     the position on the right, that along the normal of the contact surface or, if there
     is none, along x. Filled triangles and squares mark the puncture and the first
@@ -111,19 +112,15 @@ def PlotComparison(
         UnknownSignal: If a run does not have one of the signals.
     """
     if not recordings:
-        raise ValueError("recordings: empty; allowed: at least one")
+        Refuse("recordings", {}, "one or more")
     sizes = {x["tool_position"].shape[1] for x in recordings.values()}
     if len(sizes) > 1:
-        raise ValueError(
-            f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
-        )
+        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
     recordings = {name: SelectTime(x, time) for name, x in recordings.items()}
     runs = list(recordings.values())
     panels = (task or TaskOf(runs[0].scenario)).Panels(runs)
     if isinstance(panels, AxisPanels):
-        raise ValueError(
-            f"recordings: runs of {runs[0].scenario.name}; allowed: teleoperations"
-        )
+        Refuse("recordings.scenario", runs[0].scenario.name, "teleoperations")
     return PlotRows(recordings, SelectRows(panels, runs, signals), columns=columns)
 
 
@@ -177,9 +174,10 @@ def PlotWeights(recording: Recording) -> Figure:
     """
     rows = _TelemetryRows(recording)
     if not rows:
-        raise ValueError(
-            "recording: no signal psi, weights_1 or weights_3; allowed: a run of an "
-            "adaptive controller"
+        Refuse(
+            "recording.signals",
+            sorted(recording.signals),
+            "those of an adaptive controller, psi, weights_1 or weights_3 among them",
         )
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording}, rows
@@ -222,7 +220,7 @@ def PlotRows(
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
     runs = list(recordings.values())
-    normal_W = ShownNormal(runs)
+    normal_W = NormalOfRuns(runs)
     places = _PlacesOf(len(runs), columns)
     axes = figure.subplots(
         len(rows), len(places), sharex="col", sharey="row", squeeze=False
@@ -232,7 +230,7 @@ def PlotRows(
         curve.y = curve.x[:, np.newaxis]
     x_range = _Range(runs, curves)
     x_scale, x_unit = ScaleAndUnit(x_range, "m")
-    borders = _Borders(runs, normal_W, x_range)
+    boundaries = _Boundaries(runs, normal_W, x_range)
 
     def IsX(row: SignalRow) -> bool:
         """Returns whether a row is the position that the right column is against."""
@@ -275,11 +273,11 @@ def PlotRows(
                 x_axis_scale,
                 shown=place.runs,
             )
-            for border in borders:
+            for boundary in boundaries:
                 if place.is_position:
-                    ax.axvline(border * x_scale, **BORDER_STYLE)
+                    ax.axvline(boundary * x_scale, **BOUNDARY_STYLE)
                 elif IsX(row):
-                    ax.axhline(border * scale, **BORDER_STYLE)
+                    ax.axhline(boundary * scale, **BOUNDARY_STYLE)
             ax.set_visible(not (place.is_position and IsX(row)))
         if 1 < len(row.components) <= MAX_NAMED_COMPONENTS:
             _AddComponentLegend(row_axes[0], row)
@@ -294,7 +292,7 @@ def PlotRows(
                 position_label if place.is_position else "time [s]", fontsize=FONT_SIZE
             )
         if place.is_position:
-            _NameBorders(column[0], borders, x_scale)
+            _NameBoundaries(column[0], boundaries, x_scale)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels(axes[:, 0])
@@ -322,12 +320,14 @@ def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
     return [against_time] if columns == 1 else [against_time, _Place(everyone, True)]
 
 
-def _NameBorders(ax: Axes, borders: Mapping[float, list[str]], scale: float) -> None:
+def _NameBoundaries(
+    ax: Axes, boundaries: Mapping[float, list[str]], scale: float
+) -> None:
     """Writes the names of surfaces above a panel against the position."""
-    for border, names in borders.items():
+    for boundary, names in boundaries.items():
         ax.annotate(
             "\n".join(names),
-            (border * scale, 1.0),
+            (boundary * scale, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),
             textcoords="offset points",
@@ -437,23 +437,23 @@ def _PositionName(normal_W: np.ndarray) -> str:
     return f"position ${sign}{AxisName(axis)}$"
 
 
-def _Borders(
+def _Boundaries(
     runs: Sequence[Recording], normal_W: np.ndarray, x_range: tuple[float, float]
 ) -> dict[float, list[str]]:
     """Returns where tools puncture and collide within a range, and which it is."""
-    borders: dict[float, list[str]] = {}
+    boundaries: dict[float, list[str]] = {}
     for run in runs:
         for name in (PUNCTURE, CONTACT):
             surface = run.FindSurface(name)
             if surface is None or not np.array_equal(surface.normal_W, normal_W):
                 continue
-            border = float(surface.Along(surface.point_W))
-            if not x_range[0] <= border <= x_range[1]:
+            boundary = float(surface.Along(surface.point_W))
+            if not x_range[0] <= boundary <= x_range[1]:
                 continue
-            names = borders.setdefault(border, [])
+            names = boundaries.setdefault(boundary, [])
             if name not in names:
                 names.append(name)
-    return borders
+    return boundaries
 
 
 def _Sample(
@@ -482,7 +482,7 @@ def _Sample(
 
 
 def _Command(recording: Recording, normal_W: np.ndarray, row: SignalRow) -> _Curves:
-    """Returns the velocity which the surgeon commands, as it is sent."""
+    """Returns the velocity which the operator commands, as it is sent."""
     command = recording.commands[:, row.command]
     x = recording["tool_position"] @ normal_W
     return _Curves(time=recording.time, x=x, y=command[:, None])

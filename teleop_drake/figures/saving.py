@@ -8,6 +8,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from teleop_drake.files import Replacing
+from teleop_drake.validation import Refuse
 
 # Suffixes that SaveFigure knows, and the metadata that would change with each file.
 _METADATA: dict[str, dict[str, None]] = {
@@ -40,7 +41,7 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _METADATA:
-        raise ValueError(f"path: {str(path)!r}; allowed: *.png, *.svg or *.pdf")
+        Refuse("path", str(path), "*.png, *.svg or *.pdf")
     description = {_DESCRIPTIONS[suffix]: DescribeFigure(figure)}
     with (
         Replacing(path) as temporary,

@@ -22,7 +22,7 @@ SMALL_FONT_SIZE = 7  # points
 # Up to this many components of a signal have a name in a legend.
 MAX_NAMED_COMPONENTS = 4
 
-BORDER_STYLE: dict[str, Any] = {
+BOUNDARY_STYLE: dict[str, Any] = {
     "color": GREY,
     "linestyle": (0, (1, 2)),
     "linewidth": 0.8,

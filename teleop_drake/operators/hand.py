@@ -4,6 +4,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DependencyTicket
 
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
+from teleop_drake.validation import Refuse
 
 
 class HandOperator(ModalOperator):
@@ -53,7 +54,7 @@ class HandOperator(ModalOperator):
             ValueError: If a value is not finite, or the end is not after the beginning.
         """
         if not end > begin:
-            raise ValueError(f"end: {end}; allowed: > {begin} (s)")
+            Refuse("end", end, f"> {begin} (s)")
         values = [begin, end, *CheckVelocity(before), *CheckVelocity(after)]
         context.get_mutable_numeric_parameter(self._line).SetFromVector(values)
 

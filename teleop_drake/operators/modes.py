@@ -25,6 +25,8 @@ from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
+from teleop_drake.linear_part import LinearPart
+from teleop_drake.validation import CheckNumber, CheckVector, Refuse
 
 Array = NDArray[np.float64]
 
@@ -152,6 +154,14 @@ class ModalOperator(LeafSystem):
             context: The Context of this block.
         """
 
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that what has been perceived stays perceived.
+
+        Args:
+            estimates: Has no effect.
+        """
+        return LinearPart(has_modes=True)
+
     def IntentionTickets(self) -> set[DependencyTicket]:
         """Returns what IntendedVelocity() depends on; by default on nothing."""
         return set()
@@ -257,34 +267,24 @@ def CheckVelocity(velocity: ArrayLike) -> Array:
     """
     array = np.array(velocity, dtype=float)
     if array.ndim != 1 or not np.all(np.isfinite(array)):
-        raise ValueError(f"velocity: {velocity!r}; allowed: finite numbers (m/s)")
+        Refuse("velocity", velocity, "a list of finite numbers (m/s)")
     return array
 
 
 def _CheckContactForce(contact_force: ArrayLike | None, n: int) -> Array:
     if contact_force is None:
         return np.zeros(n)
-    force = np.array(contact_force, dtype=float)
-    if force.shape != (n,) or not np.all(np.isfinite(force)):
-        raise ValueError(
-            f"contact_force: {contact_force!r}; allowed: {n} finite numbers (N)"
-        )
-    return force
+    CheckVector("contact_force", contact_force, n, "N")
+    return np.array(contact_force, dtype=float)
 
 
 def _CheckSurfaceAndStop(
     contact_surface: Surface | None, stop_time: float | None, n: int
 ) -> None:
-    if contact_surface is not None and (
-        contact_surface.point_W.shape != (n,)
-        or not np.all(np.isfinite(contact_surface.point_W))
-    ):
-        raise ValueError(
-            f"contact_surface: at {contact_surface.point_W}; allowed: a surface "
-            f"at {n} finite numbers (m)"
-        )
-    if stop_time is not None and not (math.isfinite(stop_time) and stop_time >= 0):
-        raise ValueError(f"stop_time: {stop_time}; allowed: a finite number >= 0 (s)")
+    if contact_surface is not None:
+        CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
+    if stop_time is not None:
+        CheckNumber("stop_time", stop_time, "s", minimum=0)
 
 
 def _DoNothing(context: Context) -> EventStatus:

@@ -12,6 +12,7 @@ from teleop_drake.environments import Surface
 from teleop_drake.kernel import Kernel, Term
 from teleop_drake.numerics.piecewise_polynomial import evaluate_pieces
 from teleop_drake.operators.modes import Array, ModalOperator
+from teleop_drake.validation import Refuse
 
 
 class ProfileOperator(ModalOperator):
@@ -54,14 +55,14 @@ class ProfileOperator(ModalOperator):
         if self._coefficients.ndim != 3 or self._breaks.shape != (
             len(self._coefficients) + 1,
         ):
-            raise ValueError(
-                f"breaks: {self._breaks.shape} with coefficients "
-                f"{self._coefficients.shape}; allowed: (K + 1,) with (K, d + 1, n)"
+            shape = self._coefficients.shape
+            Refuse(
+                "breaks", breaks, f"K + 1 with coefficients (K, d + 1, n), here {shape}"
             )
         if not (np.diff(self._breaks) > 0).all():
-            raise ValueError("breaks: must ascend")
+            Refuse("breaks", breaks, "ascending")
         if not np.isfinite(self._coefficients).all():
-            raise ValueError("coefficients: must be finite")
+            Refuse("coefficients", coefficients, "finite")
         ModalOperator.__init__(
             self,
             num_axes=self._coefficients.shape[2],

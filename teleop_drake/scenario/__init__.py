@@ -1,35 +1,36 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data."""
 
-from teleop_drake.scenario.scenario import (
-    ARCHITECTURES,
-    CONTROLLERS,
-    TRACKING_CONTROLLERS,
-    AnyScenario,
-    AsTeleoperation,
-    ChannelConfig,
-    CheckStart,
-    CheckSteps,
-    ControllerConfig,
-    DisturbanceConfig,
+from teleop_drake.architectures import ARCHITECTURES, CONTROLLERS
+from teleop_drake.channels import ChannelConfig
+from teleop_drake.environments import (
     EnvironmentConfig,
-    GainMatrix,
-    HapticDeviceConfig,
     LayerConfig,
     LayersEnvironmentConfig,
+)
+from teleop_drake.operators import OperatorConfig, SurgeonConfig
+from teleop_drake.robots import RobotConfig
+from teleop_drake.scenario.config import (
+    TRACKING_CONTROLLERS,
+    ControllerConfig,
+    DisturbanceConfig,
+    TrackingControllerConfig,
+    TrajectoryConfig,
+)
+from teleop_drake.scenario.scenario import (
+    AnyScenario,
+    AsTeleoperation,
+    CheckStart,
+    CheckSteps,
     LoadScenario,
-    OperatorConfig,
     OverriddenPaths,
-    RobotConfig,
     Scenario,
-    ScenarioError,
     ScenarioFromYaml,
     ScenarioNames,
     ScenarioToYaml,
-    SurgeonConfig,
-    TrackingControllerConfig,
     TrackingScenario,
-    TrajectoryConfig,
 )
+from teleop_drake.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.validation import GainMatrix, ScenarioError
 
 __all__ = [
     "ARCHITECTURES",

@@ -26,8 +26,6 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
 from teleop_drake.architectures import (
-    ARCHITECTURES,
-    CONTROLLERS,
     AdaptiveBacksteppingConfig,
     Facts,
 )
@@ -36,7 +34,6 @@ from teleop_drake.environments import (
     CONTACT,
     EnvironmentConfig,
     FindSurface,
-    LayerConfig,
     LayersEnvironmentConfig,
     Surface,
 )
@@ -80,37 +77,6 @@ from teleop_drake.validation import (
     Show,
     Within,
 )
-
-__all__ = [
-    "ARCHITECTURES",
-    "CONTROLLERS",
-    "TRACKING_CONTROLLERS",
-    "AnyScenario",
-    "AsTeleoperation",
-    "ChannelConfig",
-    "CheckStart",
-    "CheckSteps",
-    "ControllerConfig",
-    "DisturbanceConfig",
-    "EnvironmentConfig",
-    "GainMatrix",
-    "HapticDeviceConfig",
-    "LayerConfig",
-    "LayersEnvironmentConfig",
-    "LoadScenario",
-    "OperatorConfig",
-    "OverriddenPaths",
-    "RobotConfig",
-    "Scenario",
-    "ScenarioError",
-    "ScenarioFromYaml",
-    "ScenarioNames",
-    "ScenarioToYaml",
-    "SurgeonConfig",
-    "TrackingControllerConfig",
-    "TrackingScenario",
-    "TrajectoryConfig",
-]
 
 MAX_STEPS = 1_000_000
 """Most steps that a simulation may be forced to take."""

@@ -28,6 +28,7 @@ from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
+from teleop_drake.validation import CheckChoice, Refuse
 
 ENGINES = ("drake", "compiled", "auto")
 
@@ -81,7 +82,7 @@ def simulate(
     | velocity_command, force_command               | n    | m/s, N          |
     | felt_position, felt_velocity                  | n    | m, m/s          |
 
-    A TrackingScenario has neither packets nor layers nor a surgeon, but
+    A TrackingScenario has neither packets nor layers nor an operator, but
     desired_position, desired_velocity, desired_acceleration and disturbance_estimate
     (n each).
 
@@ -117,8 +118,7 @@ def simulate(
         ValueError: If the teleoperator is not one for this scenario, or what it
             puts out is not finite at the start, or there is no such engine.
     """
-    if engine not in ENGINES:
-        raise ValueError(f"engine: {engine!r}; allowed: {', '.join(ENGINES)}")
+    CheckChoice("engine", engine, ENGINES)
     task = task or TaskOf(scenario)
     scenario.Validate()
     if teleoperator is None:
@@ -159,15 +159,12 @@ def _CheckTeleoperator(
     """Refuses a diagram that was made for another task, or for another robot."""
     for name in task.systems:
         if not diagram.HasSubsystemNamed(name):
-            raise ValueError(
-                f"teleoperator: must be made for {scenario.name}, it has no {name}"
-            )
+            allowed = f"made for {scenario.name}, with a system named {name}"
+            Refuse("teleoperator", diagram.get_name(), allowed)
     size = diagram.GetSubsystemByName("robot").GetOutputPort("tool_position").size()
     if size != scenario.num_axes:
-        raise ValueError(
-            f"teleoperator: must be made for {scenario.name}, its robot has {size} "
-            f"task axes, not {scenario.num_axes}"
-        )
+        allowed = f"{scenario.num_axes}, that of {scenario.name}"
+        Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
 def _RunInDrake(

@@ -8,7 +8,7 @@ The blocks say what there is to know, each by a member that it has or has not:
 | NextJumpTime()  | a channel      | when its output jumps next, s        |
 | jump_times      | an operator    | when its outputs jump or have a kink, s |
 | contact_surface | an operator    | where it perceives contact           |
-| Surfaces()      | an environment | where its force has a kink or jumps  |
+| Surfaces()      | an environment | where its force jumps or bends       |
 """
 
 import math
@@ -22,16 +22,17 @@ from pydrake.systems.framework import Context, Diagram, System
 from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.environments.surface import Surface, SurfacesOf
 
-# A step across a border as short as twice this many s is not bisected any further.
+# A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
 
-# After a jump or a kink the first steps are this share of the longest one, and then
-# each is at most that share of the time since. A delayed signal is a polynomial through
-# the steps of its sender: behind a jump there are none but the new ones, and they set
-# its error, which error control does not see. Steps grow even more slowly after a
-# crossing of a border, because Drake's error norm is absolute and hardly sees a tool
-# that bounces by micrometres. Of some thirty settings these were chosen, which keep
-# one_dof within 1e-5 of its signals' ranges at 46 of 50 delays from 0.02 to 0.4 s.
+# After a jump or a non-smooth point the first steps are this share of the longest one,
+# and then each is at most that share of the time since. A delayed signal is a
+# polynomial through the steps of its sender: behind a jump there are none but the new
+# ones, and they set its error, which error control does not see. Steps grow even more
+# slowly after a crossing of a boundary, because Drake's error norm is absolute and
+# hardly sees a tool that bounces by micrometres. Of some thirty settings these were
+# chosen, which keep one_dof within 1e-5 of its signals' ranges at 46 of 50 delays from
+# 0.02 to 0.4 s.
 _FIRST_STEP = 1 / 8
 _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
@@ -62,7 +63,7 @@ class _Motion(NamedTuple):
     acceleration: float
 
 
-class _Borders:
+class _Boundaries:
     """Surfaces that something may cross."""
 
     def __init__(self, surfaces: Sequence[Surface]):
@@ -84,8 +85,8 @@ class Stepping:
     """Says at the end of each step where the next ones should end.
 
     The simulator runs by itself except near a jump. There it stops, so that both
-    sides can be recorded. It is led up to a border by short steps, because finding the
-    crossing by bisection would cost a hundred times more.
+    sides can be recorded. It is led up to a boundary by short steps, because finding
+    the crossing by bisection would cost a hundred times more.
 
     It belongs to one run, and keeps no Context: that would keep the Simulator alive.
 
@@ -107,10 +108,10 @@ class Stepping:
         self._channels = list(With("NextJumpTime"))
         self._has_delay_lines = any(isinstance(x, DelayLine) for x in systems)
         self._environments = [
-            (x, _Borders(SurfacesOf(x) or ())) for x in systems if _IsEnvironment(x)
+            (x, _Boundaries(SurfacesOf(x) or ())) for x in systems if _IsEnvironment(x)
         ]
         self._operators = [
-            (x, _Borders([x.contact_surface]))
+            (x, _Boundaries([x.contact_surface]))
             for x in With("contact_surface")
             if x.contact_surface is not None
         ]
@@ -212,13 +213,13 @@ class Stepping:
         )
 
     def _FindMotions(self, root_context: Context) -> list[_Motion]:
-        """Returns what moves towards which borders.
+        """Returns what moves towards which boundaries.
 
-        Only the steps towards a border depend on velocity and acceleration, so they
+        Only the steps towards a boundary depend on velocity and acceleration, so they
         may be off.
         """
         motions = []
-        for environment, borders in self._environments:
+        for environment, boundaries in self._environments:
             p, v = (
                 _Input(environment, name, root_context)
                 for name in ("tool_position", "tool_velocity")
@@ -227,8 +228,8 @@ class Stepping:
             if self._accelerating is not None:
                 context = self._accelerating.GetMyContextFromRoot(root_context)
                 a = self._accelerating.GetOutputPort("tool_acceleration").Eval(context)
-            motions += borders.Motions(p, v, a)
-        for operator, borders in self._operators:
+            motions += boundaries.Motions(p, v, a)
+        for operator, boundaries in self._operators:
             context = operator.GetMyContextFromRoot(root_context)
             if operator.GetOutputPort("mode").Eval(context).item(0) != 0:
                 continue
@@ -236,11 +237,11 @@ class Stepping:
             v = np.zeros_like(p)
             if self._felt is not None:
                 v = _Input(self._felt, "felt_velocity", root_context)
-            motions += borders.Motions(p, v, np.zeros_like(p))
+            motions += boundaries.Motions(p, v, np.zeros_like(p))
         return motions
 
     def _ApproachTime(self) -> float:
-        """Returns the length of a step towards a border ahead, infinity if none is.
+        """Returns the length of a step towards a boundary ahead, infinity if none is.
 
         It covers most of the way, or a little more than the whole if that is short
         enough for Drake to accept the step as the location of the crossing.

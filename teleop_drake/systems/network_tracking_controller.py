@@ -92,6 +92,11 @@ class NetworkTrackingController(LeafSystem):
         self._origin = np.zeros(3)
         self.set_name("network_tracking_controller")
 
+        self._DeclareInputs(n)
+        self.DeclareContinuousState(n * N)
+        self._DeclareOutputs(n, N)
+
+    def _DeclareInputs(self, n: int) -> None:
         self._desired_position = self.DeclareVectorInputPort("desired_position", n)
         self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", n)
         self._desired_acceleration = self.DeclareVectorInputPort(
@@ -100,13 +105,14 @@ class NetworkTrackingController(LeafSystem):
         self._tool_position = self.DeclareVectorInputPort("tool_position", n)
         self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
         self._joint_position = self.DeclareVectorInputPort(
-            "joint_position", plant.num_positions()
+            "joint_position", self._plant.num_positions()
         )
         self._joint_velocity = self.DeclareVectorInputPort(
-            "joint_velocity", plant.num_velocities()
+            "joint_velocity", self._plant.num_velocities()
         )
-        self.DeclareContinuousState(n * N)
 
+    def _DeclareOutputs(self, n: int, N: int) -> None:
+        """Declares the outputs, each with what it depends on, and what they share."""
         state = {self.xc_ticket()}
         position = {self._tool_position.ticket()}
         joints = {self._joint_position.ticket(), self._joint_velocity.ticket()}

@@ -23,7 +23,7 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     for scenario_class in type(scenario).__mro__:
         if scenario_class in TASKS:
             return TASKS[scenario_class]
-    raise TypeError(f"scenario: {type(scenario).__name__}; allowed: a scenario")
+    raise TypeError(f"scenario = {type(scenario).__name__}: must be a scenario")
 
 
 __all__ = [

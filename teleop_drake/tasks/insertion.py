@@ -13,7 +13,7 @@ from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.insertion_metrics import UNITS, InsertionMetrics
-from teleop_drake.tasks.panels import AxisName, ShownNormal, SignalRow
+from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # What it is called to cross a surface into it and out of it.
@@ -67,7 +67,7 @@ class Insertion(Task[Scenario]):
         )
 
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns when the tool crosses a surface and when the surgeon switches.
+        """Returns when the tool crosses a surface and when the operator switches.
 
         Args:
             recording: A run, its events not found yet.
@@ -125,7 +125,7 @@ class Insertion(Task[Scenario]):
             recordings: Runs of robots with as many axes, at least one.
         """
         n = recordings[0]["tool_position"].shape[1]
-        normal_W = ShownNormal(recordings)
+        normal_W = NormalOfRuns(recordings)
         return [
             SignalRow(
                 label=label % AxisName(k),

@@ -123,9 +123,9 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
           happens to end while v_x passes through 0 has not settled.
     * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being the
       velocity command as the slave receives it, or, in an architecture that does not
-      send it, the surgeon's command delayed by forward_channel.delay.
+      send it, the operator's command delayed by forward_channel.delay.
     * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
-      haptic force as the slave receives it, or delayed likewise.
+      haptic force as the slave receives it, or delayed by the same time.
     * control_force_peak (N per axis): max of |F_c|.
     * control_force_variation (N per axis): total variation of F_c, jumps included.
     * diverged, diverged_at (s): whether the run ended early because the tool's speed
@@ -149,46 +149,17 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
 
     command = v_d if recording.has_constant_command else pieces.v_dd
     excess = _Excess(pieces.v, command, _FirstNormal(recording.surfaces, v_d))
-    num_pieces = len(excess)
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
-    start_end = pieces.CountBefore(start_ends[0]) if start_ends else num_pieces
-
-    puncture = None
+    start_end = pieces.CountBefore(start_ends[0]) if start_ends else len(excess)
+    puncture = collision = None
     if pierced is not None and t_puncture is not None:
-        v_x, F_x = pierced.Along(pieces.v), pierced.Along(pieces.F_e)
-        i = pieces.CountBefore(t_puncture)
         t_next = pieces.FirstCrossing(surface, True, after=t_puncture)
-        j = num_pieces if t_next is None else pieces.CountBefore(t_next)
-        puncture = {
-            "time": t_puncture,
-            "velocity": ValueBefore(v_x, i),
-            "force": ValueBefore(F_x, i),
-            "velocity_overshoot": Maximum(
-                _Excess(pieces.v, command, pierced.normal_W), i, j
-            ),
-        }
-
-    collision = None
+        overshoot = _Excess(pieces.v, command, pierced.normal_W)
+        puncture = _Puncture(pieces, pierced, t_puncture, t_next, overshoot)
     if surface is not None and t_contact is not None:
-        v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
-        i = pieces.CountBefore(t_contact)
-        t_release = pieces.FirstCrossing(surface, False, after=t_contact)
-        j = num_pieces if t_release is None else pieces.CountBefore(t_release)
-        collision = {
-            "time": t_contact,
-            "velocity": ValueBefore(v_x, i),
-            "initial_impact_force": Maximum(F_x, i, j),
-            "peak_force": Maximum(F_x, i, num_pieces),
-            "rebound_velocity": -Maximum(-v_x, i, num_pieces),
-            "settling_time": (
-                None
-                if has_diverged
-                else _SettlingTime(
-                    pieces, v_x, t_contact, SETTLING_RATIO * float(np.linalg.norm(v_d))
-                )
-            ),
-        }
-
+        collision = _Collision(pieces, surface, t_contact, v_d)
+        if has_diverged:
+            collision["settling_time"] = None
     control_forces = [Trace(axis) for axis in np.moveaxis(pieces.F_c, 2, 0)]
     return {
         "start_velocity_overshoot": max(Maximum(excess, 0, start_end), 0.0),
@@ -202,6 +173,45 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
         ],
         "diverged": has_diverged,
         "diverged_at": float(recording.time[-1]) if has_diverged else None,
+    }
+
+
+def _Puncture(
+    pieces: _Pieces,
+    surface: Surface,
+    time: float,
+    t_next: float | None,
+    overshoot: np.ndarray,
+) -> dict[str, Any]:
+    """Returns the metrics of a puncture; t_next is when the next contact is."""
+    v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
+    i = pieces.CountBefore(time)
+    j = len(v_x) if t_next is None else pieces.CountBefore(t_next)
+    return {
+        "time": time,
+        "velocity": ValueBefore(v_x, i),
+        "force": ValueBefore(F_x, i),
+        "velocity_overshoot": Maximum(overshoot, i, j),
+    }
+
+
+def _Collision(
+    pieces: _Pieces, surface: Surface, time: float, v_d: np.ndarray
+) -> dict[str, Any]:
+    """Returns the metrics of a collision, of a run that does not diverge."""
+    v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
+    num_pieces = len(v_x)
+    i = pieces.CountBefore(time)
+    t_release = pieces.FirstCrossing(surface, False, after=time)
+    j = num_pieces if t_release is None else pieces.CountBefore(t_release)
+    settled = SETTLING_RATIO * float(np.linalg.norm(v_d))
+    return {
+        "time": time,
+        "velocity": ValueBefore(v_x, i),
+        "initial_impact_force": Maximum(F_x, i, j),
+        "peak_force": Maximum(F_x, i, num_pieces),
+        "rebound_velocity": -Maximum(-v_x, i, num_pieces),
+        "settling_time": _SettlingTime(pieces, v_x, time, settled),
     }
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.environments import CONTACT, PUNCTURE
+from teleop_drake.environments import ShownNormal
 from teleop_drake.recording import Recording
 
 
@@ -18,7 +18,7 @@ class SignalRow:
         unit: SI unit; empty if there is none.
         signal: Name of the signal.
         components: Which of its components are shown.
-        command: Component of the surgeon's commands that is shown beside, or None.
+        command: Component of the operator's commands that is shown beside, or None.
         symbol: Name of the components in a legend, if there is more than one.
     """
 
@@ -69,16 +69,12 @@ def AxisName(axis: int) -> str:
     return "xyz"[axis] if axis < 3 else str(axis + 1)
 
 
-def ShownNormal(recordings: Sequence[Recording]) -> np.ndarray:
-    """Returns along which direction (n,) positions are shown: into a surface, else x.
+def NormalOfRuns(recordings: Sequence[Recording]) -> np.ndarray:
+    """Returns along which direction (n,) positions are shown; see ShownNormal.
 
     Args:
         recordings: Runs of robots with as many axes, at least one.
     """
-    for recording in recordings:
-        for name in (CONTACT, PUNCTURE):
-            surface = recording.FindSurface(name)
-            if surface is not None:
-                return surface.normal_W
-    normal_W: np.ndarray = np.eye(recordings[0]["tool_position"].shape[1])[0]
-    return normal_W
+    num_axes = recordings[0]["tool_position"].shape[1]
+    surfaces = [surface for recording in recordings for surface in recording.surfaces]
+    return ShownNormal(surfaces, num_axes)

@@ -17,6 +17,7 @@ from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.polynomial.legendre import Legendre
 
 from teleop_drake.recording import Recording
+from teleop_drake.validation import Refuse
 
 # A polynomial of degree 7 on a piece of time is kept as its values at the 8
 # Gauss-Lobatto points of [-1, 1], both ends included.
@@ -48,7 +49,7 @@ def FinitePart(recording: Recording) -> Recording:
         return recording
     count = int(np.argmin(is_finite)) if len(is_finite) > 0 else 0
     if count == 0:
-        raise ValueError("recording: no finite sample; allowed: at least one")
+        Refuse("recording.time", [], "a list of one finite sample or more")
     return dataclasses.replace(
         recording,
         time=recording.time[:count],
@@ -144,7 +145,7 @@ def Motion(
     c5 = 6 * e - 3 * f + g / 2
     p = p0 + s * (h * v0 + s * (h**2 * a0 / 2 + s * (c3 + s * (c4 + s * c5))))
     v = v0 + s * (h * a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)) / h)
-    # Exactly, so that neighbours agree on which side of a border they meet.
+    # Exactly, so that neighbours agree on which side of a boundary they meet.
     ends_there = end == time[i + 1]
     p[ends_there, -1] = p1[ends_there, 0]
     return p, v

@@ -37,7 +37,7 @@ def test_table(capsys):
     )
     assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
     assert passive == (
-        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        "Not stable with every passive operator and environment: Llewellyn's parameter "
         "falls below 1 (tissue, free, bone)."
     )
     assert os.listdir() == []
@@ -135,7 +135,7 @@ def test_files(capsys):
         ("one_dof --vary robot.mass=-1:1:2", "robot.mass: -1.0 must be finite and > 0"),
         ("one_dof --vary robot.maas=1:2:2", "robot.maas = 1.0: unknown key 'maas', mu"),
         ("two_dof_puncture --vary position=1,2", "position = 2: [2.0, 0.0] is 2 m fr"),
-        ("one_dof --vary position=-1,2", "position = -1: must be on the tool's path"),
+        ("one_dof --vary position=-1,2", "position = -1.0: must be on the tool's path"),
         ("network_tracking_linear", "scenario = 'network_tracking_linear': must be a"),
         (
             "one_dof --vary robot.model=1:2:2",
@@ -150,12 +150,12 @@ def test_files(capsys):
         (
             "one_dof --set controller.kind=smith_predictor "
             "--set controller.smith_predictor.delay=0.1",
-            "a delay of 0.1 s inside of a station: must be the round trip, 0.2 s",
+            "delay inside of a station = 0.1: must be the round trip, 0.2 s",
         ),
         (
             "one_dof --set controller.kind=wave_variables "
             "--set controller.wave_variables.drift_correction=1",
-            "controller: drift_correction = 1: must be 0",
+            "controller.drift_correction = 1.0: must be 0",
         ),
         ("one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),

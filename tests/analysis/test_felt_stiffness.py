@@ -139,10 +139,10 @@ def test_what_the_surgeon_does_has_no_part_in_it():
     assert OnBone(weak, 1.0) == pytest.approx(OnBone(scenario, 1.0))
 
 
-def test_a_border_is_refused():
+def test_a_surface_is_refused():
     scenario = Scenario("direct_force", 0.2)
     point = dataclasses.replace(
         OperatingPoints(scenario)[-1], position=np.array([0.015])
     )
-    with pytest.raises(ValueError, match="border"):
+    with pytest.raises(ValueError, match="off every surface"):
         FeltStiffness(scenario, point, [1.0])

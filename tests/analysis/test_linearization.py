@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import appendix_a
 import numpy as np
@@ -19,11 +20,22 @@ from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.environments import CONTACT, Surface
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.robots import TwoLinkArmConfig
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.robots.inverse_kinematics import ToolJacobian
+from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
+
+OWN_ARM = Path(__file__).parents[2] / "diagrams" / "own_arm.yaml"
+# Two task axes for three joints.
+OWN_ARM_IN_A_PLANE = {
+    "robot.start": [0.45, 0.0],
+    "surgeon.velocity": [0.1, 0.02],
+    "surgeon.contact_force": [1.0, 0.0],
+    "controller.network": {"lower": [0.4, -0.1], "upper": [0.6, 0.1], "count": [3, 2]},
+}
 
 W = np.geomspace(0.01, 300, 50)
 S = 1j * W
@@ -169,6 +181,33 @@ def test_arm_is_appendix_a(velocity):
     assert model.error < 1e-11
 
 
+def test_free_joints_are_states_like_others():
+    """At rest v/F_h = J (s M + D)^-1 J^T, with M, D and J of all three joints."""
+    scenario = LoadScenario(OWN_ARM, OWN_ARM_IN_A_PLANE)
+    r = np.array([0.46, 0.0])
+    model = LinearizeLoop(
+        scenario,
+        OperatingPoint(name="free", layer="empty", position=r, velocity=0 * r),
+    )
+    plant = scenario.robot.LoadPlant()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, scenario.robot.JointPositions(r))
+    M, J = plant.CalcMassMatrix(context), ToolJacobian(plant, context, 2)
+    exact = J @ np.linalg.solve(S[:, None, None] * M + 0.02 * np.eye(3), J.T)
+    assert model.slave.num_states == 6
+    response = model.slave.frequency_response(W)[:, 2:, :2]
+    np.testing.assert_allclose(response, exact, rtol=1e-6, atol=1e-9)
+
+
+def test_free_joints_move_with_the_tool():
+    """They have no momentum of their own, as after forces on the tool alone."""
+    scenario = LoadScenario(OWN_ARM, OWN_ARM_IN_A_PLANE)
+    point = OperatingPoints(scenario)[0]
+    analysis = AnalyzeStability(scenario, points=[point])
+    record = analysis.points[0].ToRecord()
+    assert record["position"][1] != 0 and record["stable"]
+
+
 def test_estimates_are_those_of_the_point():
     """Psi of the point, not of the scenario; the weights W1 shift the law."""
     scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
@@ -298,7 +337,7 @@ def test_samples_have_no_linear_model():
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     late = LawWith(SampledDelay(delay=0.1, sample_period=0.01, size=1))
     diagram = MakeTeleoperator(scenario, control_law=late)
-    with pytest.raises(ValueError, match="controller: 'late' has a state that is not"):
+    with pytest.raises(ValueError, match=r"controller\.late = a state that is not"):
         LinearizeLoop(scenario, OperatingPoints(scenario)[0], teleoperator=diagram)
 
 
@@ -352,7 +391,9 @@ def test_law_that_bends_at_the_point_has_no_linear_model():
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     point = OperatingPoints(scenario)[0]
     diagram = MakeTeleoperator(scenario, control_law=Bent(0.001))
-    with pytest.raises(ValueError, match="its law bends at the operating point 'tis"):
+    with pytest.raises(
+        ValueError, match="a law that bends at the operating point 'tis"
+    ):
         LinearizeLoop(scenario, point, teleoperator=diagram)
     # On either side of the bend it has one.
     for v_bend, sign in ((-0.1, 1), (0.1, -1)):
@@ -365,7 +406,9 @@ def test_law_that_bends_at_the_point_has_no_linear_model():
 
 
 def test_drift_correction_has_no_linear_model():
-    with pytest.raises(ValueError, match=r"controller: drift_correction = 2: must be"):
+    with pytest.raises(
+        ValueError, match=r"controller\.drift_correction = 2.0: must be"
+    ):
         Model(
             "one_dof",
             "wave_variables",
@@ -383,7 +426,9 @@ def test_no_difference_crosses_a_border():
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015 - 1e-6))
     np.testing.assert_allclose(model.slave.A, [[0, 1], [0, -0.2]], atol=1e-7)
-    with pytest.raises(ValueError, match=r"position = 0.015: must not be the border"):
+    with pytest.raises(
+        ValueError, match=r"position = \[0.015\]: must be off every surface"
+    ):
         LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015))
 
 
@@ -397,6 +442,28 @@ def test_path():
         with pytest.raises(ValueError, match=message) as info:
             OperatingPointAt(scenario, x)
         assert "\n" not in str(info.value)
+
+
+class Floor(LeafSystem):
+    """Its only surface lies below the arm."""
+
+    def Surfaces(self):
+        return [Surface(CONTACT, np.array([0.0, -0.3]), np.array([0.0, -1.0]))]
+
+
+def test_path_to_a_floor():
+    """A position on the path is that along the normal of the surface ahead."""
+    scenario = LoadScenario(
+        "two_dof_collision",
+        {"robot.start": [0.9, -0.25], "surgeon.velocity": [0.03, -0.06]},
+    )
+    above, inside = (
+        OperatingPointAt(scenario, depth, environment=Floor()) for depth in (0.28, 0.31)
+    )
+    np.testing.assert_allclose(above.position, [0.915, -0.28])
+    assert above.velocity[1] == -0.06 and inside.velocity[1] == 0
+    with pytest.raises(ScenarioError, match=r"position = 0\.2: must be on the tool's"):
+        OperatingPointAt(scenario, 0.2, environment=Floor())
 
 
 def test_models_are_state_spaces():

@@ -177,11 +177,11 @@ def test_feedthrough():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"stiffness": math.nan}, "layers.bone.stiffness: nan"),
-        ({"damping": -1.0}, "layers.bone.damping: -1.0"),
-        ({"reference": math.inf}, "layers.bone.reference: inf"),
-        ({"start": 0.0075}, "layers.bone.start: 0.0075"),
-        ({"start": 0.001}, "layers.bone.start: 0.001"),
+        ({"stiffness": math.nan}, "layers.bone.stiffness = nan"),
+        ({"damping": -1.0}, "layers.bone.damping = -1.0"),
+        ({"reference": math.inf}, "layers.bone.reference = inf"),
+        ({"start": 0.0075}, "layers.bone.start = 0.0075"),
+        ({"start": 0.001}, "layers.bone.start = 0.001"),
     ],
 )
 def test_bad_layers(change, message):

@@ -8,8 +8,8 @@ import pytest
 from grids import Slow
 from matplotlib.figure import Figure
 
+from teleop_drake.analysis.operating_point import POSITION
 from teleop_drake.analysis.stability import (
-    POSITION,
     AnalyzeStability,
     ChartStability,
     StabilityAnalysis,

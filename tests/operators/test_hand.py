@@ -23,7 +23,7 @@ def test_follows_the_line_that_is_set_and_holds_its_end():
 def test_refused():
     dut = HandOperator(num_axes=1)
     context = dut.CreateDefaultContext()
-    with pytest.raises(ValueError, match=r"end: 1.0; allowed: > 1.0"):
+    with pytest.raises(ValueError, match=r"end = 1.0: must be > 1.0"):
         dut.SetCommand(context, begin=1.0, end=1.0, before=[0.0], after=[0.0])
     with pytest.raises(ValueError, match="velocity"):
         dut.SetCommand(context, begin=0.0, end=1.0, before=[0.0], after=[float("nan")])

@@ -370,14 +370,26 @@ def test_diagram_of_ones_own_is_simulated():
 @pytest.mark.parametrize(
     ("name", "other", "message"),
     [
-        ("two_dof_puncture", "one_dof", "two_dof_puncture, its robot has 1 task axes"),
-        ("one_dof", "network_tracking_linear", "one_dof, it has no environment"),
-        ("network_tracking_linear", "one_dof", "network_tracking_linear, it has no"),
+        (
+            "two_dof_puncture",
+            "one_dof",
+            r"robot\.num_axes = 1: must be 2",
+        ),
+        (
+            "one_dof",
+            "network_tracking_linear",
+            "for one_dof, with .* environment",
+        ),
+        (
+            "network_tracking_linear",
+            "one_dof",
+            "for network_.*, with a system named",
+        ),
     ],
 )
 def test_diagram_of_another_task_is_refused(name, other, message):
     teleoperator = MakeDiagram(LoadScenario(other))
-    with pytest.raises(ValueError, match=f"^teleoperator: must be made for {message}"):
+    with pytest.raises(ValueError, match=message):
         simulate(LoadScenario(name), teleoperator=teleoperator)
 
 
@@ -552,7 +564,7 @@ def test_save_leaves_nothing_half_written(tmp_path, monkeypatch):
 def test_load_refuses_other_files(tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, x=np.zeros(3))
-    with pytest.raises(ValueError, match="not a recording"):
+    with pytest.raises(ValueError, match="must be a recording of"):
         LoadRecording(path)
 
 

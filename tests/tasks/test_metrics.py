@@ -437,7 +437,7 @@ def test_samples_that_are_not_finite_are_ignored():
     assert RunSummary(longer) == RunSummary(recording)
     for x in longer.signals.values():
         x[:] = math.inf
-    with pytest.raises(ValueError, match="no finite sample"):
+    with pytest.raises(ValueError, match="one finite sample"):
         RunMetrics(longer)
 
 

@@ -63,7 +63,7 @@ def test_each_scenario_has_its_task():
     assert isinstance(TaskOf(LoadScenario("one_dof")), Insertion)
     assert isinstance(TaskOf(LoadScenario("network_tracking_linear")), Tracking)
     assert isinstance(TaskOf(MyScenario()), Insertion)
-    with pytest.raises(TypeError, match=r"^scenario: str; allowed: a scenario$"):
+    with pytest.raises(TypeError, match=r"^scenario = str: must be a scenario$"):
         TaskOf("one_dof")
 
 
@@ -121,5 +121,5 @@ def test_a_task_of_ones_own_for_a_class_of_scenarios(monkeypatch, capsys):
 
 def test_runs_of_a_tracking_are_not_compared():
     recording = simulate(LoadScenario("network_tracking_linear", [SHORT]))
-    with pytest.raises(ValueError, match=r"^recordings: runs of network_tracking"):
+    with pytest.raises(ValueError, match=r"^recordings\.scenario = 'network_tracking"):
         PlotComparison({"a": recording})

@@ -3,7 +3,8 @@
 import argparse
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.options import (
@@ -21,6 +22,11 @@ from teleop_drake.cli.output import (
 )
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
+
+if TYPE_CHECKING:
+    from teleop_drake.analysis.stability import StabilityAnalysis, StabilityChart
+    from teleop_drake.analysis.transparency import Transparency
+    from teleop_drake.scenario import AnyScenario
 
 # Below this, in rad/s, nobody asks whether a mode is neutral.
 _LEAST_UNRESOLVED = 1e-3
@@ -54,7 +60,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="PATH=START:STOP:COUNT",
         help="chart the stable delays over a number of the scenario, for example "
         "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
-        "along x, position=0.86:1.2:35",
+        "along the normal of the surface, position=0.86:1.2:35",
     )
     AddRunOptions(
         parser,
@@ -67,24 +73,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints delay margins, stability and transparency, and draws them."""
-    from teleop_drake.analysis.stability import (
-        MAX_DELAY,
-        AnalyzeStability,
-        ChartStability,
-    )
-    from teleop_drake.analysis.transparency import AnalyzeTransparency
-
     scenario = Load(args)
-    max_delay = MAX_DELAY
-    if args.max_delay is not None:
-        try:
-            max_delay = float(args.max_delay)
-        except ValueError:
-            max_delay = math.nan
-        if not 0 < max_delay < math.inf:
-            raise BadInput(
-                f"--max-delay = {args.max_delay!r}: must be a finite number > 0 (s)"
-            )
+    max_delay = _MaxDelay(args.max_delay)
     key, values = _VariedNumber(args.vary)
     CheckJson(args.json)
     stem = f"{scenario.name}_{scenario.controller.kind}"
@@ -93,28 +83,9 @@ def Execute(args: argparse.Namespace) -> int:
     *figure_paths, summary_path = PrepareFolder(
         args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
     )
-    chart = None
     try:
-        analysis = AnalyzeStability(scenario, max_delay=max_delay)
-        transparency = [
-            AnalyzeTransparency(
-                analysis.scenario,
-                point.model.point,
-                forward_delay=analysis.forward_delay,
-                return_delay=analysis.return_delay,
-            )
-            for point in analysis.points
-        ]
-        if key:
-            with SweepProgress(args.quiet, "values") as show:
-                chart = ChartStability(
-                    args.scenario,
-                    key,
-                    values,
-                    overrides=OverridesOf(args),
-                    max_delay=max_delay,
-                    progress=show,
-                )
+        analysis, transparency = _Analyze(scenario, max_delay)
+        chart = _Chart(args, key, values, max_delay) if key else None
     except ValueError as e:
         raise BadInput(e) from None
     record = analysis.ToRecord()
@@ -122,25 +93,7 @@ def Execute(args: argparse.Namespace) -> int:
     if chart is not None:
         record["chart"] = chart.ToRecord()
     if args.out is not None:
-        from teleop_drake.figures.analysis import (
-            PlotBode,
-            PlotNyquist,
-            PlotStabilityChart,
-            PlotStableDelays,
-            PlotTransparency,
-        )
-        from teleop_drake.figures.runs import SaveFigure
-
-        made = [
-            PlotBode(analysis),
-            PlotNyquist(analysis),
-            PlotStableDelays(analysis),
-            PlotTransparency(transparency),
-        ]
-        if chart is not None:
-            made.append(PlotStabilityChart(chart))
-        for figure, path in zip(made, figure_paths, strict=True):
-            SaveFigure(figure, path)
+        _Draw(figure_paths, analysis, transparency, chart)
         WriteText(summary_path, ToJson(record))
     if args.json is not None:
         WriteJson(args.json, record)
@@ -153,6 +106,85 @@ def Execute(args: argparse.Namespace) -> int:
             written = [*figure_paths, summary_path]
             print("Written:", ", ".join(map(str, written)))
     return 0
+
+
+def _MaxDelay(text: str | None) -> float:
+    """Returns the number of `--max-delay`; without it, the default."""
+    from teleop_drake.analysis.stability import MAX_DELAY
+
+    if text is None:
+        return MAX_DELAY
+    try:
+        max_delay = float(text)
+    except ValueError:
+        max_delay = math.nan
+    if not 0 < max_delay < math.inf:
+        raise BadInput(f"--max-delay = {text!r}: must be a finite number > 0 (s)")
+    return max_delay
+
+
+def _Analyze(
+    scenario: "AnyScenario", max_delay: float
+) -> tuple["StabilityAnalysis", list["Transparency"]]:
+    """Analyses stability, and the transparency at the same points."""
+    from teleop_drake.analysis.stability import AnalyzeStability
+    from teleop_drake.analysis.transparency import AnalyzeTransparency
+
+    analysis = AnalyzeStability(scenario, max_delay=max_delay)
+    return analysis, [
+        AnalyzeTransparency(
+            analysis.scenario,
+            point.model.point,
+            forward_delay=analysis.forward_delay,
+            return_delay=analysis.return_delay,
+        )
+        for point in analysis.points
+    ]
+
+
+def _Chart(
+    args: argparse.Namespace, key: str, values: Sequence[float], max_delay: float
+) -> "StabilityChart":
+    """Analyses the stability for each value of `--vary`."""
+    from teleop_drake.analysis.stability import ChartStability
+
+    with SweepProgress(args.quiet, "values") as show:
+        return ChartStability(
+            args.scenario,
+            key,
+            values,
+            overrides=OverridesOf(args),
+            max_delay=max_delay,
+            progress=show,
+        )
+
+
+def _Draw(
+    paths: Sequence[Path],
+    analysis: "StabilityAnalysis",
+    transparency: Sequence["Transparency"],
+    chart: "StabilityChart | None",
+) -> None:
+    """Writes the figures, the chart last."""
+    from teleop_drake.figures.analysis import (
+        PlotBode,
+        PlotNyquist,
+        PlotStabilityChart,
+        PlotStableDelays,
+        PlotTransparency,
+    )
+    from teleop_drake.figures.runs import SaveFigure
+
+    made = [
+        PlotBode(analysis),
+        PlotNyquist(analysis),
+        PlotStableDelays(analysis),
+        PlotTransparency(transparency),
+    ]
+    if chart is not None:
+        made.append(PlotStabilityChart(chart))
+    for figure, path in zip(made, paths, strict=True):
+        SaveFigure(figure, path)
 
 
 def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
@@ -226,15 +258,15 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
 
 
 def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
-    """Returns a sentence: whether surgeon and environment could be any passive ones."""
+    """Returns a sentence: whether operator and environment may be any passive ones."""
     failing = [point["name"] for point in points if not point["absolutely_stable"]]
     if not failing:
         return (
-            "Stable with every passive surgeon and environment: Llewellyn's parameter "
+            "Stable with every passive operator and environment: Llewellyn's parameter "
             "is 1 or more everywhere."
         )
     return (
-        "Not stable with every passive surgeon and environment: Llewellyn's parameter "
+        "Not stable with every passive operator and environment: Llewellyn's parameter "
         f"falls below 1 ({', '.join(failing)})."
     )
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.options import AddScenarioOptions, LoadToRun, OverridesOf
 from teleop_drake.cli.output import PrepareFolder, WriteText
+from teleop_drake.cli.server import PortOf
 from teleop_drake.cli.tables import Align
 
 if TYPE_CHECKING:
@@ -26,13 +27,16 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     AddScenarioOptions(parser)
     parser.add_argument(
-        "--port", type=int, metavar="N", help="of the page (default: a free one)"
+        "--port",
+        metavar="N",
+        help="serve the page there (default: the first free port from 7000 on)",
     )
     parser.add_argument(
         "--host",
         default="localhost",
         metavar="ADDRESS",
-        help="on which the page is served; `*`: on all, for a lecture room",
+        help="serve the page to whom this address reaches; 0.0.0.0: to the whole "
+        "network, a lecture room for example (default: localhost, to this machine)",
     )
     parser.add_argument(
         "--wait",
@@ -90,8 +94,6 @@ def _Check(args: argparse.Namespace) -> None:
         raise BadInput(f"--rate = {args.rate:g}: must be > 0")
     if args.wait is not None and not args.wait >= 0:
         raise BadInput(f"--wait = {args.wait:g}: must be >= 0 (s)")
-    if args.port is not None and not 1024 <= args.port <= 65535:
-        raise BadInput(f"--port = {args.port}: must be 1024 to 65535")
 
 
 def _Names(number: int) -> tuple[str, str, str]:
@@ -108,14 +110,15 @@ def _MakeMeshcat(args: argparse.Namespace) -> "Meshcat":
     """
     from pydrake.geometry import Meshcat, MeshcatParams
 
+    port = PortOf(args.port)
     # It would say where it listens, which comes later with more words.
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.WARNING)
     try:
-        return Meshcat(MeshcatParams(host=args.host, port=args.port))
+        return Meshcat(MeshcatParams(host=args.host, port=port))
     except RuntimeError:
-        if args.port is None:
+        if port is None:
             raise BadInput(
                 f"--host = {args.host!r}: must be an address of this machine, with a "
                 "port of 7000 to 7999 free"

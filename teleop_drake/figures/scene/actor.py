@@ -44,7 +44,7 @@ class Moment:
 
     Attributes:
         tool: p_WT in m (n).
-        joints: q of the robot (nq); None: it is no plant.
+        joints: q of the robot (nq); None: unknown, or it is no plant.
         felt: Where the operator feels the tool, m (n); None: there is no operator.
         command: Where the commanded motion is by now, m (n); None: nobody commands.
         tool_force: Of the environment on the tool, N (n).
@@ -169,7 +169,10 @@ class Actor:
             moment: What is seen.
         """
         tool = self._visuals.InSpace(moment.tool)
-        self._DrawRobot(pen, "robot", tool, moment.joints)
+        joints = moment.joints
+        if joints is None and self._visuals.is_plant:
+            joints = self._visuals.Pose(moment.tool, self._visuals.start_q)
+        self._DrawRobot(pen, "robot", tool, joints)
         self._DrawArrow(pen, "tool_force", tool, moment.tool_force)
         if moment.command is None:
             pen.Show(f"{self.path}/command", False)
@@ -178,7 +181,6 @@ class Actor:
         if not self._has_operator or moment.felt is None:
             return
         felt = self._visuals.InSpace(moment.felt)
-        joints = moment.joints
         if joints is not None:
             joints = self._visuals.Pose(moment.felt, joints)
         self._DrawRobot(pen, "ghost", felt, joints)

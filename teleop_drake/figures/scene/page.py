@@ -287,20 +287,24 @@ def _SlowSpans(acts: Sequence[Act]) -> list[tuple[float, float]]:
 
 
 def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
-    """Returns the names that stand in the scene, at objects of Meshcat."""
+    """Returns the names that stand in the scene, at objects of Meshcat.
+
+    A name stands `left` times its width to the left, and `below` pixels below.
+    """
     labels = []
     for i, act in enumerate(acts):
         path = act.path.strip("/").split("/")
         color = COLORS[i % len(COLORS)]
-        texts = {"robot/tip": (f"{act.name}: the tool", 26)}
+        texts = {"robot/tip": (f"{act.name}: the tool", 0.5, 26)}
         if act.operator.felt is not None:
-            texts["hand"] = ("as the operator feels it", -34)
-        for place, (text, below) in texts.items():
+            texts["hand"] = ("as the operator feels it", 1.15, -22)
+        for place, (text, left, below) in texts.items():
             labels.append(
                 {
                     "path": [*path, *place.split("/")],
                     "text": text,
                     "color": color,
+                    "left": left,
                     "below": below,
                 }
             )
@@ -313,6 +317,7 @@ def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
                 "path": [*first.path.strip("/").split("/"), "labels", name],
                 "text": name,
                 "color": "#444444",
+                "left": 0.5,
                 "below": 0,
             }
         )

@@ -26,18 +26,19 @@ from teleop_drake.figures.scene.stage import (
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.recording import Recording
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
 # Pictures per second, at normal times and around what happens; the latter is played in
 # slow motion.
-_RATE, _DENSE_RATE = 30.0, 240.0
+_RATE, _DENSE_RATE = 30.0, 150.0
 
 # How long before and after what happens pictures are dense, s.
 _BEFORE, _AFTER = 0.1, 0.3
 
 # At most so much of a run is dense: one that bounces is nothing but events.
-_MOST_DENSE = 4.0
+_MOST_DENSE = 3.0
 
 # Share of the samples of a force that are smaller than that of the longest arrow.
 _SHARE = 99.0
@@ -101,12 +102,10 @@ def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
         ValueError: If there is none, or their numbers of axes differ.
     """
     if not recordings:
-        raise ValueError("recordings: empty; allowed: at least one")
+        Refuse("recordings", {}, "one or more")
     sizes = {x["tool_position"].shape[1] for x in recordings.values()}
     if len(sizes) > 1:
-        raise ValueError(
-            f"recordings: runs with {sorted(sizes)} task axes; allowed: one number"
-        )
+        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
 
 
 def AnimateRuns(

@@ -1,7 +1,7 @@
 """The scene of a teleoperation: made once, then drawn at any instant."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
-from teleop_drake.environments import Surface, SurfacesOf
+from teleop_drake.environments import CONTACT, FindSurface, Surface, SurfacesOf
 from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
 from teleop_drake.figures.scene.pen import Pen
 from teleop_drake.figures.scene.stage import (
@@ -113,7 +113,7 @@ class Scene:
         stage = MakeStage(
             visuals,
             surfaces,
-            _Reach(scenario, start),
+            _Reach(scenario, start, surfaces),
             has_operator=self._has_operator,
         )
         SetUpView(meshcat, stage)
@@ -245,8 +245,10 @@ def NewtonsOf(scenario: AnyScenario) -> float:
     return 2 * size or 1.0
 
 
-def _Reach(scenario: AnyScenario, start: Array) -> Array:
-    """Returns the start and where the commanded velocity leads to (2, n)."""
+def _Reach(scenario: AnyScenario, start: Array, surfaces: Sequence[Surface]) -> Array:
+    """Returns the start, and where the command leads to if nothing hard is ahead."""
+    if FindSurface(surfaces, CONTACT) is not None:
+        return start[np.newaxis]
     surgeon = getattr(scenario, "surgeon", None)
     velocity = getattr(surgeon, "velocity", None)
     if velocity is None:

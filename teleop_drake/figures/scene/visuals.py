@@ -83,7 +83,7 @@ class RobotVisuals:
         Args:
             p_WT: Along the task axes, m (n).
         """
-        return np.append(np.asarray(p_WT, dtype=float), self._rest)
+        return np.concatenate([p_WT, self._rest])
 
     def Direction(self, vector: ArrayLike) -> Array:
         """Returns a vector along the task axes (n) as one in space (3).
@@ -92,7 +92,7 @@ class RobotVisuals:
             vector: Any, (n).
         """
         vector = np.asarray(vector, dtype=float)
-        return np.append(vector, np.zeros(3 - vector.size))
+        return np.concatenate([vector, np.zeros(3 - vector.size)])
 
     def Tool(self, q: ArrayLike) -> Array:
         """Returns where the tool is in space (3), m.
@@ -160,7 +160,7 @@ def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
                 body="" if is_fixed else plant.GetBodyFromFrameId(frame).name(),
                 shape=inspector.GetShape(geometry),
                 X_BG=inspector.GetPoseInFrame(geometry),
-                rgba=properties.GetPropertyOrDefault("phong", "diffuse", None)
+                rgba=properties.GetProperty("phong", "diffuse")
                 if properties.HasProperty("phong", "diffuse")
                 else None,
             )

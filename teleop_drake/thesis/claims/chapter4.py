@@ -181,8 +181,12 @@ def _Rebound(both: Both) -> list[Row]:
 
 
 def _ImpactForce(both: Both) -> list[Row]:
+    return [*_FirstImpact(both), *_LargestForce(both)]
+
+
+def _FirstImpact(both: Both) -> list[Row]:
     d_first, a_first = both.Numbers("collision.initial_impact_force")
-    d_peak, a_peak = both.Numbers("collision.peak_force")
+    d_peak, _ = both.Numbers("collision.peak_force")
     scenario = both.direct.recording.teleoperation
     bone = HardMaterial(scenario).stiffness
     assert isinstance(scenario.robot, SliderConfig)
@@ -212,6 +216,13 @@ def _ImpactForce(both: Both) -> list[Row]:
             is_in_kind=a_first < d_peak,
             reason=_FOLLOWS,
         ),
+    ]
+
+
+def _LargestForce(both: Both) -> list[Row]:
+    d_first, a_first = both.Numbers("collision.initial_impact_force")
+    d_peak, a_peak = both.Numbers("collision.peak_force")
+    return [
         PrintedNumber(
             key="4-direct-largest-force",
             place=_FIG_2,

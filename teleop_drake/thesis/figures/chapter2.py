@@ -15,7 +15,7 @@ from teleop_drake.environments.surface import (
     Surface,
 )
 from teleop_drake.figures.style import (
-    BORDER_STYLE,
+    BOUNDARY_STYLE,
     COLORS,
     FONT_SIZE,
     SMALL_FONT_SIZE,
@@ -74,7 +74,7 @@ def _DrawStiffness(
         if end <= low or start >= high or surface.material is None:
             continue
         if start > low:
-            ax.axvline(start * 1e3, **BORDER_STYLE)
+            ax.axvline(start * 1e3, **BOUNDARY_STYLE)
         ax.annotate(
             surface.material.name,
             (max(start, low) * 1e3, 1.0),

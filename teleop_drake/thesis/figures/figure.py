@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.style import (
-    BORDER_STYLE,
+    BOUNDARY_STYLE,
     FONT_SIZE,
     SMALL_FONT_SIZE,
     WIDTH,
@@ -101,7 +101,7 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]
         ax.set_xlim(0.0, float(recording.time[-1]))
         for name in ("puncture", "contact"):
             for time in recording.EventTimes(name)[:1]:
-                ax.axvline(time, **BORDER_STYLE)
+                ax.axvline(time, **BOUNDARY_STYLE)
                 if ax is axes[0]:
                     ax.annotate(
                         name,

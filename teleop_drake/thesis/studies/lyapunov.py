@@ -1,6 +1,6 @@
 """The stability study: the Lyapunov function and the residual set."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +32,19 @@ _TASKS = (
     "two_dof_combined",
 )
 
+
+_HEADERS = [
+    "task",
+    "lambda_min(G)",
+    "delta_max",
+    "median of |delta|",
+    "radius",
+    "largest |mu|",
+    "last |mu|",
+    "largest |W1|",
+    "largest |W3|",
+    "largest |Psi - Psi0|",
+]
 
 # Steps shorter than this say nothing about rates, s.
 _SHORTEST_STEP = 1e-4
@@ -119,29 +132,61 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
     runs.Prefetch((task, ADAPTIVE) for task in _TASKS)
     right = SimulateSyntheticPlant()
     printed = SimulateSyntheticPlant(has_printed_sign=True)
-    exact = _PlotSynthetic(right, printed)
-    real = Figure(figsize=(WIDTH, 1.6 * len(_TASKS) + 0.4), layout="constrained")
-    axes = real.subplots(len(_TASKS), 2, sharex="row")
-    rows, ratios = [], []
-    for (left, axis), task in zip(axes, _TASKS, strict=True):
-        recording = runs(task, **ADAPTIVE)
-        time = recording.time
-        residual = EstimateResidual(recording)
-        norms = {
-            name: np.linalg.norm(recording[signal], axis=1)
-            for name, signal in (("$|W_1|$", "weights_1"), ("$|W_3|$", "weights_3"))
-        }
-        Psi = recording["psi"]
-        norms[r"$|\Psi - \Psi_0|$"] = np.linalg.norm(Psi - Psi[0], axis=1)
-        for ax in (left, axis):
-            ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
-            ax.spines[["top", "right"]].set_visible(False)
+    recordings = {task: runs(task, **ADAPTIVE) for task in _TASKS}
+    residuals = {task: EstimateResidual(x) for task, x in recordings.items()}
+    norms = {task: _WeightNorms(x) for task, x in recordings.items()}
+    ratios = [x.radius / float(x.error.max()) for x in residuals.values()]
+    return Study(
+        title="Lyapunov function, residual set and weights",
+        text=_Text(right, printed, ratios),
+        figures={
+            "lyapunov_exact": _PlotSynthetic(right, printed),
+            "lyapunov_runs": _PlotRuns(recordings, residuals, norms),
+        },
+        table=(
+            _HEADERS,
+            [_Row(task, residuals[task], norms[task]) for task in _TASKS],
+        ),
+    )
+
+
+def _WeightNorms(recording: Recording) -> dict[str, np.ndarray]:
+    """Returns the norms (T,) of what the law has learned, by their symbols."""
+    norms = {
+        name: np.linalg.norm(recording[signal], axis=1)
+        for name, signal in (("$|W_1|$", "weights_1"), ("$|W_3|$", "weights_3"))
+    }
+    Psi = recording["psi"]
+    norms[r"$|\Psi - \Psi_0|$"] = np.linalg.norm(Psi - Psi[0], axis=1)
+    return norms
+
+
+def _Row(task: str, residual: Residual, norms: Mapping[str, np.ndarray]) -> list[str]:
+    """Returns a task's row of the table, below _HEADERS."""
+    return [
+        task,
+        f"{residual.eigenvalue:g}",
+        f"{residual.delta:.3g}",
+        f"{residual.typical:.3g}",
+        f"{residual.radius:.3g}",
+        f"{float(residual.error.max()):.3g}",
+        f"{residual.error[-1]:.2g}",
+        *(f"{norm.max():.3g}" for norm in norms.values()),
+    ]
+
+
+def _PlotRuns(
+    recordings: Mapping[str, Recording],
+    residuals: Mapping[str, Residual],
+    norms: Mapping[str, Mapping[str, np.ndarray]],
+) -> Figure:
+    """Plots |mu| with the radius of the residual set, and what the law has learned."""
+    figure = Figure(figsize=(WIDTH, 1.6 * len(recordings) + 0.4), layout="constrained")
+    axes = figure.subplots(len(recordings), 2, sharex="row")
+    for (left, right), (task, recording) in zip(axes, recordings.items(), strict=True):
+        time, residual = recording.time, residuals[task]
         left.semilogy(
-            time,
-            residual.error,
-            color=COLORS[0],
-            linewidth=0.8,
-            label=r"$|\mu|$",
+            time, residual.error, color=COLORS[0], linewidth=0.8, label=r"$|\mu|$"
         )
         left.axhline(
             residual.radius,
@@ -149,66 +194,27 @@ def LyapunovTelemetry(runs: ThesisRuns) -> Study:
             linestyle="--",
             label=r"$\delta_{max}/\lambda_{min}(G)$",
         )
-        for i, (name, norm) in enumerate(norms.items()):
-            axis.semilogy(
-                time,
-                np.maximum(norm, 1e-12),
-                color=COLORS[i + 2],
-                linewidth=0.8,
-                label=name,
-            )
+        for i, (name, norm) in enumerate(norms[task].items(), start=2):
+            shown = np.maximum(norm, 1e-12)
+            right.semilogy(time, shown, color=COLORS[i], linewidth=0.8, label=name)
         left.set_ylim(bottom=residual.radius * 1e-6)
-        axis.set_ylim(bottom=1e-7)
+        right.set_ylim(bottom=1e-7)
         left.set_ylabel(f"$|\\mu|$ [SI]\n{task}", fontsize=FONT_SIZE)
-        axis.set_ylabel("norm [SI]", fontsize=FONT_SIZE)
-        left.set_xlabel("time [s]", fontsize=FONT_SIZE)
-        axis.set_xlabel("time [s]", fontsize=FONT_SIZE)
-        largest = float(residual.error.max())
-        ratios.append(residual.radius / largest)
-        rows.append(
-            [
-                task,
-                f"{residual.eigenvalue:g}",
-                f"{residual.delta:.3g}",
-                f"{residual.typical:.3g}",
-                f"{residual.radius:.3g}",
-                f"{largest:.3g}",
-                f"{residual.error[-1]:.2g}",
-                *(f"{norm.max():.3g}" for norm in norms.values()),
-            ]
-        )
-    handles, labels = [], []
-    for ax in axes[0]:
-        more = ax.get_legend_handles_labels()
-        handles += more[0]
-        labels += more[1]
-    real.legend(
-        handles,
-        labels,
+        right.set_ylabel("norm [SI]", fontsize=FONT_SIZE)
+        for ax in (left, right):
+            ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+            ax.spines[["top", "right"]].set_visible(False)
+            ax.set_xlabel("time [s]", fontsize=FONT_SIZE)
+    legends = [ax.get_legend_handles_labels() for ax in axes[0]]
+    figure.legend(
+        [handle for handles, _ in legends for handle in handles],
+        [label for _, labels in legends for label in labels],
         loc="outside upper center",
         ncols=5,
         fontsize=FONT_SIZE,
         frameon=False,
     )
-    text = _Text(right, printed, ratios)
-    headers = [
-        "task",
-        "lambda_min(G)",
-        "delta_max",
-        "median of |delta|",
-        "radius",
-        "largest |mu|",
-        "last |mu|",
-        "largest |W1|",
-        "largest |W3|",
-        "largest |Psi - Psi0|",
-    ]
-    return Study(
-        title="Lyapunov function, residual set and weights",
-        text=text,
-        figures={"lyapunov_exact": exact, "lyapunov_runs": real},
-        table=(headers, rows),
-    )
+    return figure
 
 
 def _PlotSynthetic(right: SyntheticRun, printed: SyntheticRun) -> Figure:

@@ -260,7 +260,7 @@ def _Text(
         "matters, because at the given adaptation rate they contribute next to "
         "nothing; the rate itself, which the thesis does state, is listed to show this "
         f"(up to {100 * adapted:.2g} % between 0 and ten times the given one). The "
-        "mirrored elbow mirrors the motion along y and changes nothing along x. "
+        "reflected elbow reflects the motion along y and changes nothing along x. "
         "Every number is "
         f"taken before {settled:.3g} s, when the tool has settled: a final stop after "
         "that changes none."

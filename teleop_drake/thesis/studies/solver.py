@@ -91,7 +91,7 @@ def _SolvePlainly(scenario: Scenario) -> dict[float, list[_Numbers]]:
     return plain
 
 
-def _SolveWithBordersLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
+def _SolveWithBoundariesLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
     """Returns the numbers of the package's own runs by their accuracy."""
     located: dict[float, _Numbers] = {}
     for tolerance, (name, overrides) in zip(_TOLERANCES, REQUESTS, strict=True):
@@ -123,7 +123,7 @@ def SolverStudy(runs: ThesisRuns) -> Study:
     runs.Prefetch(REQUESTS)
     scenario = AsTeleoperation(LoadScenario("one_dof", DIRECT))
     plain = _SolvePlainly(scenario)
-    located = _SolveWithBordersLocated(runs)
+    located = _SolveWithBoundariesLocated(runs)
     return Study(
         title=_TITLE,
         text=_Text(scenario, plain, located),
@@ -138,30 +138,63 @@ def _Text(
     located: Mapping[float, _Numbers],
 ) -> str:
     loose = [row for tolerance in _LOOSE_TOLERANCES for row in plain[tolerance]]
-    near = [
-        [abs(row[i] / printed - 1) < _NEAR for row in loose]
-        for i, (_, printed, _, _) in enumerate(_PRINTED)
-    ]
-    num_all = sum(all(hit) for hit in zip(*near, strict=True))
-    best = min(
-        loose,
-        key=lambda row: max(
-            abs(row[i] / printed - 1) for i, (_, printed, _, _) in enumerate(_PRINTED)
-        ),
-    )
     converged = located[_TOLERANCES[-1]]
-    spread = [
-        max(abs(row[i] / converged[i] - 1) for row in located.values())
-        for i in range(3)
-    ]
+    return "\n\n".join(
+        [
+            _Question(scenario, converged),
+            _TwoSolvers(located, converged),
+            _Finding(loose),
+            _Conclusion(loose),
+        ]
+    )
+
+
+def _Question(scenario: Scenario, converged: _Numbers) -> str:
     assert isinstance(scenario.robot, SliderConfig)
     undamped = abs(float(scenario.surgeon.velocity[0])) * math.sqrt(
         HardMaterial(scenario).stiffness * (scenario.robot.mass or 0.0)
     )
+    return (
+        "The question: section 4.2 prints, for direct force with one axis, a first "
+        "impact of 7.78 mN, a largest force of 11.3 mN and a rebound of -0.72 mm/s. "
+        f"The equations give, solved accurately, {_Listed(converged, 4)}. The first is "
+        f"v_d sqrt(k m) = {1e3 * undamped:.3g} mN, the push of a tool of 1 mm/s on an "
+        "undamped spring, as it must be; nothing that is left open in direct force "
+        "could change it."
+    )
+
+
+def _TwoSolvers(located: Mapping[float, _Numbers], converged: _Numbers) -> str:
+    spread = max(
+        abs(row[i] / converged[i] - 1) for row in located.values() for i in range(3)
+    )
+    return (
+        "Two solvers, the same loop. The simulation of this package locates every "
+        "boundary and steps on every jump, here with steps up to 0.1 s; between the "
+        f"accuracies 1e-2 and 1e-9 its numbers differ by at most {spread:.2%} "
+        "(Drake's accuracy is an absolute error of the states, which are of the order "
+        "of 1e-3 here, so that the looser ones leave the step to its maximum). The "
+        "plain solver does what ode45 does if nothing is located: the same pair of "
+        "formulas, the error relative to |y| + v_d, steps that may lie across the "
+        "surface of the bone, delayed signals interpolated between steps, numbers read "
+        "off at the ends of the steps. What else a simulation of 2012 had set, such as "
+        "the longest step, is not known: 20 longest steps from 0.05 to 0.5 s stand "
+        "for it."
+    )
+
+
+def _Finding(loose: Sequence[_Numbers]) -> str:
+    errors = [
+        [abs(row[i] / printed - 1) for i, (_, printed, _, _) in enumerate(_PRINTED)]
+        for row in loose
+    ]
+    near = [sum(error[i] < _NEAR for error in errors) for i in range(len(_PRINTED))]
+    num_all = sum(max(error) < _NEAR for error in errors)
+    best = loose[int(np.argmin([max(error) for error in errors]))]
     ranges = "; ".join(
         f"{name} {scale * min(row[i] for row in loose):.3g} to "
         f"{scale * max(row[i] for row in loose):.3g} {unit} (printed "
-        f"{scale * printed:.3g}, within {_NEAR:.0%} of it in {sum(near[i])} of "
+        f"{scale * printed:.3g}, within {_NEAR:.0%} of it in {near[i]} of "
         f"{len(loose)} runs)"
         for i, (name, printed, scale, unit) in enumerate(_PRINTED)
     )
@@ -171,46 +204,31 @@ def _Text(
         else "In none of them do all three come out together"
     )
     return (
-        "The question: section 4.2 prints, for direct force with one axis, a first "
-        "impact of 7.78 mN, a largest force of 11.3 mN and a rebound of -0.72 mm/s. "
-        "The equations give, solved accurately, "
-        + ", ".join(
-            f"{scale * value:.4g} {unit}"
-            for value, (_, _, scale, unit) in zip(converged, _PRINTED, strict=True)
-        )
-        + f". The first is v_d sqrt(k m) = {1e3 * undamped:.3g} mN, the push of a tool "
-        "of 1 mm/s on an undamped spring, as it must be; nothing that is left open in "
-        "direct force could change it."
-        "\n\n"
-        "Two solvers, the same loop. The simulation of this package locates every "
-        "border and steps on every jump, here with steps up to 0.1 s; between the "
-        f"accuracies 1e-2 and 1e-9 its numbers differ by at most {max(spread):.2%} "
-        "(Drake's accuracy is an absolute error of the states, which are of the order "
-        "of 1e-3 here, so that the looser ones leave the step to its maximum). The "
-        "plain solver does what ode45 does if nothing is located: the same pair of "
-        "formulas, the error relative to |y| + v_d, steps that may lie across the "
-        "surface of the bone, delayed signals interpolated between steps, numbers read "
-        "off at the ends of the steps. What else a simulation of 2012 had set, such as "
-        "the longest step, is not known: 20 longest steps from 0.05 to 0.5 s stand "
-        "for it."
-        "\n\n"
         f"The finding: at tolerances of 1e-2 to 1e-4 the plain solver's numbers "
         f"scatter: {ranges}. {together} (within {_NEAR:.0%} each); the nearest run has "
-        + ", ".join(
-            f"{scale * value:.3g} {unit}"
-            for value, (_, _, scale, unit) in zip(best, _PRINTED, strict=True)
-        )
-        + ". From 1e-7 on all agree with the converged numbers."
-        "\n\n"
+        f"{_Listed(best, 3)}. From 1e-7 on all agree with the converged numbers."
+    )
+
+
+def _Conclusion(loose: Sequence[_Numbers]) -> str:
+    places = ", ".join(
+        f"the {name} lies {_Place(printed, [row[i] for row in loose])}"
+        for i, (name, printed, _, _) in enumerate(_PRINTED)
+    )
+    return (
         "The conclusion: a tolerance like Simulink's default, 1e-3, makes these three "
         "numbers uncertain by tens of per cent, because each bounce starts from the "
-        "error of the one before. Of the printed numbers, "
-        + ", ".join(
-            f"the {name} lies {_Place(printed, [row[i] for row in loose])}"
-            for i, (name, printed, _, _) in enumerate(_PRINTED)
-        )
-        + ". No setting is singled out by them, and none is adopted: the ledger shows "
-        "the converged numbers."
+        f"error of the one before. Of the printed numbers, {places}. No setting is "
+        "singled out by them, and none is adopted: the ledger shows the converged "
+        "numbers."
+    )
+
+
+def _Listed(numbers: _Numbers, digits: int) -> str:
+    """Returns the three numbers with their units, in a row."""
+    return ", ".join(
+        f"{scale * value:.{digits}g} {unit}"
+        for value, (_, _, scale, unit) in zip(numbers, _PRINTED, strict=True)
     )
 
 
@@ -244,7 +262,7 @@ def _Plot(
             marker="o",
             markersize=3,
             color=COLORS[0],
-            label="borders located",
+            label="boundaries located",
         )
         ax.axhline(scale * printed, color=COLORS[6], linestyle="--", label="printed")
         ax.invert_xaxis()

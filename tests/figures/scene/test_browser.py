@@ -1,11 +1,13 @@
 """The page of a replay in a real browser: it opens, objects are there, they move."""
 
 import base64
+import importlib.util
 import io
 import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,3 +126,27 @@ def test_pictures_differ_between_two_times(seen):
         assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 100
     changed = np.any(first != second, axis=2).mean()
     assert 0.005 < changed < 0.9
+
+
+@pytest.mark.slow
+def test_the_pictures_of_the_readme_can_be_made(tmp_path, monkeypatch):
+    """By their script, here of a run that needs no simulation."""
+    if BROWSER is None:
+        pytest.skip("no browser: `apt-get install chromium` brings one")
+    script = Path(__file__).parents[3] / "diagrams/scene/make_pictures.py"
+    spec = importlib.util.spec_from_file_location("make_pictures", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "NUM_FRAMES", 2)
+    monkeypatch.setattr(
+        module,
+        "simulate",
+        lambda scenario: MakeRecording(kind=scenario.controller.kind, duration=4.0),
+    )
+    module.main(tmp_path)
+    assert Image.open(tmp_path / "scene.png").size == (1280, 720)
+    moving = Image.open(tmp_path / "scene.webp")
+    assert (moving.n_frames, moving.size) == (2, (960, 540))
+    first = np.asarray(moving.convert("RGB"))
+    moving.seek(1)
+    assert (first != np.asarray(moving.convert("RGB"))).any()

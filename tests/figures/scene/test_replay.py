@@ -50,7 +50,7 @@ def test_pictures_are_dense_where_something_happens():
     assert times[0] == 0.0 and times[-1] == 2.0
     steps = np.diff(times)
     assert steps.max() < 0.035
-    assert np.diff(times[(times > 0.95) & (times < 1.25)]).max() < 0.006
+    assert np.diff(times[(times > 0.95) & (times < 1.25)]).max() < 0.008
 
 
 def test_the_ghost_is_late(pair, monkeypatch):
@@ -127,8 +127,8 @@ def test_a_notebook_shows_it(pair):
 
 
 def test_what_does_not_fit_into_one_scene(pair):
-    with pytest.raises(ValueError, match="at least one"):
+    with pytest.raises(ValueError, match="must be one or more"):
         MakeReplay({})
     arm = MakeRecording("two_dof_combined")
-    with pytest.raises(ValueError, match=r"\[1, 2\] task axes"):
+    with pytest.raises(ValueError, match=r"num_axes = \[1, 2\]: must be the same"):
         MakeReplay({**pair, "arm": arm})

@@ -1,16 +1,23 @@
 """The scene: what stands where."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from own_kinds import PuckConfig
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 
+from teleop_drake.environments import Surface
 from teleop_drake.figures.scene import AddScene, MakeScene
 from teleop_drake.figures.scene.actor import NUM_BEADS
 from teleop_drake.figures.scene.stage import SCENE
 from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.robots import ArmConfig
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.teleoperator import AddTeleoperator
+
+DIAGRAMS = Path(__file__).parents[3] / "diagrams"
 
 
 class Notes:
@@ -54,6 +61,45 @@ def test_ghost_reaches_where_it_is_felt():
     # Out of reach it comes near.
     far = visuals.Tool(visuals.Pose([1.6, 0.0], visuals.start_q))
     np.testing.assert_allclose(far, [1.5, 0.0, 0.0], atol=0.01)
+
+
+def test_a_model_file_has_its_own_looks(tmp_path):
+    """Shapes of any SDF or URDF; links without any are sticks."""
+    text = (DIAGRAMS / "own_arm.urdf").read_text(encoding="utf-8")
+    visual = """<visual><origin xyz="0.1 0 0"/><geometry><sphere radius="0.02"/>
+      </geometry><material name="red"><color rgba="1 0 0 0.5"/></material></visual>"""
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        text.replace('<link name="forearm">', f'<link name="forearm">{visual}')
+    )
+    start, posture = [0.45, 0.0, 0.2], np.array([0.0, -0.7, 1.5])
+    (part,) = RobotVisuals(
+        ArmConfig(file=str(file), start=start, posture=posture)
+    ).parts
+    assert part.body == "forearm" and part.shape.radius() == 0.02
+    assert part.rgba.r() == 1.0 and part.rgba.a() == 0.5
+    np.testing.assert_allclose(part.X_BG.translation(), [0.1, 0.0, 0.0])
+    file.write_text(text)
+    sticks = RobotVisuals(ArmConfig(file=str(file), start=start, posture=posture)).parts
+    assert [x.body for x in sticks] == ["column", "upper_arm", "forearm"]
+    lengths = [x.shape.length() for x in sticks]
+    np.testing.assert_allclose(lengths, [0.2, 0.4, 0.3])
+
+
+def test_a_robot_that_is_no_plant_is_a_point(meshcat):
+    """And a task along another direction is seen from its side."""
+    scenario = LoadScenario("one_dof")
+    scenario.robot = PuckConfig(start=np.array([0.1, 0.2, 0.3]))
+    wall = Surface("contact", [0.0, 0.0, 0.1], [0.0, 0.0, -1.0])
+    scene = MakeScene(scenario, meshcat, surfaces=(wall,))
+    scene._pen = notes = Notes()
+    scene.Draw(0.0, {"tool_position": [0.1, 0.2, 0.25]})
+    tip = notes.positions[f"{SCENE}/run/robot/tip"]
+    np.testing.assert_allclose(tip, [0.1, 0.2, 0.25])
+    # Forward, to the right in the picture, is into the wall; above is across.
+    X_SW = scene._actor._stage.X_SW.rotation().matrix()
+    np.testing.assert_allclose(X_SW @ [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], atol=1e-12)
+    assert not scene._visuals.parts
 
 
 def test_the_picture_is_of_the_delay(meshcat):

@@ -1,0 +1,163 @@
+"""Makes the pictures of the scene: a still, and an animated picture of the contact.
+
+    python diagrams/scene/make_pictures.py [FOLDER]
+
+simulates case III with both controllers, makes the page that `teleop-drake replay`
+makes, opens it in Chromium without a window, scrubs through it and takes its picture:
+`scene.png` and `scene.webp`, in the folder of this script if no other one is named.
+It needs a Chromium (`apt-get install chromium`), which draws without a graphics card.
+"""
+
+import base64
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from teleop_drake.figures.scene import MakeReplay
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+
+SCENARIO = "two_dof_combined"
+CONTROLLERS = ("direct_force", "adaptive_backstepping")
+
+STILL = 2.6  # s: one tool has bounced off the bone, and still feels as if it were in it
+BEGIN, END = 2.25, 2.85  # s, of the animated picture
+NUM_FRAMES, FRAME_MS = 40, 120
+SIZE, ANIMATED_SIZE = (1280, 720), (960, 540)
+
+
+class Browser:
+    """A Chromium without a window that shows one page.
+
+    It is spoken to as its developer tools do, in JSON through a pair of pipes.
+    """
+
+    def __init__(self, page: Path):
+        program = shutil.which("chromium") or shutil.which("google-chrome")
+        if program is None:
+            raise SystemExit("no browser: `apt-get install chromium` brings one")
+        self._profile = tempfile.TemporaryDirectory()
+        to_browser, self._write = os.pipe()
+        self._read, from_browser = os.pipe()
+        width, height = SIZE
+        # Chromium reads from file 3 and writes to file 4.
+        command = [
+            *("sh", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "sh"),
+            *(program, "--headless", "--no-sandbox", "--disable-dev-shm-usage"),
+            *("--use-gl=angle", "--use-angle=swiftshader"),
+            *("--enable-unsafe-swiftshader", "--hide-scrollbars"),
+            *(f"--window-size={width},{height}", "--remote-debugging-pipe"),
+            f"--user-data-dir={self._profile.name}",
+        ]
+        self._process = subprocess.Popen(
+            command,
+            pass_fds=(to_browser, from_browser),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        self._rest, self._count, self._session = b"", 0, None
+        target = self.Call("Target.createTarget", url=page.as_uri())["targetId"]
+        attached = self.Call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        self.Call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+
+    def Call(self, method, **parameters):
+        """Calls a method of the developer tools and returns what it returns."""
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._write, json.dumps(message).encode() + b"\0")
+        while True:
+            while b"\0" not in self._rest:
+                chunk = os.read(self._read, 1 << 20)
+                if not chunk:
+                    raise RuntimeError("the browser has ended")
+                self._rest += chunk
+            text, _, self._rest = self._rest.partition(b"\0")
+            answer = json.loads(text)
+            if answer.get("id") == self._count:
+                return answer["result"]
+
+    def Evaluate(self, expression: str):
+        """Returns the value of a JavaScript expression; waits if it is a promise."""
+        answer = self.Call(
+            "Runtime.evaluate",
+            expression=expression,
+            awaitPromise=True,
+            returnByValue=True,
+        )
+        return answer["result"].get("value")
+
+    def Picture(self, time: float) -> Image.Image:
+        """Returns what the page looks like at a time of the runs, in s."""
+        # Two frames later everything is drawn, labels included.
+        self.Evaluate(
+            "new Promise((done) => { const scrub = document.getElementById('time');"
+            f"scrub.value = {time}; scrub.oninput();"
+            "requestAnimationFrame(() => requestAnimationFrame(() => "
+            "requestAnimationFrame(() => done(1)))); })"
+        )
+        data = self.Call("Page.captureScreenshot")["data"]
+        return Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
+
+    def Close(self) -> None:
+        """Ends the browser."""
+        self._process.terminate()
+        self._process.wait()
+        os.close(self._read)
+        os.close(self._write)
+        self._profile.cleanup()
+
+
+def main(folder: Path) -> None:
+    """Makes the pictures in a folder."""
+    recordings = {
+        kind.replace("_", " "): simulate(
+            LoadScenario(SCENARIO, {"controller.kind": kind, "duration": 4.0})
+        )
+        for kind in CONTROLLERS
+    }
+    with tempfile.TemporaryDirectory() as temporary:
+        page = Path(temporary) / "scene.html"
+        MakeReplay(recordings).Save(page)
+        browser = Browser(page)
+        try:
+            ready = "!!document.getElementById('clock')?.textContent"
+            while not browser.Evaluate(ready):
+                pass
+            browser.Picture(STILL).save(folder / "scene.png", optimize=True)
+            times = np.linspace(BEGIN, END, NUM_FRAMES)
+            frames = [browser.Picture(t).resize(ANIMATED_SIZE) for t in times]
+        finally:
+            browser.Close()
+    frames[0].save(
+        folder / "scene.webp",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[FRAME_MS] * (NUM_FRAMES - 1) + [1500],
+        loop=0,
+        quality=55,
+        method=6,
+    )
+    print(f"Written: {folder / 'scene.png'}, {folder / 'scene.webp'}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent))

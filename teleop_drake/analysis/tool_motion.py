@@ -1,0 +1,154 @@
+"""The robot in the coordinates of the linear model: its tool, and its free joints.
+
+A robot of m joints has the state [q; dq/dt]. The model takes in its place
+
+    [r; s; v; w],   v = dr/dt = J(q) dq/dt,   s = N^T q,   w = ds/dt = N^T dq/dt
+
+with the n coordinates r of the tool and, if m > n, m - n free ones: the columns of N
+span the joint rates that do not move the tool at the operating point. N is constant, so
+that w is the rate of s also between small deviations.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import System
+
+from teleop_drake.analysis.cut_diagram import States
+from teleop_drake.robots import RobotConfig
+from teleop_drake.validation import Refuse, ScenarioError, Show
+
+Array = NDArray[np.float64]
+
+# How far in m the tool may be from where the joints are to put it.
+_TOLERANCE = 1e-6
+
+# A joint that moves the tool less than this share of what another one does is taken to
+# move it by that share, where steps of differences derive from its motion.
+_LEAST_SHARE = 0.1
+
+
+class ToolMotion:
+    """Poses a robot and tells its coordinates and their rates.
+
+    Args:
+        config: The robot's, which knows its joint positions.
+        robot: The block.
+        states: The continuous states of its parts.
+        num_axes: n.
+        evaluate: Returns the value of an output port of the robot, by its name.
+
+    Raises:
+        ScenarioError: If the states are not positions and velocities of n joints or
+            more.
+    """
+
+    def __init__(
+        self,
+        *,
+        config: RobotConfig,
+        robot: System,
+        states: Sequence[States],
+        num_axes: int,
+        evaluate: Callable[[str], Array],
+    ):
+        num_states = sum(len(part.indices) for part in states)
+        if len(states) != 1 or num_states % 2 or num_states < 2 * num_axes:
+            Refuse(
+                "robot.num_continuous_states",
+                num_states,
+                f"position and velocity of {num_axes} joints or more, in one block",
+            )
+        (self.states,) = states
+        self._config, self._robot = config, robot
+        self._n, self._m = num_axes, num_states // 2
+        self._Eval = evaluate
+
+    def Place(self, p_WT: Array, v_WT: Array) -> None:
+        """Sets the joints such that the tool is at a position and has a velocity.
+
+        Of the motions of free joints it takes the one that forces on the tool give to
+        a robot at rest.
+
+        Args:
+            p_WT: In m (n).
+            v_WT: In m/s (n).
+
+        Raises:
+            ScenarioError: If the config puts the tool elsewhere.
+        """
+        q = self._config.JointPositions(p_WT)
+        if q.shape != (self._m,):
+            allowed = f"{self._m} numbers, as many as the robot has joints"
+            Refuse("robot.JointPositions", q, allowed)
+        columns = []
+        for unit in np.eye(self._m):
+            self.states.Set(np.concatenate([q, unit]))
+            columns.append(self._Eval("tool_velocity"))
+        reached = self._Eval("tool_position")
+        if not np.allclose(reached, p_WT, rtol=0, atol=_TOLERANCE):
+            raise ScenarioError(
+                f"robot.JointPositions = {Show(q)}: must put the tool at "
+                f"{Show(p_WT)}, not at {Show(reached)}"
+            )
+        J = self._jacobian = np.array(columns).T
+        # The last right singular vectors of J.
+        self._free = np.linalg.svd(J)[2][self._n :].T
+        if self._m == self._n:
+            rates = np.linalg.solve(J, v_WT).astype(float)
+        else:
+            by_force = self._AccelerationsByForce(q)
+            rates = by_force @ np.linalg.solve(J @ by_force, v_WT)
+        self.states.Set(np.concatenate([q, rates]))
+
+    def _AccelerationsByForce(self, q: Array) -> Array:
+        """Returns d(d^2q/dt^2)/dF of a force on the tool (m, n), which is M^-1 J^T."""
+        robot = self._robot
+        context = robot.CreateDefaultContext()
+        at_rest = np.zeros(self._n)
+        robot.GetInputPort("environment_force").FixValue(context, at_rest)
+        context.SetContinuousState(np.concatenate([q, np.zeros(self._m)]))
+
+        def Accelerations(force: Array) -> Array:
+            robot.GetInputPort("control_force").FixValue(context, force)
+            rates: Array = robot.EvalTimeDerivatives(context).CopyToVector()
+            return rates[self._m :]
+
+        without = Accelerations(at_rest)
+        return np.array([Accelerations(F) - without for F in np.eye(self._n)]).T
+
+    def Coordinates(self) -> Array:
+        """Returns [r; s; v; w] now."""
+        q, rates = np.split(self.states.Get(), 2)
+        return np.concatenate(
+            [
+                self._Eval("tool_position"),
+                q @ self._free,
+                self._Eval("tool_velocity"),
+                rates @ self._free,
+            ]
+        )
+
+    def Rates(self) -> Array:
+        """Returns [v; w; dv/dt; dw/dt] now."""
+        rates, accelerations = np.split(self.states.GetRates(), 2)
+        return np.concatenate(
+            [
+                self._Eval("tool_velocity"),
+                rates @ self._free,
+                self._Eval("tool_acceleration"),
+                accelerations @ self._free,
+            ]
+        )
+
+    def Steps(self, path: float, speed: float) -> list[Array]:
+        """Returns the longest steps of q and dq/dt (m each).
+
+        Args:
+            path: How far the tool may move, in m.
+            speed: How far its velocity may change, in m/s.
+        """
+        per_joint = np.linalg.norm(self._jacobian, axis=0)
+        per_joint = np.maximum(per_joint, _LEAST_SHARE * per_joint.max())
+        return [path / per_joint, speed / per_joint]

@@ -1,0 +1,76 @@
+"""What a block tells whoever linearises the loop that it is in.
+
+A block without a method ForLinearModel() has continuous states only, all of which are
+states of the model. Any other block has one, which returns a LinearPart:
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        return LinearPart(num_states=0)
+
+`estimates` is the state that an adaptive law has at the operating point; None: the
+initial one. Other blocks ignore it. A block that has no linear model refuses there.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, System
+
+FROZEN_WEIGHTS = "frozen weights"
+"""The estimates of an adaptive law are held constant."""
+
+IDLE_PASSIVITY = "idle passivity"
+"""Passivity controllers inject nothing."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearPart:
+    """What is to be known of a block.
+
+    Attributes:
+        num_states: How many of the continuous states, the first ones, are states of
+            the model. The others are held. None: all are.
+        state: The continuous state to begin with; None: that of the default Context.
+        has_modes: Whether the discrete state tells which of several laws holds, and
+            stays what it is near the operating point.
+        delay: Of a block that delays its input by a constant time in s, which then has
+            a method Deliver() as DelayBlock; None: it is no delay.
+        assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
+            granted.
+    """
+
+    num_states: int | None = None
+    state: NDArray[np.float64] | None = None
+    has_modes: bool = False
+    delay: float | None = None
+    assumption: str = ""
+
+
+class DelayBlock(Protocol):
+    """A block with one input and one output that delays by a constant time."""
+
+    def Deliver(self, context: Context, value: NDArray[np.float64]) -> None:
+        """Lets it deliver a value now.
+
+        Args:
+            context: Of the block.
+            value: As wide as the signal.
+        """
+
+
+def LinearPartOf(
+    system: System, estimates: NDArray[np.float64] | None = None
+) -> LinearPart:
+    """Returns what a block tells, or what holds for one that tells nothing.
+
+    Args:
+        system: The block.
+        estimates: State of an adaptive law; None: its initial one.
+
+    Raises:
+        ScenarioError: If the block has no linear model.
+    """
+    tell = getattr(system, "ForLinearModel", None)
+    part: LinearPart = LinearPart() if tell is None else tell(estimates)
+    return part
