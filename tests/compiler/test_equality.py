@@ -82,6 +82,44 @@ def test_the_engines_agree_in_chapter_3():
     assert error < 1e-8, name
 
 
+PROGRAMS = [
+    ("network_tracking_coupled",),
+    ("one_dof", "controller.kind=four_channel", f"forward_channel={VARIABLE}"),
+    (
+        "two_dof_combined",
+        "controller.kind=time_domain_passivity",
+        f"return_channel={NETWORK.format('extrapolate')}",
+    ),
+    *(
+        pytest.param((task, *overrides), marks=pytest.mark.slow)
+        for task in ("one_dof", "two_dof_combined")
+        for i, controller in enumerate(ARCHITECTURES)
+        for overrides in (
+            (
+                f"controller.kind={controller}",
+                f"surgeon.kind={['constant_velocity', 'sine', 'trapezoid'][i % 3]}",
+            ),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: "-".join(program))
+def test_machine_code_is_what_the_program_is(program):
+    """The tests above have the program run by Python."""
+    pytest.importorskip("numba")
+    scenario = LoadScenario(
+        program[0], ["duration=0.1", "simulator.accuracy=1e-10", *program[1:]]
+    )
+    times = (np.arange(10) + 1 / np.e) * 0.01
+    machine, python = (
+        Compiled(scenario, times, as_machine_code=is_compiled)
+        for is_compiled in (True, False)
+    )
+    errors = Errors(machine, python)
+    assert max(errors.values()) < 1e-9, errors
+
+
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 OPERATORS = ((), ("surgeon.stop_time=0.171",))
 GRID = [
