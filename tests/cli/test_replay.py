@@ -74,7 +74,7 @@ def test_run_and_compare_write_a_page(monkeypatch, capsys):
             lambda scenario, *_: MakeRecording(kind=scenario.controller.kind),
         )
     for name in ("PlotComparison", "SaveFigure"):  # Tested elsewhere, and slow.
-        monkeypatch.setattr(teleop_drake.figures.runs, name, lambda *_: None)
+        monkeypatch.setattr(teleop_drake.figures.runs, name, lambda *_, **options: None)
     short = ["one_dof", "--html", "scene.html"]
     assert main(["run", *short]) == 0
     assert "Written: scene.html" in capsys.readouterr().out
