@@ -15,7 +15,7 @@ from scene_recordings import MakeRecording
 
 import teleop_drake.figures.runs
 from teleop_drake.cli import main
-from teleop_drake.cli.commands import compare, run
+from teleop_drake.cli.commands import compare, replay, run
 from teleop_drake.recording import LoadRecording
 
 SHORT = ["--duration", "0.05", "--accuracy", "1e-4", "--quiet"]
@@ -118,6 +118,18 @@ def test_a_page_is_served_until_ctrl_c(recording, capsys):
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind(("localhost", port))
+
+
+@pytest.mark.parametrize("out", [[], ["--out", "a.html"]])
+def test_an_interrupted_run_is_written_and_not_served(out, monkeypatch):
+    def Interrupted(scenario, *_):
+        recording = MakeRecording(kind=scenario.controller.kind)
+        recording.termination = "interrupted"
+        return recording
+
+    monkeypatch.setattr(replay, "Simulate", Interrupted)
+    assert main(["replay", "one_dof", "--controllers", "all", *out]) == 130
+    assert not out or Runs("a.html") == ["direct force"]
 
 
 @pytest.mark.parametrize(

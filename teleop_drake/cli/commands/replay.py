@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.options import (
     OVERRIDES,
     AddEngineOption,
@@ -68,24 +68,35 @@ def Execute(args: argparse.Namespace) -> int:
     # What cannot be served is said before it is simulated.
     server = PageServer(args.host, port) if args.out is None else None
     try:
-        recordings = _Recordings(args)
-
-        from teleop_drake.figures.scene import MakeReplay
-
-        try:
-            replay = MakeReplay(recordings)
-        except ValueError as e:
-            raise BadInput(e) from None
-        if server is None:
-            replay.Save(args.out)
-            print(f"Written: {args.out}")
-        else:
-            print(f"{replay.title}: {server.url} (Ctrl-C ends it)", flush=True)
-            server.Serve(replay.html)
+        return _Show(args, server)
     finally:
         if server is not None:
             server.Close()
-    return 0
+
+
+def _Show(args: argparse.Namespace, server: PageServer | None) -> int:
+    """Makes the page, and writes or serves it."""
+    recordings = _Recordings(args)
+    is_file = args.scenario.endswith(_SUFFIX)
+    is_interrupted = not is_file and any(
+        recording.termination == "interrupted" for recording in recordings.values()
+    )
+    if is_interrupted and server is not None:
+        return INTERRUPTED
+
+    from teleop_drake.figures.scene import MakeReplay
+
+    try:
+        replay = MakeReplay(recordings)
+    except ValueError as e:
+        raise BadInput(e) from None
+    if server is None:
+        replay.Save(args.out)
+        print(f"Written: {args.out}")
+    else:
+        print(f"{replay.title}: {server.url} (Ctrl-C ends it)", flush=True)
+        server.Serve(replay.html)
+    return INTERRUPTED if is_interrupted else 0
 
 
 def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
@@ -106,12 +117,13 @@ def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
             )
         kinds = ControllersOf(args.controllers)
         scenarios = [LoadToRun(args, f"controller.kind={kind}") for kind in kinds]
-    return {
-        scenario.controller.kind.replace("_", " "): Simulate(
-            scenario, args.quiet, args.engine
-        )
-        for scenario in scenarios
-    }
+    recordings: dict[str, Recording] = {}
+    for scenario in scenarios:
+        recording = Simulate(scenario, args.quiet, args.engine)
+        recordings[scenario.controller.kind.replace("_", " ")] = recording
+        if recording.termination == "interrupted":
+            break
+    return recordings
 
 
 def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
