@@ -23,7 +23,12 @@ _LONGEST_DELAY = 2.0
 
 # Keys (decrement, increment) by task axis, and the gamepad's stick: its axis and sign.
 _KEYS = (("ArrowLeft", "ArrowRight"), ("ArrowDown", "ArrowUp"), ("KeyS", "KeyW"))
+_SIGNS = {"ArrowLeft": "←", "ArrowRight": "→", "ArrowDown": "↓", "ArrowUp": "↑"}
 _STICKS = ((0, 1.0), (1, -1.0), (3, -1.0))
+
+_RATE = "simulated s in a second"
+_DELAY, _LOSS = "delay each way (s)", "packets lost (%)"
+_STIFFNESS = "stiffness (times)"
 
 LET_GO, START_AGAIN, END = "let go (Space)", "start again (R)", "end (Q)"
 
@@ -95,33 +100,33 @@ class MeshcatControls:
         self._newtons, self._speed = newtons, speed
         self._has_stiffness, self._needs_gamepad = has_stiffness, needs_gamepad
         meshcat.DeleteAddedControls()
-        self._hands = []
+        axes = "xyz"[:num_axes]
+        # In the order in which they are shown.
+        self._hands: list[str] = []
         if not needs_gamepad:
-            for axis, keys in zip("xyz"[:num_axes], _KEYS, strict=False):
-                name = f"hand {axis} ({' / '.join(keys)})"
+            for axis, keys in zip(axes, _KEYS, strict=False):
+                name = f"hand {axis} ({' '.join(_SIGNS.get(x, x[-1]) for x in keys)})"
                 meshcat.AddSlider(name, -1.0, 1.0, _STEP, 0.0, *keys)
                 self._hands.append(name)
-        self._buttons = {LET_GO: "Space", START_AGAIN: "KeyR", END: "KeyQ"}
-        self._controllers = {f"use {kind}": kind for kind in controllers}
-        for name, key in [
-            *self._buttons.items(),
-            *((x, "") for x in self._controllers),
-        ]:
-            meshcat.AddButton(name, key)
-        self._clicks = dict.fromkeys([*self._buttons, *self._controllers], 0)
-        # What the slider rounds the scenario's delay to is not a wish to change it.
-        self._delay_shown = meshcat.AddSlider(
-            "delay each way (s)", 0.0, max(_LONGEST_DELAY, delay), 0.05, delay
-        )
-        meshcat.AddSlider("packets lost (%)", 0.0, 90.0, 5.0, 100 * settings.loss)
-        if has_stiffness:
-            meshcat.AddSlider("stiffness (times)", 0.25, 4.0, 0.25, settings.stiffness)
-        self._forces = [f"felt: force {x} (N)" for x in "xyz"[:num_axes]]
-        self._speeds = [f"felt: speed {x} (m/s)" for x in "xyz"[:num_axes]]
+        self._forces = [f"felt: force {x} (N)" for x in axes]
+        self._speeds = [f"felt: speed {x} (m/s)" for x in axes]
         for names, size in ((self._forces, newtons), (self._speeds, speed)):
             for name in names:
                 meshcat.AddSlider(name, -size, size, size / 1000, 0.0)
-        meshcat.AddSlider("simulated s in a second", 0.0, 2.0, 0.001, 0.0)
+        meshcat.AddSlider(_RATE, 0.0, 2.0, 0.001, 0.0)
+        # What the slider rounds the scenario's delay to is not a wish to change it.
+        self._delay_shown = meshcat.AddSlider(
+            _DELAY, 0.0, max(_LONGEST_DELAY, delay), 0.05, delay
+        )
+        meshcat.AddSlider(_LOSS, 0.0, 90.0, 5.0, 100 * settings.loss)
+        if has_stiffness:
+            meshcat.AddSlider(_STIFFNESS, 0.25, 4.0, 0.25, settings.stiffness)
+        self._controllers = {f"use {kind}": kind for kind in controllers}
+        buttons = {LET_GO: "Space", START_AGAIN: "KeyR", END: "KeyQ"}
+        buttons |= dict.fromkeys(self._controllers, "")
+        for name, key in buttons.items():
+            meshcat.AddButton(name, key)
+        self._clicks = dict.fromkeys(buttons, 0)
 
     def Command(self, time: float) -> Array:
         """Returns the share of the full speed along each axis (n), -1 to 1.
@@ -154,14 +159,14 @@ class MeshcatControls:
         for name, kind in self._controllers.items():
             if self._IsClicked(name):
                 settings = replace(settings, controller=kind)
-        delay = self._meshcat.GetSliderValue("delay each way (s)")
+        delay = self._meshcat.GetSliderValue(_DELAY)
         if delay != self._delay_shown:
             self._delay_shown = delay
             settings = replace(settings, delay=round(delay, 6))
-        loss = self._meshcat.GetSliderValue("packets lost (%)")
+        loss = self._meshcat.GetSliderValue(_LOSS)
         settings = replace(settings, loss=round(loss / 100, 6))
         if self._has_stiffness:
-            stiffness = self._meshcat.GetSliderValue("stiffness (times)")
+            stiffness = self._meshcat.GetSliderValue(_STIFFNESS)
             settings = replace(settings, stiffness=stiffness)
         self._settings = settings
         return settings
@@ -185,7 +190,7 @@ class MeshcatControls:
         for names, values in ((self._forces, force), (self._speeds, velocity)):
             for name, value in zip(names, values, strict=False):
                 self._meshcat.SetSliderValue(name, float(value))
-        self._meshcat.SetSliderValue("simulated s in a second", min(rate, 2.0))
+        self._meshcat.SetSliderValue(_RATE, min(rate, 2.0))
 
     def _IsClicked(self, button: str) -> bool:
         """Returns whether a button was clicked since it was last asked."""

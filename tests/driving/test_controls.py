@@ -50,15 +50,15 @@ def Click(meshcat, name):
 
 def test_sliders_of_the_hand(meshcat, controls):
     assert controls.Command(0.0).tolist() == [0, 0]
-    meshcat.SetSliderValue("hand x (ArrowLeft / ArrowRight)", 0.75)
-    meshcat.SetSliderValue("hand y (ArrowDown / ArrowUp)", -1.0)
+    meshcat.SetSliderValue("hand x (← →)", 0.75)
+    meshcat.SetSliderValue("hand y (↓ ↑)", -1.0)
     assert controls.Command(0.1).tolist() == [0.75, -1]
     Click(meshcat, LET_GO)
     assert controls.Command(0.2).tolist() == [0, 0]
 
 
 def test_a_stick_that_is_pushed_further_wins(meshcat, controls):
-    meshcat.SetSliderValue("hand x (ArrowLeft / ArrowRight)", 0.5)
+    meshcat.SetSliderValue("hand x (← →)", 0.5)
     gamepad = {"index": 0, "button_values": [0.0], "axes": [-0.8, 0.05, 0.0, 0.0]}
     message = Pack({"type": "gamepad", "name": "", "gamepad": gamepad})
     meshcat._InjectWebsocketMessage(message=message)

@@ -128,7 +128,7 @@ def test_by_the_sliders_of_a_page():
     meshcat = Meshcat()
     scenario = LoadScenario("one_dof", [*COARSE, "controller.kind=direct_force"])
     controls = MakeControls(meshcat, scenario)
-    meshcat.SetSliderValue("hand x (ArrowLeft / ArrowRight)", 0.5)
+    meshcat.SetSliderValue("hand x (← →)", 0.5)
     drive = Drive(
         "one_dof",
         [*COARSE, "controller.kind=direct_force"],
