@@ -22,7 +22,8 @@ ADAPTIVE = "adaptive_backstepping"
 
 
 @pytest.mark.parametrize(
-    "name", Slow(["evaluation", "comparison", "scaling", "startup"])
+    "name",
+    Slow(["evaluation", "comparison", "machine_code", "scaling", "startup"]),
 )
 def test_quick_tables_have_finite_numbers(name):
     tables = Measure([name], Options(quick=True))

@@ -20,10 +20,14 @@ Array = NDArray[np.float64]
 # Optimisation: more than this takes longer and gains nothing.
 _LEVEL = 1
 
+# Lines of code from which on LLVM gets less time for each: what it takes grows faster
+# than the code does.
+_LONG = 20_000
+
 
 @functools.cache
-def Target() -> Any:
-    """Returns what LLVM knows about this machine."""
+def Targets() -> Any:
+    """Returns what LLVM knows about this machine, for long code and for other."""
     import llvmlite.binding as llvm
 
     try:
@@ -37,8 +41,14 @@ def Target() -> Any:
         if hasattr(library, name):
             address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
             llvm.add_symbol(name, address)
+    return [_Machine(level) for level in (1, 2)]
+
+
+def _Machine(level: int) -> Any:
+    import llvmlite.binding as llvm
+
     return llvm.Target.from_default_triple().create_target_machine(
-        opt=2,
+        opt=level,
         reloc="pic",
         codemodel="jitdefault",
         cpu=llvm.get_host_cpu_name(),
@@ -64,7 +74,8 @@ def ObjectFile(code: str) -> bytes:
     """
     import llvmlite.binding as llvm
 
-    machine = Target()
+    for_long, for_other = Targets()
+    machine = for_long if code.count("\n") > _LONG else for_other
     module = llvm.parse_assembly(code)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
@@ -84,7 +95,7 @@ class Library:
     def __init__(self, data: bytes):
         import llvmlite.binding as llvm
 
-        Target()
+        Targets()
         # It takes over what it is made of, so each gets a machine of its own.
         machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)

@@ -25,6 +25,11 @@ PACKAGE_SETTINGS = {
     (2, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.1},
     (2, "direct_force"): {"accuracy": 1e-9, "max_step_size": 0.03},
 }
+# The same for the compiled engine.
+COMPILED_SETTINGS = {
+    1: {"accuracy": 1e-10, "max_step_size": 0.02},
+    2: {"accuracy": 1e-7, "max_step_size": 0.1},
+}
 SCIPY_TOLERANCES = {1: 1e-4, 2: 1e-4}
 # Within TARGETS at every delay of benchmarks.delays.
 SCIPY_SWEEP_TOLERANCES = {1: 3e-6, 2: 1e-6}
@@ -70,6 +75,20 @@ def PackageAtTarget(task, controller, delay, duration) -> Solution:
     return FromRecording(simulate(Load(task, controller, delay, duration, **setting)))
 
 
+def Compiled(task, controller, delay, duration) -> Solution:
+    """The package's scenario as it is, as machine code."""
+    scenario = Load(task, controller, delay, duration)
+    return FromRecording(simulate(scenario, engine="compiled"))
+
+
+def CompiledAtTarget(task, controller, delay, duration) -> Solution:
+    """As machine code, with the loosest setting."""
+    setting = dict(COMPILED_SETTINGS[1 if task == "one_dof" else 2])
+    setting["max_step_size"] = min(setting["max_step_size"], delay)
+    scenario = Load(task, controller, delay, duration, **setting)
+    return FromRecording(simulate(scenario, engine="compiled"))
+
+
 def Straightforward(task, controller, delay, duration) -> Solution:
     return straightforward.simulate(Load(task, controller, delay, duration))
 
@@ -107,6 +126,8 @@ def ScipyInSweeps(task, controller, delay, duration) -> Solution:
 CONTENDERS: dict[str, Callable[[str, str, float, float], Solution]] = {
     "package, its own settings": Package,
     "package, loosest within target": PackageAtTarget,
+    "package, compiled": Compiled,
+    "package, compiled, loosest within target": CompiledAtTarget,
     "straightforward": Straightforward,
     "1 kHz DiscreteTimeDelay": Sampled,
     "scipy, method of steps": Scipy,

@@ -19,9 +19,9 @@ def ResidentMegabytes() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def RunOnce() -> tuple[int, float]:
+def RunOnce(engine: str = "drake") -> tuple[int, float]:
     """Simulates a little; returns the process and its resident memory in MB."""
-    simulate(LoadScenario("one_dof", OVERRIDES))
+    simulate(LoadScenario("one_dof", OVERRIDES), engine=engine)
     return os.getpid(), ResidentMegabytes()
 
 
@@ -37,14 +37,17 @@ def Measure(options: Options) -> list[Table]:
     if not sys.platform.startswith("linux"):
         table.Add(variant="not measured: only Linux tells the resident memory")
         return [table]
-    variants = {"one process, never recycled": num_runs + 1}
+    variants = {"one process, never recycled": (num_runs + 1, "drake")}
     if not options.quick:
-        variants["as a Sweep, recycled"] = 100
+        variants["as a Sweep, recycled"] = 100, "drake"
     else:
-        variants["recycled every 10 runs"] = 10
-    for variant, calls in variants.items():
+        variants["recycled every 10 runs"] = 10, "drake"
+    variants["one process, compiled"] = num_runs + 1, "compiled"
+    for variant, (calls, engine) in variants.items():
         with WorkerProcesses(1, calls_per_process=calls) as executor:
-            samples = [executor.submit(RunOnce).result() for _ in range(num_runs)]
+            samples = [
+                executor.submit(RunOnce, engine).result() for _ in range(num_runs)
+            ]
         memory = [megabytes for _, megabytes in samples]
         largest = {}
         for process, megabytes in samples:

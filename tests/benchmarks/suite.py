@@ -28,6 +28,7 @@ from benchmarks.tables import Table
 BENCHMARKS = (
     "comparison",
     "evaluation",
+    "machine_code",
     "bounces",
     "delays",
     "tasks",
