@@ -53,8 +53,12 @@ _NUM_NYQUIST_POINTS = 6000
 
 # What is shown of Llewellyn's parameter; less is drawn at the lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
+# Less than this below 1 is rounding.
+_LLEWELLYN_MARGIN = 1e-6
 
 _STABLE = "#56B4E9"
+# Where Llewellyn's parameter promises nothing.
+_ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
@@ -326,6 +330,38 @@ def _PathLabel(chart: StabilityChart) -> str:
     return f"tool position {where} [m]"
 
 
+def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
+    """Marks where Llewellyn's parameter is below 1, and from which frequency on.
+
+    Args:
+        ax: The panel.
+        w: Frequencies in rad/s, ascending.
+        parameter: The least of the axes.
+    """
+    low, high = _LLEWELLYN_RANGE
+    ax.set_ylim(low, high)
+    ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
+    ax.axhline(1, color=GREY, linewidth=0.6, zorder=0)
+    below = np.flatnonzero(parameter < 1 - _LLEWELLYN_MARGIN)
+    if not below.size:
+        return
+    first = float(w[below[0]])
+    text = "everywhere below 1" if below[0] == 0 else f"below 1 from {first:.2g} rad/s"
+    if below[0]:
+        ax.axvline(first, color=GREY, linewidth=0.8, linestyle=":")
+    # Re p11 or Re p22 is negative there: the parameter is minus infinity.
+    active = np.flatnonzero(np.isneginf(parameter))
+    if active.size:
+        text += f"\ndrop at {w[active[0]]:.2g} rad/s: a port alone is active"
+    ax.annotate(
+        text,
+        (0.03, 0.04),
+        xycoords="axes fraction",
+        fontsize=SMALL_FONT_SIZE,
+        color="#404040",
+    )
+
+
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """Plots what the operator feels and the environment, and Llewellyn's parameter.
 
@@ -358,8 +394,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
             bottom.semilogx(
                 w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **style
             )
-        bottom.axhline(1, color=GREY, linewidth=0.6, zorder=0)
-        bottom.set_ylim(*_LLEWELLYN_RANGE)
+        _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set_title(point.point.name, fontsize=FONT_SIZE)
         top.set_xlim(w[0], w[-1])
         top.set_ylim(1e-2, 1e3)
@@ -379,9 +414,13 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
                 Line2D([], [], label=f"axis {'xyz'[i]}", **_LocusStyle(i))
                 for i in range(num_axes if num_axes > 1 else 0)
             ),
+            Patch(
+                color=_ACTIVE,
+                label="below 1: some passive operator and environment destabilise it",
+            ),
         ],
         loc="outside upper center",
-        ncols=5,
+        ncols=3,
         fontsize=FONT_SIZE,
         frameon=False,
     )

@@ -5,7 +5,6 @@ involved and no global setting changes. Colours are those of Okabe and Ito, whic
 colour-blind people can tell apart; line styles tell the runs apart in grey print.
 """
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,10 +24,8 @@ from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
     FONT_SIZE,
     GREY,
-    MAX_NAMED_COMPONENTS,
     SMALL_FONT_SIZE,
     WIDTH,
-    ComponentStyle,
     EndStyle,
     EventStyle,
     FormatAxes,
@@ -36,6 +33,11 @@ from teleop_drake.figures.style import (
     ScaleAndUnit,
     Widen,
     WidthOf,
+)
+from teleop_drake.figures.telemetry import (
+    AddComponentLegend,
+    ComponentStyle,
+    TelemetryRows,
 )
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
@@ -155,7 +157,7 @@ def PlotRun(
     panels = task.Panels([recording])
     if isinstance(panels, AxisPanels):
         return _PlotAxes(recording, SelectAxisRows(panels, signals), columns)
-    rows = [*panels, *_TelemetryRows(recording)]
+    rows = [*panels, *TelemetryRows(recording)]
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording},
         SelectRows(rows, [recording], signals),
@@ -172,7 +174,7 @@ def PlotWeights(recording: Recording) -> Figure:
     Raises:
         ValueError: If it has none of them.
     """
-    rows = _TelemetryRows(recording)
+    rows = TelemetryRows(recording)
     if not rows:
         Refuse(
             "recording.signals",
@@ -182,24 +184,6 @@ def PlotWeights(recording: Recording) -> Figure:
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording}, rows
     )
-
-
-def _TelemetryRows(recording: Recording) -> list[SignalRow]:
-    return [
-        SignalRow(
-            label=label,
-            unit=unit,
-            signal=signal,
-            components=range(recording[signal].shape[1]),
-            symbol=symbol,
-        )
-        for signal, label, unit, symbol in (
-            ("psi", r"$\Psi$", "1/kg", r"\Psi"),
-            ("weights_1", "weights $W_1$", "", "W_1"),
-            ("weights_3", "weights $W_3$", "", "W_3"),
-        )
-        if signal in recording.signals
-    ]
 
 
 def PlotRows(
@@ -279,8 +263,8 @@ def PlotRows(
                 elif IsX(row):
                     ax.axhline(boundary * scale, **BOUNDARY_STYLE)
             ax.set_visible(not (place.is_position and IsX(row)))
-        if 1 < len(row.components) <= MAX_NAMED_COMPONENTS:
-            _AddComponentLegend(row_axes[0], row)
+        if len(row.components) > 1:
+            AddComponentLegend(row_axes[0], row)
 
     position_label = f"{_PositionName(normal_W)} [{x_unit}]"
     for place, column in zip(places, axes.T, strict=True):
@@ -415,7 +399,7 @@ def _DrawPanel(
         run, curve = runs[i], curves[i]
         x = curve.time if x_scale is None else curve.x * x_scale
         for k in range(count):
-            style = RunStyle(i) if count == 1 else ComponentStyle(k, count)
+            style = RunStyle(i) if count == 1 else ComponentStyle(row, k)
             if len(shown) < len(runs):
                 style["linestyle"] = "-"  # There is nothing to tell it from.
             ax.plot(x, curve.y[:, k] * scale, **style)
@@ -536,27 +520,6 @@ def _MarkEvents(
         if x_scale is not None:
             x = run.Interpolate("tool_position", time) @ normal_W * x_scale
         ax.plot(x, y, **EventStyle(marker, RunStyle(i)["color"]))
-
-
-def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
-    count = len(row.components)
-    size = math.isqrt(count)  # Matrices are recorded row by row.
-    names = (
-        [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
-        if size * size == count and row.signal == "psi"
-        else [str(k + 1) for k in range(count)]
-    )
-    ax.legend(
-        handles=[
-            Line2D(
-                [], [], label=f"${row.symbol}_{{{name}}}$", **ComponentStyle(k, count)
-            )
-            for k, name in enumerate(names)
-        ],
-        ncols=2,
-        fontsize=SMALL_FONT_SIZE,
-        frameon=False,
-    )
 
 
 def _AddLegend(

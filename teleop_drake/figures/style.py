@@ -19,9 +19,6 @@ COLUMN_WIDTH = 3.45  # inches; one of two columns
 FONT_SIZE = 8  # points
 SMALL_FONT_SIZE = 7  # points
 
-# Up to this many components of a signal have a name in a legend.
-MAX_NAMED_COMPONENTS = 4
-
 BOUNDARY_STYLE: dict[str, Any] = {
     "color": GREY,
     "linestyle": (0, (1, 2)),
@@ -73,16 +70,6 @@ def RunStyle(i: int) -> dict[str, Any]:
         "linestyle": LINES[i % len(LINES)],
         "linewidth": 1.1,
         "zorder": 2 + i,
-    }
-
-
-def ComponentStyle(k: int, count: int) -> dict[str, Any]:
-    """Returns how component k of a signal of so many components is drawn."""
-    is_named = count <= MAX_NAMED_COMPONENTS
-    return {
-        "color": COLORS[k % len(COLORS)],
-        "linestyle": LINES[k % len(LINES)] if is_named else "-",
-        "linewidth": 1.1 if is_named else 0.6,
     }
 
 

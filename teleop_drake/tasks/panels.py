@@ -20,6 +20,8 @@ class SignalRow:
         components: Which of its components are shown.
         command: Component of the operator's commands that is shown beside, or None.
         symbol: Name of the components in a legend, if there is more than one.
+        groups: Names of as many equal parts of the components, each of which has one
+            colour: the rows of a matrix. Empty: every component has its own.
     """
 
     label: str
@@ -28,6 +30,7 @@ class SignalRow:
     components: Sequence[int]
     command: int | None = None
     symbol: str = ""
+    groups: Sequence[str] = ()
 
 
 @dataclass(kw_only=True)

@@ -8,19 +8,22 @@ import pytest
 from grids import Slow
 from matplotlib.figure import Figure
 
-from teleop_drake.analysis.operating_point import POSITION
+from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
     ChartStability,
     StabilityAnalysis,
 )
+from teleop_drake.analysis.transparency import AnalyzeTransparency
 from teleop_drake.figures.analysis import (
     PlotBode,
     PlotNyquist,
     PlotStabilityChart,
     PlotStableDelays,
+    PlotTransparency,
 )
 from teleop_drake.figures.runs import SaveFigure
+from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.scenario import LoadScenario
 
 
@@ -141,3 +144,29 @@ def test_bode_of_a_loop_that_is_nothing():
     ]
     figure = PlotBode(dataclasses.replace(analysis, points=points))
     assert figure.axes[-1].get_ylim() == (-270, 90)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [("direct_force", "everywhere below 1"), ("wave_variables", None)],
+)
+def test_llewellyns_parameter_is_explained(kind, text):
+    scenario = LoadScenario("one_dof", {"controller.kind": kind})
+    point = OperatingPoints(scenario)[0]
+    transparency = AnalyzeTransparency(
+        scenario, point, forward_delay=0.1, return_delay=0.1
+    )
+    figure = PlotTransparency([transparency])
+    texts = [note.get_text() for note in figure.axes[1].texts]
+    assert [note.split("\n")[0] for note in texts] == ([text] if text else [])
+    assert "below 1: some passive operator" in DescribeFigure(figure)
+    # Made up: it drops at 3 rad/s.
+    w = transparency.frequencies
+    dropped = dataclasses.replace(
+        transparency,
+        llewellyn=np.select([w < 3, w < 9], [1.0, 0.5], -np.inf)[:, np.newaxis],
+    )
+    (note,) = PlotTransparency([dropped]).axes[1].texts
+    below, drop = note.get_text().split("\n")
+    assert below == f"below 1 from {w[w >= 3][0]:.2g} rad/s"
+    assert drop == f"drop at {w[w >= 9][0]:.2g} rad/s: a port alone is active"

@@ -245,6 +245,15 @@ def test_run_shows_what_an_adaptive_controller_learns(name, n):
     if n == 2:
         names = [text.get_text() for text in weights.axes[0].get_legend().get_texts()]
         assert names == [rf"$\Psi_{{{k}}}$" for k in ("11", "12", "21", "22")]
+    for i, unit in ((2, "m/s²"), (4, "N/s")):
+        assert weights.axes[i].get_ylabel().endswith(f"[{unit}]")
+        legend = weights.axes[i].get_legend()
+        texts = [text.get_text() for text in legend.get_texts()]
+        expected = ["5 of axis $x$", "5 of axis $y$"] if n == 2 else ["all 5"]
+        assert texts == expected
+        # A row of the matrix has one colour.
+        colors = [to_hex(line.get_color()) for line in Curves(weights.axes[i])]
+        assert len(set(colors)) == n and colors == sorted(colors, key=colors.index)
 
 
 def test_many_runs_differ_in_colour_or_style():
