@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from teleop_drake.operators import RecordedConfig
 from teleop_drake.operators.hand import HandOperator
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import CheckSteps, Scenario, ScenarioError
+from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
@@ -287,11 +289,19 @@ def AsRecorded(segment: Segment, file: str) -> Recording:
 
     Args:
         segment: What was driven.
-        file: The CSV file with its command, as it is named in the scenario.
+        file: The CSV file with its command, as it is named in the scenario. Other files
+            are named by absolute paths, so that the scenario can be written anywhere.
     """
     scenario = dataclasses.replace(
         segment.scenario,
         duration=float(segment.recording.time[-1]),
         surgeon=RecordedConfig(velocity=segment.scenario.surgeon.velocity, file=file),
     )
+    for dotted, other in ScenarioFiles(segment.scenario).items():
+        section, key = dotted.split(".")
+        if section != "surgeon":
+            config = dataclasses.replace(
+                getattr(scenario, section), **{key: os.path.abspath(other)}
+            )
+            setattr(scenario, section, config)
     return dataclasses.replace(segment.recording, scenario=scenario)

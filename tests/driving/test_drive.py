@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +16,16 @@ from teleop_drake.driving import (
     Score,
     Scores,
     ScriptedHand,
+    Segment,
     Settings,
 )
 from teleop_drake.driving.drive import PERIOD
+from teleop_drake.recording import Recording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
+DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 DIRECT = Settings(controller="direct_force", delay=0.1)
 COARSE = ["simulator.accuracy=1e-7", "simulator.max_step_size=0.02"]
 
@@ -113,6 +117,27 @@ def test_what_is_not_possible_is_said():
     assert segment.recording.time[-1] == pytest.approx(0.1)
     with pytest.raises(ScenarioError, match="scenario"):
         Drive("no_such", hand=hand)
+
+
+def test_other_files_of_the_scenario_are_found_from_everywhere(monkeypatch):
+    monkeypatch.chdir(DIAGRAMS.parent)
+    scenario = LoadScenario("diagrams/own_arm.yaml")
+    recording = Recording(
+        scenario=scenario, time=np.array([0.0, 1.5]), signals={}, events=[], solver=None
+    )
+    segment = Segment(
+        settings=DIRECT,
+        scenario=scenario,
+        recording=recording,
+        command=np.zeros((2, 4)),
+        rate=1.0,
+        was_late=False,
+    )
+    again = AsRecorded(segment, "hand.csv").scenario
+    assert again.robot.file == str(DIAGRAMS / "own_arm.urdf")
+    assert (again.surgeon.kind, again.surgeon.file) == ("recorded", "hand.csv")
+    assert again.duration == 1.5
+    assert scenario.robot.file == "diagrams/own_arm.urdf"
 
 
 def test_a_segment_is_as_long_as_its_steps_allow():
