@@ -8,6 +8,9 @@ folder is on Python's path:
 
     teleop-drake run two_dof_collision --set "environment={kind: own_environment:Floor}"
 
+The block's law is a function of its own, which `Kernel` names: that is all that machine
+code takes (`--engine compiled`).
+
 Run `python diagrams/own_environment.py`: it draws the loop with the floor in it beside
 this file (or into the file given as an argument), lets the arm come down on the floor,
 and prints when it touches and how hard.
@@ -22,11 +25,19 @@ from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
+from teleop_drake.kernel import Kernel
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import CheckNumber
+
+
+def hunt_crossley_force(K, B, point_W, normal_W, p_WT, v_WT):
+    """Returns the force on the wall in N (n)."""
+    depth = max(np.sum((p_WT - point_W) * normal_W), 0.0)
+    speed = np.sum(v_WT * normal_W)
+    return max(K * depth**1.5 * (1 + B * speed), 0.0) * normal_W
 
 
 class HuntCrossleyWall(LeafSystem):
@@ -38,7 +49,13 @@ class HuntCrossleyWall(LeafSystem):
 
     def __init__(self, *, surface, stiffness, damping):
         LeafSystem.__init__(self)
-        self._surface, self._K, self._B = surface, stiffness, damping
+        self._surface = surface
+        self._parameters = {
+            "stiffness": stiffness,
+            "damping": damping,
+            "point": surface.point_W,
+            "normal": surface.normal_W,
+        }
         n = surface.normal_W.size
         self._p = self.DeclareVectorInputPort("tool_position", n)
         self._v = self.DeclareVectorInputPort("tool_velocity", n)
@@ -47,11 +64,22 @@ class HuntCrossleyWall(LeafSystem):
     def Surfaces(self):
         return [self._surface]
 
+    def Kernel(self):
+        return Kernel(
+            parameters=self._parameters,
+            outputs={
+                "environment_force": (
+                    hunt_crossley_force,
+                    *self._parameters,
+                    "tool_position",
+                    "tool_velocity",
+                )
+            },
+        )
+
     def _CalcForce(self, context, output):
-        depth = max(self._surface.Depth(self._p.Eval(context)), 0.0)
-        speed = self._surface.Along(self._v.Eval(context))
-        force = max(self._K * depth**1.5 * (1 + self._B * speed), 0.0)
-        output.SetFromVector(force * self._surface.normal_W)
+        motion = self._p.Eval(context), self._v.Eval(context)
+        output.SetFromVector(hunt_crossley_force(*self._parameters.values(), *motion))
 
 
 @dataclass(kw_only=True, eq=False)

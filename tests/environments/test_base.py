@@ -15,6 +15,7 @@ from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -175,3 +176,21 @@ def test_three_axes_meet_a_slope():
     assert [x.model.point.name for x in points] == ["empty", "contact"]
     deepest = points[-1].model.point.position
     assert surface.Depth(deepest) > 0
+
+
+def test_a_block_of_ones_own_runs_as_machine_code():
+    """Also without modes: contact is found where the tool crosses its surface."""
+    pytest.importorskip("numba")
+    overrides = [
+        "environment={kind: own_environment:Floor}",
+        "surgeon.velocity=[0, -0.1]",
+        "surgeon.contact_force=[0, -0.2]",
+        "duration=1.2",
+        "controller.kind=direct_force",
+        "simulator.accuracy=1e-9",
+    ]
+    scenario = LoadScenario("two_dof_collision", overrides)
+    assert WhyNotCompiled(scenario) == ""
+    runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
+    drake, compiled = ({e.name: e.time for e in run.events} for run in runs)
+    assert "contact" in drake and compiled == pytest.approx(drake, abs=1e-6)
