@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.explore import Explore
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
+    from teleop_drake.figures.scene import AddScene, MakeReplay
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
         LoadScenario,
@@ -34,12 +35,14 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AddScene",
     "AnalyzeStability",
     "Explore",
     "LinearizePorts",
     "LoadRecording",
     "LoadScenario",
     "MakeDiagram",
+    "MakeReplay",
     "MakeSimulator",
     "MakeTeleoperator",
     "PlotComparison",
@@ -65,6 +68,7 @@ _PLACES = {
     "figures.block_diagram": ["WriteDiagram"],
     "figures.explore": ["Explore"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
+    "figures.scene": ["AddScene", "MakeReplay"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),

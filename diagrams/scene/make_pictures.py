@@ -48,9 +48,10 @@ class Browser:
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         width, height = SIZE
-        # Chromium reads from file 3 and writes to file 4.
+        # Chromium reads from file 3 and writes to file 4. A plain sh knows no files
+        # with two digits.
         command = [
-            *("sh", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "sh"),
+            *("bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "bash"),
             *(program, "--headless", "--no-sandbox", "--disable-dev-shm-usage"),
             *("--use-gl=angle", "--use-angle=swiftshader"),
             *("--enable-unsafe-swiftshader", "--hide-scrollbars"),

@@ -134,7 +134,12 @@ def _PageData(acts: Sequence[Act], stage: Stage) -> dict[str, Any]:
         else 0.0
     )
     runs = [_RunData(act, stage, i) for i, act in enumerate(acts)]
-    lag_scale, lag_unit = ScaleAndUnit((0.0, 0.1 * stage.width), "m")
+    lags = [
+        abs(x - felt)
+        for run in runs
+        for x, felt in zip(run["x"], run.get("felt", run["x"]), strict=True)
+    ]
+    lag_scale, lag_unit = ScaleAndUnit((0.0, max(lags)), "m")
     return {
         "title": first.name,
         "subtitle": _Subtitle(acts),
@@ -242,7 +247,7 @@ def _Strip(
         "low": low - margin,
         "high": high + margin,
         "ticks": ticks,
-        "tickLabels": [f"{x * scale:.3g}" for x in ticks],
+        "tickLabels": [f"{x * scale:.2g}" for x in ticks],
         "lines": [{"name": name, **style[name]} for name in names],
     }
 

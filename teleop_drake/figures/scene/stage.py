@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from teleop_drake.environments import CONTACT, PUNCTURE, Surface
+from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.figures.style import GREY
 
@@ -34,12 +34,16 @@ _BEFORE, _BEHIND = 0.25, 0.3
 # the tool and the hand.
 _HALF_DEPTH, _OVERLAP = 0.13, 0.07
 
+# How much further than the last surface the tool is seen, as a share of the way there:
+# at most, if it is hard, and if there is no hard one.
+_STOPPED, _FREE = 0.5, 4.0
+
 # Least width of what the tool does, as a share of its distance from the robot's base.
 _LEAST_SHARE = 0.2
 
 _FIELD_OF_VIEW = 30.0  # degrees
 
-# Materials, from nothing to the hardest one: colour and opacity.
+# Materials, from nothing to what is behind a contact surface: colour and opacity.
 _EMPTY = ("#56B4E9", 0.05)
 _SOFT = ("#E69F00", 0.22)
 _HARD = (GREY, 0.45)
@@ -118,10 +122,11 @@ def MakeStage(
     start, along = points[0], points @ forward
     if finite:
         # The task reaches from the start to the last surface, and some further where
-        # the tool does. How far a run went that left them all says little.
+        # the tool does: far, if nothing hard is in its way.
         depths = [float(visuals.InSpace(x.point_W) @ forward) for x in finite]
         low, high = min(along[0], *depths), max(along[0], *depths)
-        limit = 0.5 * (high - low)
+        is_free = FindSurface(surfaces, CONTACT) is None
+        limit = (_FREE if is_free else _STOPPED) * (high - low)
         low = max(min(low, float(along.min())), low - limit)
         high = min(max(high, float(along.max())), high + limit)
         middle = start + forward * ((low + high) / 2 - along[0])
@@ -203,7 +208,7 @@ def DrawSlabs(
 ) -> None:
     """Draws what is behind each surface, as far as the next one, as translucent slabs.
 
-    The hardest material is grey, others that push back are orange, and where nothing
+    What is hard is grey, other materials that push back are orange, and where nothing
     does there is a breath of blue. A surface that is not parallel to the others, or
     whose material is unknown, is a thin plate.
 
@@ -214,14 +219,11 @@ def DrawSlabs(
         visuals: Of the robot.
         surfaces: Of the environment.
     """
-    slabs = _Slabs(stage, visuals, surfaces)
-    known = [x.material for x, _, _ in slabs if x.material is not None]
-    hardest = max((material.stiffness for material in known), default=0.0)
-    for surface, low, high in slabs:
+    for surface, low, high in _Slabs(stage, visuals, surfaces):
         material = surface.material
         is_empty = material is not None and not (material.stiffness or material.damping)
-        is_soft = material is not None and material.stiffness < hardest
-        colour = _EMPTY if is_empty else _SOFT if is_soft else _HARD
+        is_hard = material is None or surface.name == CONTACT
+        colour = _EMPTY if is_empty else _HARD if is_hard else _SOFT
         name = f"{path}/{surface.name}"
         _DrawSlab(meshcat, name, stage, (low, high), colour)
     for surface in surfaces:

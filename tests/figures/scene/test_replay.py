@@ -107,6 +107,20 @@ def test_the_page_says_what_the_delay_does(replay):
     assert {label["text"] for label in data["labels"]} >= {"bone", "free", "tissue"}
 
 
+def test_a_task_without_contact_is_seen_to_its_end():
+    """The tool goes on behind the puncture, which is all that stops the other tasks."""
+    recording = MakeRecording("two_dof_puncture")
+    recording.signals["tool_position"] = np.linspace([0.85, 0.0], [1.3, 0.0], 101)
+    _, stage = AnimateRuns({"run": recording}, Meshcat(0))
+    ends = stage.centre[0] + np.array([-0.5, 0.5]) * stage.width
+    assert ends[0] < 0.85 and 1.3 < ends[1] < 1.6
+    # Onto bone it is seen only as far as there is something to see.
+    recording = MakeRecording("two_dof_combined")
+    recording.signals["tool_position"] = np.linspace([0.85, 0.0], [1.8, 0.0], 101)
+    _, stage = AnimateRuns({"run": recording}, Meshcat(0))
+    assert stage.centre[0] + 0.5 * stage.width < 1.4
+
+
 def test_the_page_stands_alone(replay, tmp_path):
     """It asks no network for anything, and no name in it can end its script."""
     page = re.sub(r"<script.*?</script>", "", replay.html, flags=re.DOTALL)
