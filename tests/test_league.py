@@ -313,6 +313,7 @@ def test_time_domain_passivity_holds_over_networks(channel, round_trip):
     assert recording["master_budget"].min() > -0.35 * E_0
 
 
+@pytest.mark.slow  # As test_the_raw_delay_is_not_passive().
 def test_the_same_network_is_not_passive_by_itself():
     recording = OverNetwork("direct_force", "both", 0.2)
     E_0 = ResolveController(

@@ -58,11 +58,14 @@ def RunWithTwoPortMeter(name, kind, **overrides):
 
 @pytest.mark.parametrize(
     ("name", "overrides"),
-    [
-        ("one_dof", {"controller.kind": "direct_force", "duration": 9.0}),
-        ("one_dof", {"duration": 9.0, "return_channel.delay": 0.17}),
-        ("two_dof_collision", {"controller.kind": "direct_force", "duration": 3.0}),
-    ],
+    Slow(
+        [
+            ("one_dof", {"duration": 9.0, "return_channel.delay": 0.17}),
+            ("one_dof", {"controller.kind": "direct_force", "duration": 9.0}),
+            ("two_dof_collision", {"controller.kind": "direct_force", "duration": 3.0}),
+        ],
+        but=[0, 2],
+    ),
 )
 def test_system_and_recording_agree(name, overrides):
     """Also across the puncture, the contact and the surgeon's switch."""
