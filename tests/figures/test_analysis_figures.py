@@ -106,7 +106,7 @@ def test_chart_has_a_panel_for_each_point(tmp_path):
     )
     figure = PlotStabilityChart(chart)
     assert [ax.get_title() for ax in figure.axes] == ["tissue", "free", "bone"]
-    assert all(ax.get_xlabel() == "robot.mass" for ax in figure.axes)
+    assert all(ax.get_xlabel() == "robot mass [kg]" for ax in figure.axes)
     SaveFigure(figure, tmp_path / "a.png")
     stable = [p for p in figure.axes[1].patches if p.get_zorder() == 2]
     ends = [intervals[0][1] for intervals in chart.StableDelays("free")]

@@ -180,7 +180,7 @@ def test_tracking_can_be_swept(threads):
     )
     names = list(MetricUnits(result.scenario))
     assert set(FlattenMetrics(result.records[0]["metrics"])) == set(names)
-    assert PlotSweep(result, "rms_error.x").axes[0].get_xlabel() == "disturbance.gain"
+    assert PlotSweep(result, "rms_error.x").axes[0].get_xlabel() == "disturbance gain"
     with pytest.raises(ScenarioError, match="forward_channel"):
         PlanSweep("network_tracking_linear", {"delay": [0.1]})
 
@@ -896,7 +896,7 @@ def test_more_that_varies():
     result = MakeResult(axes, MakeRecord)
     figure = PlotSweep(result, "collision.peak_force")
     assert [ax.get_title() for ax in figure.axes] == [
-        f"{controller.replace('_', ' ')}, robot.mass = {mass}"
+        f"{controller.replace('_', ' ')}, robot mass = {mass} kg"
         for mass in (1, 2, 3)
         for controller in CONTROLLERS
     ]
