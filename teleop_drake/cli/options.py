@@ -89,8 +89,8 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
-def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds what figures show, how wide they are, and in which formats.
+def AddFormatOption(parser: argparse.ArgumentParser) -> None:
+    """Adds --format.
 
     Args:
         parser: The parser of the command.
@@ -101,6 +101,15 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
         metavar="A,B,...",
         help="of figures: png, svg, pdf or several of them (default: png)",
     )
+
+
+def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds what figures show, how wide they are, and in which formats.
+
+    Args:
+        parser: The parser of the command.
+    """
+    AddFormatOption(parser)
     parser.add_argument(
         "--columns",
         type=int,

@@ -47,6 +47,7 @@ def ReportSweep(
     folder: Path,
     *,
     is_silent: bool,
+    formats: Sequence[str] = ("png",),
 ) -> None:
     """Draws a sweep into its folder, and prints how it ended and what was written.
 
@@ -56,6 +57,7 @@ def ReportSweep(
         metrics: The metrics to draw; empty: some, of those that any run has.
         folder: Its folder.
         is_silent: Whether to print nothing.
+        formats: Of the figures.
     """
     from teleop_drake.sweep import (
         HasIntervals,
@@ -64,7 +66,7 @@ def ReportSweep(
         VariesSeedsOnly,
     )
 
-    figures, note = _DrawSweep(result, metrics, folder, plan)
+    figures, note = _DrawSweep(result, metrics, folder, plan, formats)
     if is_silent:
         return
     statuses = [record["status"] for record in result.records]
@@ -119,7 +121,11 @@ def DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | No
 
 
 def _DrawSweep(
-    result: "SweepResult", names: Sequence[str], folder: Path, plan: "SweepPlan"
+    result: "SweepResult",
+    names: Sequence[str],
+    folder: Path,
+    plan: "SweepPlan",
+    formats: Sequence[str],
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, or why there are none.
 
@@ -128,6 +134,7 @@ def _DrawSweep(
         names: The metrics; empty: some, of those that any run has.
         folder: Where to.
         plan: What the sweep was.
+        formats: Of the figures.
     """
     import numpy as np
 
@@ -156,9 +163,12 @@ def _DrawSweep(
         for metric in metrics:
             name = metric.replace(".", "_")
             figures[f"{name}_map"] = PlotMap(result, metric, boundaries)
+    written = []
     for name, figure in figures.items():
-        SaveFigure(figure, folder / f"{name}.png")
-    return [folder / f"{name}.png" for name in figures], note
+        for suffix in formats:
+            written.append(folder / f"{name}.{suffix}")
+            SaveFigure(figure, written[-1])
+    return written, note
 
 
 def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:

@@ -347,6 +347,23 @@ def test_what_a_figure_cannot_show_is_refused(command, options, message, capsys)
     assert message in error
 
 
+@pytest.mark.slow
+def test_figures_of_sweeps_and_of_analyses_have_the_formats_asked_for():
+    """Each figure in each format, and no other files of figures."""
+    options = ["--delay", "0.1,0.2", "--controllers", "direct_force", "--jobs", "1"]
+    options += ["--metrics", "control_force_peak", "--format", "pdf,svg"]
+    assert main(["sweep", "one_dof", *SHORT, *options, "--out", "s"]) == 0
+    figures = {name for name in os.listdir("s") if name.endswith(("f", "g"))}
+    assert figures == {"control_force_peak_x.pdf", "control_force_peak_x.svg"}
+    command = ["analyze", "one_dof", "--controller", "direct_force", "--quiet"]
+    assert main([*command, "--format", "svg,png", "--out", "a"]) == 0
+    stems = ("bode", "nyquist", "stable_delays", "transparency")
+    expected = {f"one_dof_direct_force_{x}.{y}" for x in stems for y in ("svg", "png")}
+    assert set(os.listdir("a")) == {*expected, "one_dof_direct_force_analysis.json"}
+    text = Path("a/one_dof_direct_force_nyquist.svg").read_text()
+    assert text.count("<title>") == 1
+
+
 def test_a_run_over_a_network_draws_it():
     options = ["--channel", "lte", "--out", "here", "--controller", "direct_force"]
     assert main(["run", "one_dof", *SHORT, *options]) == 0

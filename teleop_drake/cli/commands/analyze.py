@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.options import (
+    AddFormatOption,
     AddRunOptions,
     AddScenarioOptions,
+    FormatsOf,
     Load,
     OverridesOf,
 )
@@ -62,10 +64,11 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
         "along the normal of the surface, position=0.86:1.2:35",
     )
+    AddFormatOption(parser)
     AddRunOptions(
         parser,
         json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
-        out_help="write Bode, Nyquist, stability and transparency plots (.png) and "
+        out_help="write Bode, Nyquist, stability and transparency plots and "
         "margins (.json) there",
         out_default=None,
     )
@@ -80,8 +83,11 @@ def Execute(args: argparse.Namespace) -> int:
     stem = f"{scenario.name}_{scenario.controller.kind}"
     figures = ["bode", "nyquist", "stable_delays", "transparency"]
     figures += ["chart"] * bool(key)
+    formats = FormatsOf(args)
     *figure_paths, summary_path = PrepareFolder(
-        args.out, *(f"{stem}_{name}.png" for name in figures), f"{stem}_analysis.json"
+        args.out,
+        *(f"{stem}_{name}.{suffix}" for name in figures for suffix in formats),
+        f"{stem}_analysis.json",
     )
     try:
         analysis, transparency = _Analyze(scenario, max_delay)
@@ -183,8 +189,10 @@ def _Draw(
     ]
     if chart is not None:
         made.append(PlotStabilityChart(chart))
-    for figure, path in zip(made, paths, strict=True):
-        SaveFigure(figure, path)
+    # Those of a figure stand together, one for each format.
+    each = len(paths) // len(made)
+    for i, path in enumerate(paths):
+        SaveFigure(made[i // each], path)
 
 
 def _VariedNumber(item: str | None) -> tuple[str, list[float]]:

@@ -9,9 +9,11 @@ from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.options import (
     OVERRIDES,
     AddEngineOption,
+    AddFormatOption,
     AddRunOptions,
     AddScenarioOptions,
     ChannelOverrides,
+    FormatsOf,
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
@@ -54,11 +56,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     AddWorkerOptions(parser)
     AddEngineOption(parser, default="auto")
+    AddFormatOption(parser)
     AddRunOptions(
         parser,
         json_help="write a list with the records of all runs as JSON; `-`: to stdout, "
         "and nothing else there",
-        out_help="write runs.jsonl, runs.csv and figures (.png) there (default: out)",
+        out_help="write runs.jsonl, runs.csv and figures there (default: out)",
         out_default="out",
     )
 
@@ -76,6 +79,7 @@ def Execute(args: argparse.Namespace) -> int:
     if args.jobs is not None and args.dask is not None:
         raise BadInput("--jobs: must be left out with --dask, which has workers")
     CheckJson(args.json)
+    formats = FormatsOf(args)
     num_finished = num_runs = 0
     try:
         grid, overrides = Grid(args)
@@ -113,7 +117,14 @@ def Execute(args: argparse.Namespace) -> int:
             f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
             "--resume does the rest",
         )
-    ReportSweep(result, plan, metrics, Path(args.out), is_silent=args.json == "-")
+    ReportSweep(
+        result,
+        plan,
+        metrics,
+        Path(args.out),
+        is_silent=args.json == "-",
+        formats=formats,
+    )
     if args.json is not None:
         WriteJson(args.json, result.records)
     return 0
