@@ -8,9 +8,13 @@ from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
 from teleop_drake.sweep import FlattenMetrics, MetricUnits
+from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.metrics import RunSummary
 
-_DPI = 75
+_DPI = 90
+
+# Of a teleoperation; `recording.plot()` shows all.
+_SIGNALS = ("tool_velocity", "environment_force")
 
 
 def RecordingHtml(recording: Recording) -> str:
@@ -27,7 +31,8 @@ def RecordingHtml(recording: Recording) -> str:
     except ValueError:
         return title
     buffer = io.BytesIO()
-    figure = PlotRun(recording)
+    is_compared = bool(TaskOf(recording.scenario).controllers)
+    figure = PlotRun(recording, signals=_SIGNALS if is_compared else None, columns=1)
     figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)
