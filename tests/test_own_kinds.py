@@ -11,9 +11,11 @@ import pytest
 from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
 from teleop_drake.cli import main
 from teleop_drake.kinds import KindConfig, KindTable
+from teleop_drake.operators import Surgeon
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 from teleop_drake.scenario.scenario import ScenarioFromYaml
 from teleop_drake.simulation import simulate
+from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.teleoperator import MakeTeleoperator
 
 DIAGRAMS = Path(__file__).parent.parent / "diagrams"
@@ -123,6 +125,26 @@ def test_a_robot_without_a_plant(capsys):
     smith = "controller.kind=smith_predictor"
     with pytest.raises(ScenarioError, match="robot does not tell its inertia"):
         MakeTeleoperator(LoadScenario("one_dof", [*ROBOT, smith]))
+
+
+def test_systems_in_the_operators_hand():
+    """Who and what the scenario has, made by oneself, gives the scenario's run."""
+    scenario = LoadScenario("one_dof", ["controller.kind=direct_force", SHORT])
+    device = scenario.haptic_device
+    own = MakeTeleoperator(
+        scenario,
+        operator=Surgeon(velocity=scenario.surgeon.velocity),
+        haptic_device=HapticDevice(
+            numerator=device.numerator, denominator=device.denominator, num_axes=1
+        ),
+    )
+    mine, expected = simulate(scenario, teleoperator=own), simulate(scenario)
+    np.testing.assert_array_equal(mine["tool_velocity"], expected["tool_velocity"])
+    assert mine.has_constant_command
+    # One that does not tell what it commands is measured by what arrives.
+    fading = own_kinds.Fading(np.array(scenario.surgeon.velocity))
+    other = MakeTeleoperator(scenario, operator=fading)
+    assert not simulate(scenario, teleoperator=other).has_constant_command
 
 
 def test_systems_in_place_of_the_channels():

@@ -8,6 +8,7 @@ from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments import CONTACT, Surface
 from teleop_drake.operators import OPERATOR_KINDS
 from teleop_drake.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeMasterStation
 
 SURFACE = Surface(CONTACT, [0.55, 0.0], [1.0, 0.0])
@@ -55,6 +56,30 @@ def test_a_scenario_changes_its_operator_by_the_kind_alone(kind, hand_file):
     assert ScenarioFromYaml(ScenarioToYaml(scenario)) == scenario
     station = MakeMasterStation(scenario)
     assert station.GetSubsystemByName("surgeon").GetOutputPort("mode").size() == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
+def test_both_engines_run_it_alike(kind, tmp_path):
+    file = tmp_path / "hand.csv"
+    file.write_text("0,0\n0.5,0.001\n1.5,0.001\n1.7,-0.001\n2.5,0\n")
+    own = {"recorded": {"surgeon.file": str(file)}}.get(kind, {})
+    scenario = LoadScenario(
+        "one_dof",
+        {
+            "surgeon.kind": kind,
+            "surgeon.stop_time": 2.2,
+            "controller.kind": "direct_force",
+            "environment.layers.free.start": 0.0005,
+            "duration": 3.0,
+        }
+        | own,
+    )
+    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
+    times = np.linspace(0.0, 3.0, 61)
+    for name in ("tool_velocity", "forward_packet_received"):
+        ours, theirs = (run.Interpolate(name, times) for run in (compiled, drake))
+        np.testing.assert_allclose(ours, theirs, atol=2e-4 * np.abs(theirs).max())
 
 
 def test_the_thesis_operator_needs_no_kind():
