@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,10 @@ class ModalOperator(LeafSystem):
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        kink_times: When the intended velocity has a kink, s; steps end there.
+        kink_times: When the intended velocity has a kink, s; steps end there, and short
+            ones follow.
+        ends: Where steps end as well: (first, period) each, in s; an infinite period:
+            once.
         longest_step: No step of the solver may be longer, s.
 
     Raises:
@@ -92,6 +95,7 @@ class ModalOperator(LeafSystem):
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
         kink_times: ArrayLike = (),
+        ends: Sequence[tuple[float, float]] = (),
         longest_step: float = math.inf,
     ):
         LeafSystem.__init__(self)
@@ -127,8 +131,9 @@ class ModalOperator(LeafSystem):
         )
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
-        for time in self._kink_times:
-            self.DeclarePeriodicPublishEvent(_ONCE, time, _DoNothing)
+        self._ends = [*((time, math.inf) for time in self._kink_times), *ends]
+        for first, period in self._ends:
+            self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, _DoNothing)
         self._witnesses = []
         if self._surface is not None:
             self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
@@ -190,8 +195,10 @@ class ModalOperator(LeafSystem):
             transitions["stops"] = Transition(
                 mode=(with_stop, "mode"), offset=self._stop_time
             )
-        for i, time in enumerate(self._kink_times):
-            transitions[f"kink_{i}"] = Transition(mode=(same_mode, "mode"), offset=time)
+        for i, (first, period) in enumerate(self._ends):
+            transitions[f"end_{i}"] = Transition(
+                mode=(same_mode, "mode"), offset=first, period=period
+            )
         return Kernel(
             rate=rate,
             parameters=parameters,

@@ -1,7 +1,7 @@
 """An operator who commands what was planned beforehand."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,9 @@ class ProfileOperator(ModalOperator):
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        kink_times: When v_d has a kink, s; steps of the solver end there.
+        kink_times: When v_d has a kink, s; steps of the solver end there, and short
+            ones follow.
+        ends: Where steps end as well: (first, period) each, in s.
         longest_step: No step of the solver may be longer, s.
 
     Raises:
@@ -48,6 +50,7 @@ class ProfileOperator(ModalOperator):
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
         kink_times: ArrayLike = (),
+        ends: Sequence[tuple[float, float]] = (),
         longest_step: float = math.inf,
     ):
         self._breaks = np.array(breaks, dtype=float)
@@ -70,6 +73,7 @@ class ProfileOperator(ModalOperator):
             contact_surface=contact_surface,
             stop_time=stop_time,
             kink_times=kink_times,
+            ends=ends,
             longest_step=longest_step,
         )
 

@@ -19,6 +19,10 @@ from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
 Array = NDArray[np.float64]
 
 
+MAX_UNEVEN = 100
+"""Most rows of a file that are not at equal distances in time."""
+
+
 @dataclass(kw_only=True, eq=False)
 class RecordedConfig(OperatorConfig):
     """v_d(t) from a file: straight lines between its rows, zero before and after."""
@@ -27,6 +31,7 @@ class RecordedConfig(OperatorConfig):
     file_fields: ClassVar[tuple[str, ...]] = ("file",)
 
     # CSV of time (s, ascending) and v_d (m/s, n entries); a header line is allowed.
+    # More than MAX_UNEVEN rows are at equal distances, except for the last one.
     file: str | None = REQUIRED
 
     def Check(self, path: str, num_axes: int) -> None:
@@ -58,6 +63,7 @@ class RecordedConfig(OperatorConfig):
             contact_force=self.contact_force,
             contact_surface=contact_surface,
             stop_time=self.stop_time,
+            ends=_Ends(times),
             longest_step=float(np.diff(times).min()),
         )
 
@@ -106,7 +112,27 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
     if len(rows) < 2:
         raise ScenarioError(f"{origin}: must have at least two rows, not {len(rows)}")
     table = np.array(rows)
+    if len(rows) > MAX_UNEVEN and not _IsEven(table[:, 0]):
+        raise ScenarioError(
+            f"{origin}: must have rows at equal distances in time, except for the last "
+            f"one, or at most {MAX_UNEVEN} rows, not {len(rows)}"
+        )
     return table[:, 0], table[:, 1:]
+
+
+def _IsEven(times: Array) -> bool:
+    """Returns whether all distances are equal, and the last one at most as long."""
+    distances = np.diff(times)
+    even = np.allclose(distances[:-1], distances[0], rtol=1e-6, atol=0)
+    return bool(even and distances[-1] <= distances[0] * (1 + 1e-6))
+
+
+def _Ends(times: Array) -> list[tuple[float, float]]:
+    """Returns where steps have to end, because the lines bend there."""
+    if not _IsEven(times):
+        return [(time, math.inf) for time in times.tolist()]
+    period = float(times[1] - times[0])
+    return [(float(times[0]), period), (float(times[-1]), math.inf)]
 
 
 def _IsHeader(line: str) -> bool:

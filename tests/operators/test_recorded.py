@@ -46,3 +46,15 @@ def test_refused(text, message, tmp_path):
         ReadCommand("surgeon.file", str(file), 1)
     assert f"surgeon.file = {str(file)!r}"[:40] in str(error.value)
     assert message in str(error.value)
+
+
+def test_many_rows_are_at_equal_distances(tmp_path):
+    file = tmp_path / "hand.csv"
+    even = [0.125 * i for i in range(200)]
+    # The last one may be nearer, as where a drive ended.
+    file.write_text("".join(f"{t},0.1\n" for t in [*even, even[-1] + 0.1]))
+    times, _ = ReadCommand("surgeon.file", str(file), 1)
+    assert len(times) == 201
+    file.write_text("".join(f"{t},0.1\n" for t in [*even[:7], *even[8:]]))
+    with pytest.raises(ScenarioError, match="rows at equal distances in time"):
+        ReadCommand("surgeon.file", str(file), 1)
