@@ -12,6 +12,7 @@ import base64
 import io
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -33,6 +34,8 @@ BEGIN, END = 2.25, 2.85  # s, of the animated picture
 NUM_FRAMES, FRAME_MS = 40, 120
 SIZE, ANIMATED_SIZE = (1280, 720), (960, 540)
 
+PATIENCE = 120  # s, with a browser that does not answer
+
 
 class Browser:
     """A Chromium without a window that shows one page.
@@ -40,14 +43,14 @@ class Browser:
     It is spoken to as its developer tools do, in JSON through a pair of pipes.
     """
 
-    def __init__(self, page: Path):
+    def __init__(self, page: Path, size: tuple[int, int] = SIZE):
         program = shutil.which("chromium") or shutil.which("google-chrome")
         if program is None:
             raise SystemExit("no browser: `apt-get install chromium` brings one")
         self._profile = tempfile.TemporaryDirectory()
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
-        width, height = SIZE
+        width, height = size
         # Chromium reads from file 3 and writes to file 4. A plain sh knows no files
         # with two digits.
         command = [
@@ -87,6 +90,8 @@ class Browser:
         os.write(self._write, json.dumps(message).encode() + b"\0")
         while True:
             while b"\0" not in self._rest:
+                if not select.select([self._read], [], [], PATIENCE)[0]:
+                    raise RuntimeError(f"the browser is silent for {PATIENCE} s")
                 chunk = os.read(self._read, 1 << 20)
                 if not chunk:
                     raise RuntimeError("the browser has ended")
