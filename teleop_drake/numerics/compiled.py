@@ -2,6 +2,8 @@
 
 import functools
 import importlib.util
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FunctionType
@@ -15,11 +17,20 @@ class CompiledLaw:
 
     Args:
         law: The law.
-        dispatcher: The same for numba.
     """
 
-    def __init__(self, law: Callable[..., Any], dispatcher: Callable[..., Any]):
-        self.law, self.dispatcher = law, dispatcher
+    def __init__(self, law: Callable[..., Any]):
+        self.law = law
+
+    @functools.cached_property
+    def dispatcher(self) -> Callable[..., Any]:
+        """The law for numba, which takes a while to import."""
+        import numba
+
+        dispatcher: Callable[..., Any] = numba.njit(cache=True)(
+            with_compiled_helpers(self.law)
+        )
+        return dispatcher
 
     def __call__(self, *args: Any) -> Any:
         """Calls the law."""
@@ -64,12 +75,17 @@ def compiled(law: Law) -> Law:
     """
     if any(importlib.util.find_spec(name) is None for name in ("numba", "scipy")):
         return law  # numba's linear algebra is scipy's.
-    import numba
-
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined, unused-ignore]
+    if _is_disabled():
         return law
-    dispatcher = numba.njit(cache=True)(with_compiled_helpers(law))
-    return cast(Law, CompiledLaw(law, dispatcher))
+    return cast(Law, CompiledLaw(law))
+
+
+def _is_disabled() -> bool:
+    """Returns whether numba is not to compile; it is not imported for that."""
+    numba = sys.modules.get("numba")
+    if numba is None:
+        return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    return bool(numba.config.DISABLE_JIT)
 
 
 def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
