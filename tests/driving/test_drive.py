@@ -58,7 +58,7 @@ def test_what_the_hand_did_can_be_repeated(tmp_path):
     times = np.linspace(0.2, 1.99, 40)
     for name in ("tool_position", "tool_velocity"):
         expected, found = (x.Interpolate(name, times) for x in (mine, again))
-        np.testing.assert_allclose(found, expected, atol=3e-4 * np.abs(expected).max())
+        np.testing.assert_allclose(found, expected, atol=2e-5 * np.abs(expected).max())
     # The felt force arrives at the hand as the loop has it.
     force, velocity = hand.felt[-1]
     end = mine["forward_packet_sent"][-1]
