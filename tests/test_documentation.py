@@ -70,7 +70,7 @@ def test_every_page_is_in_the_index():
 def test_examples_run():
     """Each as a script of its own, in one process, which takes long to start."""
     blocks = Blocks("python")
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     code = "for block in {blocks!r}:\n    exec(block, {{'__name__': '__main__'}})"
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", code.format(blocks=blocks)],

@@ -47,7 +47,8 @@ class Browser:
         program = shutil.which("chromium") or shutil.which("google-chrome")
         if program is None:
             raise SystemExit("no browser: `apt-get install chromium` brings one")
-        self._profile = tempfile.TemporaryDirectory()
+        # Processes of the browser may still write there when it is deleted.
+        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         width, height = size

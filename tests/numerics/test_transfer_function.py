@@ -79,12 +79,12 @@ def test_low_frequency_resistance():
 
 def test_all_pass_of_a_delay():
     A, B, C, D = all_pass_of_delay(0.3, order=6, num_axes=2)
-    for w in (0.5, 5.0, 15.0, 20.0):
+    # The error of the Pade approximant grows with |s| delay: 0.11 % where that is 6.
+    for w, bound in ((0.5, 1e-14), (5.0, 1e-10), (15.0, 4e-5), (20.0, 1.2e-3)):
         H = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
-        # To 0.11 % where |s| delay is 6, much better below.
         error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()
-        assert error < (1.2e-3 if w == 20.0 else 2e-5)
+        assert error < bound
         assert np.isclose(abs(H[0, 0]), 1.0)
-    assert np.abs(A).max() < 20 / 0.3
+    assert np.abs(A).max() < 30 / 0.3
     with pytest.raises(ValueError, match="order = 3: must be even"):
         all_pass_of_delay(0.3, order=3)

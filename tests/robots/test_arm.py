@@ -247,7 +247,7 @@ def test_analyze(capsys):
     assert "stable" in Run(capsys, "analyze")
 
 
-def test_fewer_axes_than_joints_have_no_linear_model(capsys):
+def test_fewer_axes_than_joints(capsys):
     overrides = {
         "robot.start": [0.45, 0.0],
         "surgeon.velocity": [0.1, 0.0],
@@ -257,5 +257,7 @@ def test_fewer_axes_than_joints_have_no_linear_model(capsys):
         x for k, v in overrides.items() for x in ("--set", f"{k}={json.dumps(v)}")
     ]
     assert main(["run", TASK, *options, *SHORT]) == 0
-    assert main(["analyze", TASK, *options, *SHORT]) == 2
-    assert "robot" in capsys.readouterr().err
+    capsys.readouterr()
+    # Against a closed form: tests/analysis/test_linearization.py.
+    assert main(["analyze", TASK, *options, *SHORT]) == 0
+    assert "stable" in capsys.readouterr().out
