@@ -197,86 +197,32 @@ def PlotRows(
         columns: Columns of a printed page that the figure spans, 1 or 2; in one there
             are no panels against the position.
     """
-    width = WidthOf(columns)
-    figure = Figure(
-        figsize=(width, _ROW_HEIGHT * len(rows) + 0.7),
-        # Aligned labels may end up a little further out than the layout reckons.
-        layout=ConstrainedLayoutEngine(w_pad=0.1),
-    )
     runs = list(recordings.values())
     normal_W = NormalOfRuns(runs)
     places = _PlacesOf(len(runs), columns)
+    figure = Figure(
+        figsize=(WidthOf(columns), _ROW_HEIGHT * len(rows) + 0.7),
+        # Aligned labels may end up a little further out than the layout reckons.
+        layout=ConstrainedLayoutEngine(w_pad=0.1),
+    )
     axes = figure.subplots(
         len(rows), len(places), sharex="col", sharey="row", squeeze=False
     )
-    curves = [_Sample(run, normal_W, "tool_position", [0]) for run in runs]
-    for curve in curves:
-        curve.y = curve.x[:, np.newaxis]
-    x_range = _Range(runs, curves)
-    x_scale, x_unit = ScaleAndUnit(x_range, "m")
-    boundaries = _Boundaries(runs, normal_W, x_range)
-
-    def IsX(row: SignalRow) -> bool:
-        """Returns whether a row is the position that the right column is against."""
-        is_position = row.signal == "tool_position" and len(row.components) == 1
-        return is_position and bool(normal_W[row.components[0]] == 1)
-
+    against = _AgainstPosition(runs, normal_W)
     # These hold for the whole column.
     begin = min(float(run.time[0]) for run in runs)
     end = max(float(run.time[-1]) for run in runs)
     for place, ax in zip(places, axes[0], strict=True):
         if place.is_position:
-            ax.set_xlim(Widen(x_range, x_scale))
+            ax.set_xlim(Widen(against.range, against.scale))
         else:
             ax.set_xlim(begin, end if end > begin else begin + 1.0)
-
     for row, row_axes in zip(rows, axes, strict=True):
-        curves = [_Sample(run, normal_W, row.signal, row.components) for run in runs]
-        commands = (
-            []
-            if row.command is None
-            else [_Command(run, normal_W, row) for run in runs]
-        )
-        y_range = _Range(runs, curves, commands)
-        scale, unit = ScaleAndUnit(y_range, row.unit)
-        row_axes[0].set_ylim(Widen(y_range, scale))
-        row_axes[0].set_ylabel(
-            f"{row.label}\n[{unit}]" if unit else row.label, fontsize=FONT_SIZE
-        )
-        for place, ax in zip(places, row_axes, strict=True):
-            FormatAxes(ax)
-            x_axis_scale = x_scale if place.is_position else None
-            _DrawPanel(
-                ax,
-                row,
-                runs,
-                normal_W,
-                curves,
-                commands,
-                scale,
-                x_axis_scale,
-                shown=place.runs,
-            )
-            for boundary in boundaries:
-                if place.is_position:
-                    ax.axvline(boundary * x_scale, **BOUNDARY_STYLE)
-                elif IsX(row):
-                    ax.axhline(boundary * scale, **BOUNDARY_STYLE)
-            ax.set_visible(not (place.is_position and IsX(row)))
-        if len(row.components) > 1:
-            AddComponentLegend(row_axes[0], row)
-
-    position_label = f"{_PositionName(normal_W)} [{x_unit}]"
-    for place, column in zip(places, axes.T, strict=True):
-        # The lowest one that is there: the position has no panel against itself.
-        lowest = [ax for ax in column if ax.get_visible()][-1:]
-        for ax in lowest:
-            ax.tick_params(labelbottom=True)
-            ax.set_xlabel(
-                position_label if place.is_position else "time [s]", fontsize=FONT_SIZE
-            )
+        _DrawRow(row_axes, places, row, runs, normal_W, against)
+    _LabelColumns(places, axes, f"{_PositionName(normal_W)} [{against.unit}]")
+    for place, ax in zip(places, axes[0], strict=True):
         if place.is_position:
-            _NameBoundaries(column[0], boundaries, x_scale)
+            _NameBoundaries(ax, against.boundaries, against.scale)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels(axes[:, 0])
@@ -290,6 +236,80 @@ class _Place:
 
     runs: Sequence[int]
     is_position: bool = False
+
+
+class _AgainstPosition:
+    """What the panels against the position share.
+
+    Attributes:
+        range: Of the position that the runs reach, m.
+        scale, unit: What the position is shown in.
+        boundaries: The names of the surfaces by where they are, m.
+    """
+
+    def __init__(self, runs: Sequence[Recording], normal_W: np.ndarray) -> None:
+        curves = [_Sample(run, normal_W, "tool_position", [0]) for run in runs]
+        for curve in curves:
+            curve.y = curve.x[:, np.newaxis]
+        self.range = _Range(runs, curves)
+        self.scale, self.unit = ScaleAndUnit(self.range, "m")
+        self.boundaries = _Boundaries(runs, normal_W, self.range)
+
+
+def _DrawRow(
+    row_axes: Sequence[Axes],
+    places: Sequence[_Place],
+    row: SignalRow,
+    runs: Sequence[Recording],
+    normal_W: np.ndarray,
+    against: _AgainstPosition,
+) -> None:
+    """Draws a signal into its row of panels."""
+    curves = [_Sample(run, normal_W, row.signal, row.components) for run in runs]
+    commands = (
+        [] if row.command is None else [_Command(run, normal_W, row) for run in runs]
+    )
+    y_range = _Range(runs, curves, commands)
+    scale, unit = ScaleAndUnit(y_range, row.unit)
+    row_axes[0].set_ylim(Widen(y_range, scale))
+    label = f"{row.label}\n[{unit}]" if unit else row.label
+    row_axes[0].set_ylabel(label, fontsize=FONT_SIZE)
+    # The position that the right column is against has no panel there.
+    is_x = row.signal == "tool_position" and len(row.components) == 1
+    is_x = is_x and bool(normal_W[row.components[0]] == 1)
+    for place, ax in zip(places, row_axes, strict=True):
+        FormatAxes(ax)
+        _DrawPanel(
+            ax,
+            row,
+            runs,
+            normal_W,
+            curves,
+            commands,
+            scale,
+            against.scale if place.is_position else None,
+            shown=place.runs,
+        )
+        for boundary in against.boundaries:
+            if place.is_position:
+                ax.axvline(boundary * against.scale, **BOUNDARY_STYLE)
+            elif is_x:
+                ax.axhline(boundary * scale, **BOUNDARY_STYLE)
+        ax.set_visible(not (place.is_position and is_x))
+    if len(row.components) > 1:
+        AddComponentLegend(row_axes[0], row)
+
+
+def _LabelColumns(
+    places: Sequence[_Place], axes: np.ndarray, position_label: str
+) -> None:
+    """Writes below the lowest visible panel of each column what it is against."""
+    for place, column in zip(places, axes.T, strict=True):
+        for ax in [ax for ax in column if ax.get_visible()][-1:]:
+            ax.tick_params(labelbottom=True)
+            ax.set_xlabel(
+                position_label if place.is_position else "time [s]", fontsize=FONT_SIZE
+            )
 
 
 def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:

@@ -454,6 +454,46 @@ def _locate(
     return high
 
 
+def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
+    """Records the first row, and makes what happens at the first time."""
+    clock, delays = memory.clock, problem.delays
+    memory.counts[IS_STARTED] = 1
+    _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
+    _record(clock[0], memory)
+    clock[2] = clock[0]
+    _show_packets(clock[0], delays, memory)
+    _settle(evaluate, 0, problem, memory)
+    _keep_node(0, delays, memory)
+
+
+def _is_full(delays: Delays, memory: Memory) -> bool:
+    """Returns whether there is no room for what another step records."""
+    counts = memory.counts
+    return bool(
+        counts[ROWS] + 2 > len(memory.row_times)
+        or counts[POLYNOMIALS] + 2 > len(memory.steps)
+        or counts[BREAKS] + len(delays.times) > len(memory.breaks)
+    )
+
+
+def _length_of_step(h: float, t: float, stop: float) -> float:
+    """Returns a step, so that one ends on a stop and the last two are alike."""
+    if t + 1.01 * h >= stop:
+        return stop - t
+    if t + 2 * h > stop:
+        return (stop - t) / 2
+    return h
+
+
+def _growth_of_step(error: float, accuracy: float) -> float:
+    """Returns by what the step changes: its error has order 5."""
+    if error == 0.0:
+        return 5.0
+    if error < math.inf:
+        return min(5.0, max(0.1, 0.9 * (accuracy / error) ** (1 / 5)))
+    return 0.1
+
+
 def advance(
     evaluate: Evaluate,
     problem: Problem,
@@ -481,34 +521,15 @@ def advance(
     for delay in delays.times:
         longest = min(longest, delay)
     if not counts[IS_STARTED]:
-        counts[IS_STARTED] = 1
-        _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
-        _record(clock[0], memory)
-        clock[2] = clock[0]
-        _show_packets(clock[0], delays, memory)
-        _settle(evaluate, 0, problem, memory)
-        _keep_node(0, delays, memory)
+        _start(evaluate, problem, memory)
     while clock[0] < t_end - _SAME:
-        if (
-            counts[ROWS] + 2 > len(memory.row_times)
-            or counts[POLYNOMIALS] + 2 > len(memory.steps)
-            or counts[BREAKS] + len(delays.times) > len(memory.breaks)
-        ):
+        if _is_full(delays, memory):
             return FULL
         t = clock[0]
         stop = _next_stop(t_end, delays, memory)
-        h = min(clock[1], longest)
-        # Steps end on a break, and the last two before it are alike.
-        if t + 1.01 * h >= stop:
-            h = stop - t
-        elif t + 2 * h > stop:
-            h = (stop - t) / 2
+        h = _length_of_step(min(clock[1], longest), t, stop)
         error = _step(evaluate, h, problem, memory)
-        factor = 0.1
-        if error == 0.0:
-            factor = 5.0
-        elif error < math.inf:
-            factor = min(5.0, max(0.1, 0.9 * (accuracy / error) ** (1 / 5)))
+        factor = _growth_of_step(error, accuracy)
         if not error <= accuracy:
             clock[1] = h * min(factor, 0.9)
             if clock[1] < 1e-14 * max(1.0, abs(t)):
