@@ -79,7 +79,7 @@ class Delay:
         initial_value: What comes out at first.
         time: The delay T in s, > 0, or a function that returns T(t) at the time t in s
             when the signal comes out: continuous, of slope < 1. Not used with packets.
-        kinks: Where the slope of T(t) jumps, s.
+        nonsmooth_times: Where the slope of T(t) jumps, s.
         packets: Returns the packets that are shown until a time in s, by ascending
             `shown`; None: the signal itself comes out, `time` later.
     """
@@ -88,7 +88,7 @@ class Delay:
     output: str
     initial_value: Sequence[float]
     time: float | Callable[[float], float] = math.inf
-    kinks: Sequence[float] = ()
+    nonsmooth_times: Sequence[float] = ()
     packets: Callable[[float], Sequence[Packet]] | None = None
 
 

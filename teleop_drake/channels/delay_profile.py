@@ -127,7 +127,7 @@ class DelayProfile:
         return self._max_slope
 
     @property
-    def kinks(self) -> list[float]:
+    def nonsmooth_times(self) -> list[float]:
         """Where the slope of T may jump: the times of the trace, in s."""
         return self._times[1:-1]
 

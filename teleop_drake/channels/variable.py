@@ -84,7 +84,7 @@ class VariableDelay(DelayLine):
                     signal="signal",
                     output="delayed_signal",
                     time=self._profile,
-                    kinks=self._profile.kinks,
+                    nonsmooth_times=self._profile.nonsmooth_times,
                     initial_value=self._initial_value,
                 )
             ]

@@ -214,7 +214,7 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
     packet_ends = np.cumsum([len(group) for group in packets], dtype=np.int64)
     packet_firsts = np.concatenate(([0], packet_ends))[:-1]
     pieces = [
-        fit_pieces(delay.time, start, end, kinks=delay.kinks)
+        fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
         if callable(delay.time)
         else _NO_PIECES
         for delay in delays
@@ -248,10 +248,10 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
 
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
-    """Returns the packets of a delay; one at each kink, for nobody, where T varies."""
+    """Returns the packets of a delay; for nobody where T(t) is not smooth."""
     if delay.packets is not None:
         return delay.packets(end)
-    return [Packet(shown=t, sent=t) for t in sorted(delay.kinks) if t <= end]
+    return [Packet(shown=t, sent=t) for t in sorted(delay.nonsmooth_times) if t <= end]
 
 
 def _Shortest(pieces: Pieces) -> float:

@@ -22,7 +22,7 @@ class Delays(NamedTuple):
         packet_ranges: First and end of a delay's packets among all (d, 2).
         packets: When they are shown and sent, and when the one was sent with which they
             make a line, -infinity without, s (k, 3). Where no packets are shown, steps
-            end when one would be: at the kinks of a delay that varies.
+            end when one would be: at the nonsmooth points of a delay that varies.
         piece_ranges: First and end of a delay's pieces among all (d, 2); none where the
             delay is constant.
         knots: Of the delays that vary, as piecewise.Pieces has them, one after another;

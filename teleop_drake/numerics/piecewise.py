@@ -39,17 +39,17 @@ def fit_pieces(
     start: float,
     end: float,
     *,
-    kinks: Iterable[float] = (),
+    nonsmooth_times: Iterable[float] = (),
     tolerance: float = 1e-13,
     shortest: float | None = None,
 ) -> Pieces:
     """Returns polynomials that are a function, to within a tolerance.
 
     Args:
-        function: Continuous, and smooth between its kinks.
+        function: Continuous, and smooth between its nonsmooth points.
         start: Where it begins.
         end: Where it ends, > start.
-        kinks: Where a derivative jumps; no piece reaches across one.
+        nonsmooth_times: Where a derivative jumps; no piece reaches across one.
         tolerance: What they may differ by, as a share of the function, or of 1 where it
             is less.
         shortest: Pieces are not cut into pieces shorter than this, whatever the
@@ -57,7 +57,7 @@ def fit_pieces(
     """
     if shortest is None:
         shortest = 1e-5 * (end - start)
-    inner = sorted({float(x) for x in kinks if start < x < end})
+    inner = sorted({float(x) for x in nonsmooth_times if start < x < end})
     ends = [float(start), *inner, float(end)]
     # The next interval is the last one of the list.
     intervals = list(itertools.pairwise(ends))[::-1]

@@ -14,7 +14,7 @@ class HandOperator(ModalOperator):
 
     within [begin, end], and held before and after. Whoever runs the simulation calls
     SetCommand() between two calls of AdvanceTo(), which end at `end`: v_d is continuous
-    then, and has a kink only where a step ends.
+    then, and is not smooth only where a step ends.
 
     Ports, state, modes, initial value and feedthrough are those of ModalOperator. The
     line is a numeric parameter of its Context. It has no kernel.

@@ -72,7 +72,7 @@ class MinimumJerkConfig(OperatorConfig):
             contact_force=self.contact_force,
             contact_surface=contact_surface,
             stop_time=self.stop_time,
-            kink_times=[breaks[-1]],
+            nonsmooth_times=[breaks[-1]],
         )
 
     def Path(self) -> tuple[Array, Array]:

@@ -69,7 +69,7 @@ class ModalOperator(LeafSystem):
     what that depends. With IntentionTerm() it can be compiled.
 
     Attributes:
-        jump_times: When the outputs jump or have a kink in any case, s.
+        jump_times: When the outputs jump or are not smooth in any case, s.
         longest_step: No step of the solver may be longer, s.
 
     Args:
@@ -77,8 +77,8 @@ class ModalOperator(LeafSystem):
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        kink_times: When the intended velocity has a kink, s; steps end there, and short
-            ones follow.
+        nonsmooth_times: When the intended velocity is not smooth, s; steps end
+            there, and short ones follow.
         ends: Where steps end as well: (first, period) each, in s; an infinite period:
             once.
         longest_step: No step of the solver may be longer, s.
@@ -94,7 +94,7 @@ class ModalOperator(LeafSystem):
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
-        kink_times: ArrayLike = (),
+        nonsmooth_times: ArrayLike = (),
         ends: Sequence[tuple[float, float]] = (),
         longest_step: float = math.inf,
     ):
@@ -105,9 +105,11 @@ class ModalOperator(LeafSystem):
         _CheckSurfaceAndStop(contact_surface, stop_time, n)
         self._surface = None if contact_force is None else contact_surface
         self._stop_time = stop_time
-        self._kink_times = [float(x) for x in np.atleast_1d(np.asarray(kink_times))]
+        self._nonsmooth_times = [
+            float(x) for x in np.atleast_1d(np.asarray(nonsmooth_times))
+        ]
         self.jump_times = [
-            *self._kink_times,
+            *self._nonsmooth_times,
             *([] if stop_time is None else [stop_time]),
         ]
         self.longest_step = longest_step
@@ -131,7 +133,7 @@ class ModalOperator(LeafSystem):
         )
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
-        self._ends = [*((time, math.inf) for time in self._kink_times), *ends]
+        self._ends = [*((time, math.inf) for time in self._nonsmooth_times), *ends]
         for first, period in self._ends:
             self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, _DoNothing)
         self._witnesses = []
@@ -323,5 +325,5 @@ def with_stop(state: Array) -> Array:
 
 
 def same_mode(state: Array) -> Array:
-    """Returns the state itself: a step ends here, because the velocity has a kink."""
+    """Returns the state itself: a step ends where the velocity is not smooth."""
     return state.copy()

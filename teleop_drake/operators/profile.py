@@ -32,8 +32,8 @@ class ProfileOperator(ModalOperator):
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        kink_times: When v_d has a kink, s; steps of the solver end there, and short
-            ones follow.
+        nonsmooth_times: When v_d is not smooth, s; steps of the solver end
+            there, and short ones follow.
         ends: Where steps end as well: (first, period) each, in s.
         longest_step: No step of the solver may be longer, s.
 
@@ -49,7 +49,7 @@ class ProfileOperator(ModalOperator):
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
-        kink_times: ArrayLike = (),
+        nonsmooth_times: ArrayLike = (),
         ends: Sequence[tuple[float, float]] = (),
         longest_step: float = math.inf,
     ):
@@ -72,7 +72,7 @@ class ProfileOperator(ModalOperator):
             contact_force=contact_force,
             contact_surface=contact_surface,
             stop_time=stop_time,
-            kink_times=kink_times,
+            nonsmooth_times=nonsmooth_times,
             ends=ends,
             longest_step=longest_step,
         )

@@ -52,7 +52,7 @@ class TrapezoidConfig(OperatorConfig):
             contact_force=self.contact_force,
             contact_surface=contact_surface,
             stop_time=self.stop_time,
-            kink_times=[x for x in breaks[1:] if math.isfinite(x)],
+            nonsmooth_times=[x for x in breaks[1:] if math.isfinite(x)],
         )
 
     def _Pieces(self) -> tuple[list[float], NDArray[np.float64]]:

@@ -6,7 +6,7 @@ The blocks say what there is to know, each by a member that it has or has not:
 |-----------------|----------------|--------------------------------------|
 | longest_step    | a delay, an operator | no step may be longer, s       |
 | NextJumpTime()  | a channel      | when its output jumps next, s        |
-| jump_times      | an operator    | when its outputs jump or have a kink, s |
+| jump_times      | an operator    | when its outputs jump or are not smooth, s |
 | contact_surface | an operator    | where it perceives contact           |
 | Surfaces()      | an environment | where its force jumps or bends       |
 """

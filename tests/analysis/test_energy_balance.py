@@ -155,7 +155,7 @@ def test_other_recordings():
 
 
 def test_force_that_is_let_go_and_caught_between_packets():
-    """Jumps with kinks close behind them: balance, meter and metrics agree."""
+    """Jumps, and corners close behind them: balance, meter and metrics agree."""
     channel = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
     recording = RunWithTwoPortMeter(
         "two_dof_combined",

@@ -9,7 +9,7 @@ LeafSystem an idea, and
   joins them by cubics. A located event is recorded on both sides.
 * plain numpy in every callback, and the arm's kinematics anew in every one of them.
 * the puncture and the surgeon's switch located by Drake's witness functions as they
-  are. Everything else (kinks, and the echoes of the jumps) is left to error control.
+  are. Everything else (corners, and the echoes of the jumps) is left to error control.
 
 It is right: its error against the independent solver is measured wherever its time is.
 It takes a scenario only for the numbers in it. Equation numbers are the thesis's.

@@ -52,11 +52,11 @@ def test_jump_stays_a_jump():
     )
 
 
-def test_kink_does_not_ring():
+def test_nonsmooth_point_does_not_ring():
     times = np.linspace(-1, 1, 21)
     query = np.linspace(-1, 1, 999)
     result = interpolate(times, np.abs(times)[:, np.newaxis], query)[:, 0]
-    # The kink is at a sample: the interpolant is exact on both sides of it.
+    # The nonsmooth point is at a sample: the interpolant is exact on both sides of it.
     np.testing.assert_allclose(result, np.abs(query), atol=1e-12)
 
 
@@ -99,12 +99,12 @@ def test_many_queries_are_as_one():
     assert interpolate(times, values, np.empty(0)).shape == (0, 3)
 
 
-# Samples of a control force that is held behind a jump and then falls at a kink.
+# Samples of a control force that is held behind a jump and then begins to fall.
 HELD_TIMES = [0, 0.003, 0.0178, 0.0199, 0.0206, 0.0211, 0.0213, 0.0225, 0.0236, 0.0253]
 HELD_FORCES = [0.2] * 7 + [0.17756, 0.15753, 0.13281]
 
 
-def test_a_kink_soon_after_a_jump_does_not_reach_back():
+def test_a_nonsmooth_point_soon_after_a_jump_does_not_reach_back():
     times = np.array([-0.0022, 0.0, *HELD_TIMES])
     values = np.array([0.00436, 0.00348, *HELD_FORCES])[:, np.newaxis]
     query = np.linspace(1e-9, HELD_TIMES[-1], 3000)
@@ -115,23 +115,23 @@ def test_a_kink_soon_after_a_jump_does_not_reach_back():
 
 @st.composite
 def segment(draw):
-    """Steps and samples of a signal with kinks, alone or between two jumps."""
+    """Steps and samples of a signal with corners, alone or between two jumps."""
     steps = draw(st.lists(st.floats(0.05, 1.0), min_size=1, max_size=16))
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    kinks = draw(st.lists(st.floats(0, 1), min_size=1, max_size=2))
+    places = draw(st.lists(st.floats(0, 1), min_size=1, max_size=2))
     slopes = draw(
-        st.lists(st.floats(-1, 1, width=16), min_size=len(kinks), max_size=len(kinks))
+        st.lists(st.floats(-1, 1, width=16), min_size=len(places), max_size=len(places))
     )
     values = draw(st.floats(-1, 1, width=16)) + sum(
-        slope * np.maximum(0, times - kink * times[-1])
-        for slope, kink in zip(slopes, kinks, strict=True)
+        slope * np.maximum(0, times - place * times[-1])
+        for slope, place in zip(slopes, places, strict=True)
     )
     return times, values
 
 
 @settings(deadline=None)
 @given(segments=st.lists(segment(), min_size=1, max_size=3))
-def test_kinks_and_jumps_stay_within_the_samples(segments):
+def test_nonsmooth_points_and_jumps_stay_within_the_samples(segments):
     start, parts = 0.0, []
     for times, values in segments:
         parts.append((start + times, values))
@@ -141,7 +141,7 @@ def test_kinks_and_jumps_stay_within_the_samples(segments):
         query = np.linspace(own_times[0], own_times[-1], 200)[1:-1]
         result = interpolate(times, values[:, np.newaxis], query)[:, 0]
         excess = max(result.max() - own_values.max(), own_values.min() - result.min())
-        # Samples of a kink may happen to look like those of something smooth.
+        # Samples of a corner may happen to look like those of something smooth.
         assert excess <= 0.01 * np.ptp(own_values) + 1e-12
 
 

@@ -14,20 +14,20 @@ def wave(t):
 
 
 def bent(t):
-    """Straight, with kinks at 0.5 and 2."""
+    """Straight, with nonsmooth points at 0.5 and 2."""
     return float(np.interp(t, [0.0, 0.5, 2.0, 3.0], [0.1, 0.4, 0.2, 0.3]))
 
 
-@pytest.mark.parametrize("function, kinks", [(wave, ()), (bent, (0.5, 2.0))])
-def test_the_pieces_are_the_function(function, kinks):
-    pieces = fit_pieces(function, 0.0, 3.0, kinks=kinks)
+@pytest.mark.parametrize("function, nonsmooth_times", [(wave, ()), (bent, (0.5, 2.0))])
+def test_the_pieces_are_the_function(function, nonsmooth_times):
+    pieces = fit_pieces(function, 0.0, 3.0, nonsmooth_times=nonsmooth_times)
     for t in np.linspace(0, 3, 1001).tolist():
         assert evaluate_pieces(*pieces, t) == pytest.approx(function(t), abs=2e-13)
     assert len(pieces.coefficients) < 100
     assert evaluate_pieces(*pieces, 99.0) == pytest.approx(function(3.0), abs=2e-13)
 
 
-def test_a_kink_that_nobody_told_costs_pieces_but_not_accuracy():
+def test_a_nonsmooth_point_that_nobody_told_costs_pieces_but_not_accuracy():
     pieces = fit_pieces(bent, 0.0, 3.0)
     assert 20 < len(pieces.coefficients) < 200
     for t in (0.499, 0.5, 1.999999, 2.1):

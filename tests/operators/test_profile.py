@@ -9,7 +9,7 @@ LINES = {"breaks": [0.0, 1.0], "coefficients": [[[0.0, 1.0], [2.0, 0.0]]]}
 
 
 def test_time_alone_decides():
-    dut = ProfileOperator(**LINES, kink_times=[1.0], stop_time=2.0)
+    dut = ProfileOperator(**LINES, nonsmooth_times=[1.0], stop_time=2.0)
     assert dut.jump_times == [1.0, 2.0]
     context = dut.CreateDefaultContext()
     port = dut.GetOutputPort("velocity_command")

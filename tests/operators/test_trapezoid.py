@@ -22,6 +22,6 @@ def test_rises_stays_and_falls(cruise_time):
     times = np.linspace(0.0, 2.0, 201)
     end = np.inf if cruise_time is None else 0.5 + cruise_time
     share = np.clip(np.minimum(times / 0.5, 1 - (times - end) / 0.5), 0, 1)
-    values, kinks = Commands(times, rise_time=0.5, cruise_time=cruise_time)
+    values, nonsmooth_times = Commands(times, rise_time=0.5, cruise_time=cruise_time)
     np.testing.assert_allclose(values, np.outer(share, [0.2, -0.1]), atol=1e-12)
-    assert len(kinks) == {0.0: 2, 0.3: 3, None: 1}[cruise_time]
+    assert len(nonsmooth_times) == {0.0: 2, 0.3: 3, None: 1}[cruise_time]
