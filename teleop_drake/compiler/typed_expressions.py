@@ -367,6 +367,8 @@ class ExpressionWriter:
             return Value(INTEGER, arguments[0].operands[1:2])
         if name == "float":
             return self._As(FLOAT, arguments[0])
+        if name == "bool":
+            return Value(BOOLEAN, (self._Truth(arguments[0]),))
         if name == "int":
             return (
                 Value(

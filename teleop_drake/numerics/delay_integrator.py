@@ -490,7 +490,7 @@ def _growth_of_step(error: float, accuracy: float) -> float:
     if error == 0.0:
         return 5.0
     if error < math.inf:
-        return min(5.0, max(0.1, 0.9 * (accuracy / error) ** (1 / 5)))
+        return min(5.0, max(0.1, 0.9 * float((accuracy / error) ** (1 / 5))))
     return 0.1
 
 

@@ -72,7 +72,7 @@ def everything(work, t, n):
     part = inner.table[1:n]
     result[4] = part[0, 1] + len(part) + part.shape[1] + at_most(0.25, x[1])
     result[5] = max(at_most(math.inf, x[2]), inner.places[int(t)] + 1)
-    other = x if n > 100 else result
+    other = x if bool(n > 100 or t > 100) else result
     other[0], other[1] = other[1], other[0]
     inner.places[0] = -low
     return low - 7

@@ -30,7 +30,7 @@ def cluster():
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address=":0",
     ) as cluster:
         yield cluster
 
@@ -85,7 +85,7 @@ def test_the_command(cluster, expected, capsys):
 def test_no_workers(capsys):
     """The runs wait, which the command says."""
     with distributed.LocalCluster(
-        n_workers=0, host="127.0.0.1", dashboard_address=None
+        n_workers=0, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
         address = cluster.scheduler_address
         threading.Timer(2.0, cluster.scale, [1]).start()

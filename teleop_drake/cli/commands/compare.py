@@ -62,7 +62,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Simulates the scenario with each controller and puts them side by side."""
+    """Puts the controllers of a scenario, or values of a field, side by side."""
     from teleop_drake.tasks import TaskOf
 
     controllers = list(TaskOf(Load(args)).controllers)
@@ -74,13 +74,17 @@ def Execute(args: argparse.Namespace) -> int:
     if args.controllers is not None:
         controllers = ControllersOf(args.controllers)
     if args.seeds is not None:
-        if args.vary is not None:
-            raise BadInput(f"--vary = {args.vary!r}: must be left out with --seeds")
-        if args.html is not None:
-            raise BadInput(f"--html = {args.html!r}: must be left out with --seeds")
+        for option in ("vary", "html"):
+            value = getattr(args, option)
+            if value is not None:
+                raise BadInput(f"--{option} = {value!r}: must be left out with --seeds")
         return _CompareOverSeeds(args, controllers)
+    return _CompareRuns(args, _Cases(args, controllers))
+
+
+def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
+    """Simulates each case once and puts them side by side."""
     formats, options = FormatsOf(args), FigureOptionsOf(args)
-    cases = _Cases(args, controllers)
     scenarios = {
         case.label: LoadToRun(args, *case.overrides) for case in cases.values()
     }
