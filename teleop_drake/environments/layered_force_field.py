@@ -1,10 +1,10 @@
-"""Environment of the tool: layers of material along x."""
+"""Environment of the tool: layers of material along an axis."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -17,7 +17,14 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.callbacks import Weakly
-from teleop_drake.environments.surface import CONTACT, PUNCTURE, Material, Surface
+from teleop_drake.environments.surface import (
+    CONTACT,
+    PUNCTURE,
+    Material,
+    PlaneSurface,
+    Surface,
+    UnitNormal,
+)
 from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
@@ -41,10 +48,13 @@ Regions = NDArray[np.int64]
 class LayeredForceField(LeafSystem):
     """Force of the tool on layered material, as the sensor reads it.
 
-        F_e = [k_e (x - reference) + d_e v_x, 0, ...]      (2.14) to (2.16)
+        F_e = (k_e (x - reference) + d_e v_x) a + k_l (p - p_axis)   (2.14) to (2.16)
 
-    with the stiffness k_e, damping d_e and reference of the layer at x. Before the
-    first layer there is no force.
+    with x = a . p along the unit vector a, the first axis if no direction is given, and
+    the stiffness k_e, damping d_e and reference of the layer at x. The last term is not
+    the thesis's: p_axis is the point of an axis along a that is nearest to the tool,
+    and k_l the layer's lateral stiffness, 0 unless given. It stands for the tissue that
+    holds a needle on its way. Before the first layer there is no force.
 
     | port | name              | size | unit                                |
     |------|-------------------|------|-------------------------------------|
@@ -66,25 +76,38 @@ class LayeredForceField(LeafSystem):
     Direct feedthrough: from both inputs to environment_force; from tool_position to
     layer.
 
-    It does not act along other axes than x, knows no friction, and tissue that was
-    punctured is whole again if the tool comes back.
+    It knows no friction, its lateral spring does not stiffen with the depth of the
+    needle, and tissue that was punctured is whole again if the tool comes back.
 
     Args:
         layers: The layers, by ascending start; see laws.layered_force.Layer.
         num_axes: n, number of task axes.
         starts_inside: Whether the tool starts in a layer. The first layer is then
             nothing that it can collide with.
+        direction: Along which the layers follow each other, of any length but 0 (n);
+            None: along x.
+        axis_point: A point in m (n) on the axis that the lateral springs pull to; None:
+            the origin.
 
     Raises:
         ValueError: If the starts do not ascend or a value is not allowed.
     """
 
     def __init__(
-        self, *, layers: Sequence[Layer], num_axes: int, starts_inside: bool = False
+        self,
+        *,
+        layers: Sequence[Layer],
+        num_axes: int,
+        starts_inside: bool = False,
+        direction: ArrayLike | None = None,
+        axis_point: ArrayLike | None = None,
     ):
         LeafSystem.__init__(self)
         _CheckLayers(layers)
-        self._surfaces = LayerSurfaces(layers, num_axes, starts_inside)
+        self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
+        self._normal = UnitNormal(direction, num_axes)
+        point = np.zeros(num_axes) if axis_point is None else axis_point
+        self._axis = np.array([self._normal, point], dtype=float)
         self._layers = layer_table(layers)
         self._regions = layer_regions(layers)
         # Where no region is kept, the position alone decides.
@@ -146,11 +169,12 @@ class LayeredForceField(LeafSystem):
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
-        law = ("layers", "regions", "mode", "tool_position")
+        law = ("layers", "regions", "mode", "axis", "tool_position")
         return Kernel(
             parameters={
                 "layers": self._layers,
                 "regions": self._regions,
+                "axis": self._axis,
                 "begins": np.array(self._begins),
                 "ends": np.array(self._ends),
             },
@@ -160,11 +184,11 @@ class LayeredForceField(LeafSystem):
             },
             transitions={
                 "enters_next_region": Transition(
-                    guard=(past_end, "ends", "mode", "tool_position"),
+                    guard=(past_end, "ends", "mode", "axis", "tool_position"),
                     mode=(next_region, "mode"),
                 ),
                 "enters_previous_region": Transition(
-                    guard=(before_begin, "begins", "mode", "tool_position"),
+                    guard=(before_begin, "begins", "mode", "axis", "tool_position"),
                     mode=(previous_region, "mode"),
                 ),
             },
@@ -181,15 +205,16 @@ class LayeredForceField(LeafSystem):
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
         p_WT, v_WT = self._p.Eval(context), self._v.Eval(context)
-        output.SetFromVector(self._force(*self._GetLaw(context), p_WT, v_WT))
+        law = self._GetLaw(context)
+        output.SetFromVector(self._force(*law, self._axis, p_WT, v_WT))
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
         row = self._row(*self._GetLaw(context), self._EvalX(context))
         output.SetAtIndex(0, row - 1)
 
     def _EvalX(self, context: Context) -> float:
-        """Returns where the tool is along x, in m."""
-        return float(self._p.Eval(context)[0])
+        """Returns where the tool is along the axis, in m."""
+        return float(self._p.Eval(context) @ self._normal)
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the boundaries of the region, if events are to be located."""
@@ -221,27 +246,28 @@ class LayeredForceField(LeafSystem):
 
 
 def force_in_region(
-    layers: Array, regions: Regions, mode: Array, p_WT: Array, v_WT: Array
+    layers: Array, regions: Regions, mode: Array, axis: Array, p_WT: Array, v_WT: Array
 ) -> Array:
     """Returns layered_force() in the region that is the mode."""
-    return layered_force(layers, regions, int(mode[0]), p_WT, v_WT)
+    return layered_force(layers, regions, int(mode[0]), axis, p_WT, v_WT)
 
 
-def layer_in_region(layers: Array, regions: Regions, mode: Array, p_WT: Array) -> Array:
+def layer_in_region(
+    layers: Array, regions: Regions, mode: Array, axis: Array, p_WT: Array
+) -> Array:
     """Returns the index of the layer at the tool, -1 before the first one."""
-    return np.array([layer_row(layers, regions, int(mode[0]), p_WT[0]) - 1.0])
+    x = np.sum(p_WT * axis[0])
+    return np.array([layer_row(layers, regions, int(mode[0]), x) - 1.0])
 
 
-def past_end(ends: Array, mode: Array, p_WT: Array) -> Array:
+def past_end(ends: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
     """Returns how far the tool is behind the end of its region, m."""
-    past: Array = p_WT[:1] - ends[int(mode[0])]
-    return past
+    return np.array([np.sum(p_WT * axis[0]) - ends[int(mode[0])]])
 
 
-def before_begin(begins: Array, mode: Array, p_WT: Array) -> Array:
+def before_begin(begins: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
     """Returns how far the tool is before the begin of its region, m."""
-    before: Array = begins[int(mode[0])] - p_WT[:1]
-    return before
+    return np.array([begins[int(mode[0])] - np.sum(p_WT * axis[0])])
 
 
 def next_region(mode: Array) -> Array:
@@ -255,19 +281,24 @@ def previous_region(mode: Array) -> Array:
 
 
 def LayerSurfaces(
-    layers: Sequence[Layer], num_axes: int, starts_inside: bool
+    layers: Sequence[Layer],
+    num_axes: int,
+    starts_inside: bool,
+    direction: ArrayLike | None = None,
 ) -> tuple[Surface, ...]:
-    """Returns the surfaces at which layers along x begin, in their order.
+    """Returns the surfaces at which layers begin, in their order.
 
     Where the stiffest layer begins behind a softer one or behind empty space is
     CONTACT; where the first layer ends that a softer one follows is PUNCTURE. The other
-    surfaces have the name of the layer that begins there.
+    surfaces have the name of the layer that begins there. A layer with lateral
+    stiffness is more than the one spring and damper that a Material is.
 
     Args:
         layers: By ascending start.
         num_axes: n, number of task axes.
         starts_inside: Whether the tool starts in a layer, so that there is no empty
             space in front of the first one.
+        direction: Along which they follow each other (n); None: along x.
     """
     starts_inside |= bool(layers) and layers[0].start == -math.inf
     behind = [] if starts_inside else [EMPTY_SPACE]
@@ -275,21 +306,24 @@ def LayerSurfaces(
         puncture_position(layers): PUNCTURE,
         contact_position([*behind, *layers]): CONTACT,
     }
-    normal_W = np.eye(num_axes)[0]
+    normal_W = UnitNormal(direction, num_axes)
     return tuple(
-        Surface(
+        PlaneSurface(
             names.get(layer.start, _OwnName(layer)),
-            # Not 0 times a start of -inf.
-            np.where(normal_W > 0, layer.start, 0.0),
+            layer.start,
             normal_W,
-            Material(
-                name=layer.name,
-                stiffness=layer.stiffness,
-                damping=layer.damping,
-                relaxed=layer.reference,
-            ),
+            None if layer.lateral_stiffness else _MaterialOf(layer),
         )
         for layer in layers
+    )
+
+
+def _MaterialOf(layer: Layer) -> Material:
+    return Material(
+        name=layer.name,
+        stiffness=layer.stiffness,
+        damping=layer.damping,
+        relaxed=layer.reference,
     )
 
 
@@ -305,6 +339,8 @@ def _CheckLayers(layers: Sequence[Layer]) -> None:
         CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
         CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
         CheckNumber(f"{path}.reference", layer.reference, "m")
+        lateral = f"{path}.lateral_stiffness"
+        CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)
         if i > 0:
             CheckNumber(
                 f"{path}.start", layer.start, "m", above=float(layers[i - 1].start)

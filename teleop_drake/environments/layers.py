@@ -1,4 +1,4 @@
-"""Layers of material along x."""
+"""Layers of material along an axis."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from teleop_drake.environments.layered_force_field import (
     LayeredForceField,
     LayerSurfaces,
 )
-from teleop_drake.environments.surface import Surface
+from teleop_drake.environments.surface import Surface, UnitNormal
 from teleop_drake.validation import REQUIRED, CheckNumber, FixedFields, Refuse
 
 
@@ -20,7 +20,8 @@ from teleop_drake.validation import REQUIRED, CheckNumber, FixedFields, Refuse
 class LayerConfig(FixedFields):
     """One layer of the environment, from its start to the next one's (eq. 2.14).
 
-    force = stiffness (x - reference) + damping v_x.
+    force = stiffness (x - reference) + damping v_x along the direction of the layers,
+    and lateral_stiffness times the distance of the tool from its axis across it.
     """
 
     # Unique, letters, digits and _ only: overrides address a layer by it.
@@ -33,23 +34,31 @@ class LayerConfig(FixedFields):
     damping: float = 0.0
     # Where the spring is relaxed, m.
     reference: float = 0.0
+    # N/m, >= 0, across the direction of the layers; assumed: the thesis has none. It
+    # pulls to the line through the tool's start along that direction.
+    lateral_stiffness: float = 0.0
 
 
 @dataclass(kw_only=True, eq=False)
 class LayersEnvironmentConfig(EnvironmentConfig):
-    """Layers along x (thesis eq. 2.14 to 2.16); no force in front of the first."""
+    """Layers along an axis (eq. 2.14 to 2.16); no force in front of the first."""
 
     kind = "layers"
 
     layers: list[LayerConfig] = field(default_factory=list)
+    # Into the layers, n entries, of any length but 0. What a layer calls x, its start
+    # and its reference, are measured along it from the origin. Null: along x.
+    direction: np.ndarray | None = None
 
     def Check(self) -> None:
-        """Checks every layer.
+        """Checks every layer and the direction.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         CheckLayers("layers", self.layers)
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def MakeEnvironment(self, start: ArrayLike) -> LayeredForceField:
         """Makes the block; see EnvironmentConfig.MakeEnvironment.
@@ -64,6 +73,8 @@ class LayersEnvironmentConfig(EnvironmentConfig):
             layers=self.layers,
             num_axes=np.size(start),
             starts_inside=self._StartsInside(start),
+            direction=self.direction,
+            axis_point=start,
         )
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
@@ -72,11 +83,12 @@ class LayersEnvironmentConfig(EnvironmentConfig):
         Args:
             start: p_WT at time 0 in m (n).
         """
-        return LayerSurfaces(self.layers, np.size(start), self._StartsInside(start))
+        is_inside = self._StartsInside(start)
+        return LayerSurfaces(self.layers, np.size(start), is_inside, self.direction)
 
     def _StartsInside(self, start: ArrayLike) -> bool:
         """Returns whether the tool starts in a layer."""
-        x = np.asarray(start, dtype=float)[0]
+        x = np.asarray(start, dtype=float) @ UnitNormal(self.direction, np.size(start))
         return bool(self.layers) and bool(x >= self.layers[0].start)
 
 
@@ -112,3 +124,5 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
         CheckNumber(f"{place}.stiffness", layer.stiffness, "N/m", minimum=0)
         CheckNumber(f"{place}.damping", layer.damping, "N s/m", minimum=0)
         CheckNumber(f"{place}.reference", layer.reference, "m")
+        lateral = f"{place}.lateral_stiffness"
+        CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.validation import Refuse, Show
+from teleop_drake.validation import CheckVector, Refuse, Show
 
 Array = NDArray[np.float64]
 
@@ -114,6 +114,50 @@ class Surface:
         """
         material = record["material"]
         return cls(**{**record, "material": material and Material(**material)})
+
+
+def UnitNormal(
+    direction: ArrayLike | None, num_axes: int, path: str = "environment.direction"
+) -> Array:
+    """Returns the unit vector (n) of a direction, along x for None.
+
+    Args:
+        direction: Of any length but 0 (n), or None.
+        num_axes: n.
+        path: Its field in a scenario, for messages.
+
+    Raises:
+        ScenarioError: If it is no direction.
+    """
+    if direction is None:
+        x: Array = np.eye(num_axes)[0]
+        return x
+    CheckVector(path, direction, num_axes, "not all 0")
+    vector = np.asarray(direction, dtype=float)
+    largest = np.abs(vector).max(initial=0.0)
+    if largest == 0:
+        Refuse(path, direction, "a vector whose length is not 0")
+    vector = vector / largest  # Its square neither overflows nor vanishes.
+    unit: Array = vector / np.linalg.norm(vector)
+    return unit
+
+
+def PlaneSurface(
+    name: str, start: float, normal_W: Array, material: Material | None = None
+) -> Surface:
+    """Returns the surface on which p_WT . normal is `start`.
+
+    Args:
+        name: What it is called.
+        start: In m; may be infinite.
+        normal_W: Its unit normal (n).
+        material: What is behind it.
+    """
+    point_W = np.zeros_like(normal_W)
+    # Not 0 times a start of -inf.
+    is_along = normal_W != 0
+    point_W[is_along] = start * normal_W[is_along]
+    return Surface(name, point_W, normal_W, material)
 
 
 def SurfacesOf(system: System) -> tuple[Surface, ...] | None:

@@ -22,6 +22,7 @@ class Layer(Protocol):
         stiffness: k_e in N/m, >= 0.
         damping: d_e in N s/m, >= 0.
         reference: Position in m at which its spring is unloaded.
+        lateral_stiffness: k_l in N/m, >= 0, of the spring across x.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Layer(Protocol):
     stiffness: float
     damping: float
     reference: float
+    lateral_stiffness: float
 
 
 @dataclass
@@ -38,6 +40,7 @@ class _EmptySpace:
     stiffness: float = 0.0
     damping: float = 0.0
     reference: float = 0.0
+    lateral_stiffness: float = 0.0
 
 
 EMPTY_SPACE: Layer = _EmptySpace()
@@ -72,24 +75,31 @@ def layered_force(
     layers: Array,
     regions: NDArray[np.int64],
     region: int,
+    axis: Array,
     p_WT: Array,
     v_WT: Array,
 ) -> Array:
-    """Returns the force in N on the material by a tool, along x only (n).
+    """Returns the force in N on the material by a tool (n).
 
-    Equations (2.14) to (2.16), with the layers of one region only.
+    Equations (2.14) to (2.16), with the layers of one region only, and x taken along
+    an axis. Across the axis a spring pulls the tool towards it.
 
     Args:
         layers: As layer_table() makes it.
         regions: As layer_regions() makes it.
         region: The region that the tool is in.
+        axis: Its unit vector, and a point on it in m (2, n).
         p_WT: Position of the tool in m (n).
         v_WT: Its velocity in m/s (n).
     """
-    row = layer_row(layers, regions, region, p_WT[0])
+    along, point = axis[0], axis[1]
+    x, v = np.sum(p_WT * along), np.sum(v_WT * along)
+    row = layer_row(layers, regions, region, x)
     stiffness, reference, damping = layers[row, 1], layers[row, 2], layers[row, 3]
-    F_e = np.zeros(p_WT.size)
-    F_e[0] = spring_damper_force(stiffness, reference, damping, p_WT[0], v_WT[0])
+    F_x = spring_damper_force(stiffness, reference, damping, x, v)
+    offset = p_WT - point
+    lateral = offset - np.sum(offset * along) * along
+    F_e: Array = F_x * along + layers[row, 4] * lateral
     return F_e
 
 
@@ -107,7 +117,7 @@ def layer_row(layers: Array, regions: NDArray[np.int64], region: int, x: float) 
 
 
 def layer_table(layers: Sequence[Layer]) -> Array:
-    """Returns layers as rows of start, stiffness, reference and damping.
+    """Returns layers as rows: start, stiffness, reference, damping, lateral stiffness.
 
     The first row is that of the empty space before the layers.
 
@@ -116,7 +126,13 @@ def layer_table(layers: Sequence[Layer]) -> Array:
     """
     return np.array(
         [
-            (layer.start, layer.stiffness, layer.reference, layer.damping)
+            (
+                layer.start,
+                layer.stiffness,
+                layer.reference,
+                layer.damping,
+                layer.lateral_stiffness,
+            )
             for layer in (EMPTY_SPACE, *layers)
         ]
     )
@@ -154,10 +170,15 @@ def layer_index(starts: Sequence[float], x: float) -> int:
 def is_continuous(before: Layer, after: Layer) -> bool:
     """Returns whether the force is continuous where `after` begins.
 
-    At any velocity: the springs meet there and the dampings are equal.
+    At any velocity: the springs meet there and the dampings are equal. And anywhere
+    across x: the lateral springs are equal.
     """
     gap = layer_force(before, after.start, 0.0) - layer_force(after, after.start, 0.0)
-    return gap == 0 and before.damping == after.damping
+    return (
+        gap == 0
+        and before.damping == after.damping
+        and before.lateral_stiffness == after.lateral_stiffness
+    )
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

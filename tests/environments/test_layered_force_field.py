@@ -16,6 +16,7 @@ from pydrake.systems.primitives import (
     Integrator,
 )
 
+from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.scenario import LayerConfig
 
@@ -55,6 +56,36 @@ def Force(x, v, *, layers=None, num_axes=2):
 )
 def test_force_of_each_layer(x, v, force, layer, num_axes):
     assert Force(x, v, num_axes=num_axes) == (pytest.approx(force), layer)
+
+
+def test_oblique_layers_are_turned_ones():
+    """The same force, turned; across it the lateral spring of the tissue."""
+    turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    normal, axis_point = turn[:, 0], np.array([0.1, -0.2, 0.3])
+    layers = Layers()
+    layers[0].lateral_stiffness = 40.0
+    oblique = LayeredForceField(
+        layers=layers, num_axes=3, direction=3 * normal, axis_point=axis_point
+    )
+    CheckKernel(oblique, num_states=3)
+    context = oblique.CreateDefaultContext()
+    for x, v in [(0.005, 0.2), (0.010, 0.2), (0.016, 0.2)]:
+        p, v_WT = turn @ [x, 0.02, -0.03], turn @ [v, 5.0, 7.0]
+        oblique.GetInputPort("tool_position").FixValue(context, p)
+        oblique.GetInputPort("tool_velocity").FixValue(context, v_WT)
+        F_e = oblique.GetOutputPort("environment_force").Eval(context)
+        offset = p - axis_point
+        across = offset - (normal @ offset) * normal
+        force, layer = Force(x, v)
+        expected = force * normal + (layer == 0) * 40.0 * across
+        np.testing.assert_allclose(F_e, expected, rtol=1e-12, atol=1e-14)
+    for surface, start in zip(oblique.Surfaces()[1:], (0.0075, 0.015), strict=True):
+        np.testing.assert_allclose(surface.normal_W, normal, rtol=1e-15)
+        assert surface.Depth(start * normal + turn @ [0, 3, 4]) == pytest.approx(0)
+    # The first has no beginning, and is more than a spring and a damper.
+    tissue, _, bone = oblique.Surfaces()
+    assert tissue.Depth([9.0, 9.0, 9.0]) == math.inf and tissue.material is None
+    assert bone.material.stiffness == 150.0
 
 
 def test_nothing_before_the_first_layer():
@@ -180,6 +211,7 @@ def test_feedthrough():
         ({"stiffness": math.nan}, "layers.bone.stiffness = nan"),
         ({"damping": -1.0}, "layers.bone.damping = -1.0"),
         ({"reference": math.inf}, "layers.bone.reference = inf"),
+        ({"lateral_stiffness": -1.0}, "layers.bone.lateral_stiffness = -1.0"),
         ({"start": 0.0075}, "layers.bone.start = 0.0075"),
         ({"start": 0.001}, "layers.bone.start = 0.001"),
     ],

@@ -21,6 +21,7 @@ class Layer:
     stiffness: float = 0.0
     damping: float = 0.0
     reference: float = 0.0
+    lateral_stiffness: float = 0.0
 
 
 TISSUE = Layer("tissue", -math.inf, 0.01, 0.5)
@@ -50,6 +51,7 @@ def test_continuity():
     assert is_continuous(FREE, BONE)
     assert not is_continuous(FREE, Layer("damped", 1.0, 0.0, 0.1))
     assert not is_continuous(FREE, Layer("preloaded", 1.0, 10.0, 0.0, 0.5))
+    assert not is_continuous(FREE, Layer("grip", 1.0, lateral_stiffness=2.0))
 
 
 def test_positions_of_contact_and_puncture():

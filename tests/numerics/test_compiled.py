@@ -95,11 +95,13 @@ def test_layered_force():
         LayerConfig(name="b", start=1.0, stiffness=5.0, reference=1.0, damping=0.0),
         LayerConfig(name="c", start=2.0, stiffness=7.0, reference=2.0, damping=1.0),
     ]
+    layers[-1].lateral_stiffness = 3.0
     table, regions = layer_table(layers), layer_regions(layers)
     assert regions.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    axis = np.array([[0.6, 0.8], [1.0, -2.0]])
     for p, v in rng.uniform(-1, 3, size=(20, 2, 2)):
         for region in range(4):
-            assert_same(layered_force, table, regions, region, p, v)
+            assert_same(layered_force, table, regions, region, axis, p, v)
             assert_same(layer_row, table, regions, region, p[0])
 
 

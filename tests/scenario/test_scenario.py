@@ -102,7 +102,7 @@ def test_files_state_every_field_with_its_source(name):
     if name in BUILT_IN:
         unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
         unused["controller"] |= {"parameters"}
-        unused["environment"] = {"kind"}
+        unused["environment"] = {"kind", "direction"}
     unused[""] = {"name"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
