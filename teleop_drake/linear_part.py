@@ -10,6 +10,7 @@ states of the model. Any other block has one, which returns a LinearPart:
 initial one. Other blocks ignore it. A block that has no linear model refuses there.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,6 +37,9 @@ class LinearPart:
             stays what it is near the operating point.
         delay: Of a block that delays its input by a constant time in s, which then has
             a method Deliver() as DelayBlock; None: it is no delay.
+        scale: How far the continuous states may change, in their unit, before the
+            block leaves what is linear about them; None: as far as a value of size 1.
+        speed_scale: The same of the tool's velocity, in m/s.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
             granted.
     """
@@ -44,6 +48,8 @@ class LinearPart:
     state: NDArray[np.float64] | None = None
     has_modes: bool = False
     delay: float | None = None
+    scale: float | None = None
+    speed_scale: float = math.inf
     assumption: str = ""
 
 

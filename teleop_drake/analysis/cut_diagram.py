@@ -13,6 +13,9 @@ from teleop_drake.validation import ScenarioError, Within
 
 Array = NDArray[np.float64]
 
+STEP = 0.1
+"""Longest step of forces and of states without a scale, in their SI units."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class States:
@@ -21,6 +24,7 @@ class States:
     system: System
     context: Context
     indices: Array
+    scale: float | None = None
 
     def Get(self) -> Array:
         """Returns their values."""
@@ -33,6 +37,13 @@ class States:
         x = self.context.get_continuous_state_vector().CopyToVector()
         x[self.indices] = values
         self.context.SetContinuousState(x)
+
+    def Steps(self) -> Array:
+        """Returns their longest steps, of differences from their values now."""
+        values = self.Get()
+        if self.scale is not None:
+            return np.full_like(values, STEP * self.scale)
+        return STEP * np.maximum(1.0, np.abs(values))
 
     def GetRates(self) -> Array:
         """Returns their time derivatives."""
@@ -104,11 +115,13 @@ class CutPart:
         states: The continuous states that the model has.
         delays: Delays inside.
         assumptions: What the model takes for granted; see linear_part.
+        speed_scales: How far the tool's velocity may change, in m/s; see linear_part.
     """
 
     states: list[States]
     delays: list[InnerDelay]
     assumptions: set[str]
+    speed_scales: list[float]
 
 
 def CutOpen(
@@ -130,7 +143,7 @@ def CutOpen(
         ScenarioError: If a block has a state that is neither continuous nor a mode, or
             has no linear model.
     """
-    part = CutPart(states=[], delays=[], assumptions=set())
+    part = CutPart(states=[], delays=[], assumptions=set(), speed_scales=[])
     for block in Leaves(system):
         context = contexts[block]
         with Within(system.get_name()):
@@ -146,6 +159,7 @@ def CutOpen(
             part.delays.append(
                 InnerDelay(system=block, context=context, delay=told.delay)
             )
+        part.speed_scales.append(told.speed_scale)
         if told.assumption:
             part.assumptions.add(told.assumption)
         if told.state is not None:
@@ -155,7 +169,10 @@ def CutOpen(
             size = told.num_states
         if size:
             indices = np.arange(size)
-            part.states.append(States(system=block, context=context, indices=indices))
+            states = States(
+                system=block, context=context, indices=indices, scale=told.scale
+            )
+            part.states.append(states)
     return part
 
 

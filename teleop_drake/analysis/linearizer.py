@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.analysis.cut_diagram import (
+    STEP,
     Concatenate,
     CutOpen,
     CutPart,
@@ -17,7 +18,7 @@ from teleop_drake.analysis.cut_diagram import (
 )
 from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
 from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.analysis.side_of_loop import STEP, LinearSide, SideOfLoop
+from teleop_drake.analysis.side_of_loop import LinearSide, SideOfLoop
 from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
@@ -236,7 +237,8 @@ class Linearizer:
             return self._Rates()
 
         unknown = Concatenate([packet_0[free], *(x.Get() for x in others)])
-        steps = STEP * np.maximum(1.0, np.abs(unknown))
+        packet_steps = STEP * np.maximum(1.0, np.abs(unknown[:m]))
+        steps = Concatenate([packet_steps, *(x.Steps() for x in others)])
         for _ in range(10):
             residual = Residual(unknown)
             if not len(unknown):
@@ -273,7 +275,8 @@ class Linearizer:
         )
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
         path = _STEP_SHARE * self.SurfaceDistance()
-        steps = self._motion.Steps(path, max(speed, _LEAST_SCALE))
+        speed = min(max(speed, _LEAST_SCALE), *self._environment.speed_scales)
+        steps = self._motion.Steps(path, speed)
         return side.Linearize(self._point.name, steps)
 
     def _LinearizeMaster(

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.analysis.cut_diagram import (
+    STEP,
     Concatenate,
     FixedInput,
     InnerDelay,
@@ -21,9 +22,6 @@ Array = NDArray[np.float64]
 
 LinearSide = tuple[StateSpace, StateSpace]
 """A model and the estimated error of each of its entries."""
-
-STEP = 0.1
-"""Longest step of forces and of states without a scale, in their SI units."""
 
 # Slopes on both sides that differ by more than this share of the largest are a bend.
 _BEND = 1e-4
@@ -70,8 +68,7 @@ class SideOfLoop:
         """
         x0 = Concatenate([x.Get() for x in self._all_states])
         u0 = Concatenate([x.Get() for x in self._inputs])
-        known = sum(map(len, steps))
-        x_steps = Concatenate([*steps, STEP * np.maximum(1.0, np.abs(x0[known:]))])
+        x_steps = Concatenate([*steps, *(x.Steps() for x in self._states)])
         by_x, error_x, bend_x = differentiate(self._OfState, x0, x_steps)
         SetStates(self._all_states, x0)
         u_steps = np.full(len(u0), STEP)

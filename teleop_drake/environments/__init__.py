@@ -1,7 +1,10 @@
 """What the tool meets: a file for each kind of environment."""
 
 from teleop_drake.environments.base import EnvironmentConfig
+from teleop_drake.environments.friction_wall import FrictionWallConfig
+from teleop_drake.environments.hunt_crossley import HuntCrossleyConfig
 from teleop_drake.environments.layers import LayerConfig, LayersEnvironmentConfig
+from teleop_drake.environments.standard_linear_solid import StandardLinearSolidConfig
 from teleop_drake.environments.surface import (
     CONTACT,
     PUNCTURE,
@@ -14,7 +17,14 @@ from teleop_drake.environments.surface import (
 from teleop_drake.kinds import KindTable
 
 ENVIRONMENT_KINDS = KindTable(
-    EnvironmentConfig, (LayersEnvironmentConfig,), noun="environment"
+    EnvironmentConfig,
+    (
+        LayersEnvironmentConfig,
+        HuntCrossleyConfig,
+        FrictionWallConfig,
+        StandardLinearSolidConfig,
+    ),
+    noun="environment",
 )
 """Every kind of environment, the default first."""
 
@@ -24,10 +34,13 @@ __all__ = [
     "PUNCTURE",
     "EnvironmentConfig",
     "FindSurface",
+    "FrictionWallConfig",
+    "HuntCrossleyConfig",
     "LayerConfig",
     "LayersEnvironmentConfig",
     "Material",
     "ShownNormal",
+    "StandardLinearSolidConfig",
     "Surface",
     "SurfacesOf",
 ]

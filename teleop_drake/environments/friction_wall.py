@@ -1,0 +1,52 @@
+"""A wall along which the tool rubs."""
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from teleop_drake.environments.hunt_crossley import ContactWall, HuntCrossleyConfig
+from teleop_drake.validation import CheckNumber
+
+
+@dataclass(kw_only=True, eq=False)
+class FrictionWallConfig(HuntCrossleyConfig):
+    """A wall with Coulomb friction, F_t = friction F_n v_t/sqrt(v_t^2 + creep_speed^2).
+
+    Its normal force F_n is that of hunt_crossley, with a linear spring by default.
+    """
+
+    kind = "friction_wall"
+
+    # As in hunt_crossley; 1 is a linear spring.
+    exponent: float = 1.0
+    # mu, >= 0; assumed: 0.3.
+    friction: float = 0.3
+    # v_s in m/s, > 0, below which friction grows with the speed; assumed: a hundredth
+    # of the speeds of the tasks.
+    creep_speed: float = 1e-3
+
+    def Check(self) -> None:
+        """Checks every field.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        super().Check()
+        CheckNumber("friction", self.friction, minimum=0)
+        CheckNumber("creep_speed", self.creep_speed, "m/s", above=0)
+
+    def MakeEnvironment(self, start: ArrayLike) -> ContactWall:
+        """Makes the block; see EnvironmentConfig.MakeEnvironment.
+
+        Args:
+            start: p_WT at time 0 in m (n).
+        """
+        (surface,) = self.Surfaces(start)
+        return ContactWall(
+            surface=surface,
+            stiffness=self.stiffness,
+            exponent=self.exponent,
+            damping=self.damping,
+            friction=self.friction,
+            creep_speed=self.creep_speed,
+        )
