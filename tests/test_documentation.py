@@ -11,6 +11,7 @@ import yaml
 from documentation import PAGES, ROOT, TEXT, Blocks
 from grids import Slow
 from league_table import (
+    ARCHITECTURES,
     HasBone,
     IsBounded,
     Medians,
@@ -25,7 +26,7 @@ from runs import Run
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
 from teleop_drake.figures.runs import PlotComparison, SaveFigure
-from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, LoadScenario
+from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.tasks.metrics import RunMetrics
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from league_table import (
+    ARCHITECTURES,
     CHANNELS,
     COLUMNS,
     DURATIONS,
@@ -33,7 +34,7 @@ from league_table import (
 from runs import Run
 
 from teleop_drake.analysis.energy import ChannelEnergyBalance
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioToYaml
+from teleop_drake.scenario import LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep import FlattenMetrics

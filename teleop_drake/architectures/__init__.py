@@ -10,6 +10,7 @@ from teleop_drake.architectures.direct_force import DirectForceConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.architectures.four_channel import FourChannelConfig
 from teleop_drake.architectures.proportional_damping import ProportionalDampingConfig
+from teleop_drake.architectures.robust_backstepping import RobustBacksteppingConfig
 from teleop_drake.architectures.smith_predictor import SmithPredictorConfig
 from teleop_drake.architectures.time_domain_passivity import TimeDomainPassivityConfig
 from teleop_drake.architectures.wave_variables import WaveVariablesConfig
@@ -25,6 +26,7 @@ ARCHITECTURE_KINDS = KindTable(
         ProportionalDampingConfig,
         FourChannelConfig,
         SmithPredictorConfig,
+        RobustBacksteppingConfig,
     ),
     noun="controller",
 )
@@ -48,6 +50,7 @@ __all__ = [
     "Facts",
     "FourChannelConfig",
     "ProportionalDampingConfig",
+    "RobustBacksteppingConfig",
     "SmithPredictorConfig",
     "TimeDomainPassivityConfig",
     "WaveVariablesConfig",

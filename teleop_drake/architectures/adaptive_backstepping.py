@@ -347,10 +347,7 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
             parameters: An object that has them among others.
         """
         return cls(
-            **{
-                item.name: getattr(parameters, item.name)
-                for item in fields(BacksteppingParameters)
-            }
+            **{item.name: getattr(parameters, item.name) for item in fields(cls)}
         )
 
     def Check(self, path: str, num_axes: int) -> None:

@@ -151,7 +151,7 @@ _GainsTuple = namedtuple(  # type: ignore[misc]
 )
 
 
-def _gains_from_arrays(matrices: Array, numbers: Array) -> Any:
+def gains_from_arrays(matrices: Array, numbers: Array) -> Any:
     """Returns the gains from what BacksteppingGains.as_arrays() made of them.
 
     Many small arguments would cost a compiled law more than the law itself.
@@ -263,7 +263,21 @@ def control_force_error(
         s: Auxiliary error in m/s (n).
         F_e: Force the robot exerts on the environment in N (n).
     """
-    alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + gains.G1 @ s)
+    return damped_force_error(state, Phi, F_e, gains.G1 @ s)
+
+
+def damped_force_error(
+    state: BacksteppingState, Phi: Array, F_e: Array, damping: Array
+) -> Array:
+    """Returns z = F_c - alpha in N (n) with any damping of s in the place of G1 s.
+
+    Args:
+        state: The state of the law.
+        Phi: Basis functions at the present input (N).
+        F_e: Force the robot exerts on the environment in N (n).
+        damping: What alpha takes from ds/dt, in m/s^2 (n).
+    """
+    alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + damping)
     return state.F_c - alpha
 
 
@@ -338,21 +352,51 @@ def backstepping_rate(
     Raises:
         numpy.linalg.LinAlgError: If Psi is singular.
     """
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)  # (4.2, 5.2)
+    return damped_rate(gains, state, Phi, Phi_dot, s, F_e, gains.G1 @ s, gains.G1)
+
+
+def damped_rate(
+    gains: BacksteppingGains,
+    state: BacksteppingState,
+    Phi: Array,
+    Phi_dot: Array,
+    s: Array,
+    F_e: Array,
+    damping: Array,
+    slope: Array,
+) -> BacksteppingState:
+    """Returns backstepping_rate() with any damping of s in the place of G1 s.
+
+    Steps 1 to 4 of the proof hold with damping(s) for G1 s and with its slope for G1.
+
+    Args:
+        gains: The constants of the law.
+        state: The state of the law.
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their time rate in 1/s (N).
+        s: Auxiliary error in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        damping: What alpha takes from ds/dt, a function of s, in m/s^2 (n).
+        slope: Its derivative with respect to s in 1/s (n, n).
+
+    Raises:
+        numpy.linalg.LinAlgError: If Psi is singular.
+    """
     F_c, W1, Psi, W3 = state
-    G1, G2, Psi_min = gains.G1, gains.G2, gains.Psi_min
+    G2, Psi_min = gains.G2, gains.Psi_min
     Psi_inv = np.linalg.inv(Psi)
     dF = F_c - F_e
 
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)  # (4.2, 5.2)
     y1 = W1 @ Phi  # (4.8, 5.8)
     y3 = W3 @ Phi  # (4.25, 5.25)
-    offset = Psi_inv @ (y1 + G1 @ s)
+    offset = Psi_inv @ (y1 + damping)
     alpha = F_e - offset  # (4.23, 5.22)
     z = F_c - alpha  # (4.18, 5.17)
 
     # Update laws (4.52, 5.51), W3 with the sign of the derivation.
     Ps = gains.P @ s
-    g = Ps + G1.T @ (Psi_inv.T @ z)
+    g = Ps + slope.T @ (Psi_inv.T @ z)
     g_column = g[:, np.newaxis]
     W1_dot = gains.beta1 * (g_column * Phi - gains.nu1 * W1)
     Psi_dot = g_column * dF + gains.Upsilon * (gains.Psi0 - Psi)
@@ -365,7 +409,7 @@ def backstepping_rate(
     # The virtual control's rate, as far as it is known (4.31, 5.30).
     s_dot = Psi @ dF + y1  # (4.36, 5.35)
     y1_dot = W1_dot @ Phi + W1 @ Phi_dot
-    alpha_dot = y3 + Psi_inv @ (Psi_dot @ offset) - Psi_inv @ (y1_dot + G1 @ s_dot)
+    alpha_dot = y3 + Psi_inv @ (Psi_dot @ offset) - Psi_inv @ (y1_dot + slope @ s_dot)
     F_c_dot = alpha_dot - Psi.T @ Ps - G2 @ z  # (4.32, 5.31)
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
 
@@ -397,9 +441,41 @@ def backstepping_rate_vector(
     Returns:
         The time rate of the state.
     """
-    gains = _gains_from_arrays(matrices, numbers)
+    gains = gains_from_arrays(matrices, numbers)
     state = unpack_state(x, v.size)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
+
+
+def damped_rate_vector(
+    matrices: Array,
+    numbers: Array,
+    x: Array,
+    Phi: Array,
+    Phi_dot: Array,
+    s: Array,
+    F_e: Array,
+    damping: Array,
+    slope: Array,
+) -> Array:
+    """Returns damped_rate() of a state vector, as a vector.
+
+    Args:
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
+        x: The state as pack_state() makes it.
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their time rate in 1/s (N).
+        s: Auxiliary error in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        damping: What alpha takes from ds/dt, in m/s^2 (n).
+        slope: Its derivative with respect to s in 1/s (n, n).
+
+    Returns:
+        The time rate of the state.
+    """
+    gains = gains_from_arrays(matrices, numbers)
+    state = unpack_state(x, s.size)
+    return pack_state(damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope))
 
 
 def backstepping_error_vector(
@@ -427,7 +503,7 @@ def backstepping_error_vector(
     Returns:
         s in m/s and z in N (2n).
     """
-    gains = _gains_from_arrays(matrices, numbers)
+    gains = gains_from_arrays(matrices, numbers)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
     return np.concatenate((s, z))

@@ -24,6 +24,10 @@ from teleop_drake.architectures import (
 )
 from teleop_drake.architectures.adaptive_backstepping import BacksteppingParameters
 from teleop_drake.architectures.lattice import NetworkConfig
+from teleop_drake.architectures.robust_backstepping import (
+    RobustBacksteppingConfig,
+    RobustTermsConfig,
+)
 from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.scenario.tree import FromTree
 from teleop_drake.validation import (
@@ -68,11 +72,13 @@ class _ChosenKind(FixedFields):
 class ControllerConfig(BacksteppingParameters, _ChosenKind):
     """The control architecture.
 
-    `adaptive_backstepping` uses the parameters up to `network`, `direct_force` none,
-    each of the others the field of its name, and one of your own `parameters`. A gain
-    is a number (times the identity) or an n x n matrix.
+    `adaptive_backstepping` uses the parameters up to `network`, `robust_backstepping`
+    these and `robust`, `direct_force` none, each of the others the field of its name,
+    and one of your own `parameters`. A gain is a number (times the identity) or an
+    n x n matrix.
     """
 
+    robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
     wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
     time_domain_passivity: TimeDomainPassivityConfig = field(
         default_factory=TimeDomainPassivityConfig
@@ -94,6 +100,14 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             )
         return "controller.parameters"
 
+    @property
+    def is_backstepping(self) -> bool:
+        """Whether this kind uses the parameters up to `network`."""
+        return self.kind in (
+            AdaptiveBacksteppingConfig.kind,
+            RobustBacksteppingConfig.kind,
+        )
+
     def Chosen(self) -> ArchitectureConfig:
         """Returns the architecture that `kind` names.
 
@@ -101,8 +115,9 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             ScenarioError: If there is none of that name, or its parameters are unknown.
         """
         kind = ARCHITECTURE_KINDS.Find(self.kind, "controller.kind")
-        if kind is AdaptiveBacksteppingConfig:
-            return AdaptiveBacksteppingConfig.Of(self)
+        if self.is_backstepping:
+            assert issubclass(kind, AdaptiveBacksteppingConfig)
+            return kind.Of(self)
         if self.kind in ARCHITECTURES:
             section: ArchitectureConfig = getattr(self, self.kind, kind())
             return section
@@ -128,6 +143,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             num_axes,
             is_needed=isinstance(chosen, AdaptiveBacksteppingConfig),
         )
+        self.robust.CheckTerms("controller.robust")
         chosen.Check(self.path, num_axes)
 
 

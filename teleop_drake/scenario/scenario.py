@@ -25,10 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
-from teleop_drake.architectures import (
-    AdaptiveBacksteppingConfig,
-    Facts,
-)
+from teleop_drake.architectures import Facts
 from teleop_drake.channels import ChannelConfig, TransportChannelConfig
 from teleop_drake.environments import (
     CONTACT,
@@ -484,10 +481,9 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
         scenario.environment.Check()
     controller = scenario.controller
     controller.Check(n)
-    if (
-        controller.kind == AdaptiveBacksteppingConfig.kind
-        or not isinstance(controller.initial_psi, str)
-    ) and (reads_files or not _Files(scenario.robot)):
+    if (controller.is_backstepping or not isinstance(controller.initial_psi, str)) and (
+        reads_files or not _Files(scenario.robot)
+    ):
         controller.CheckInitialPsi(scenario.Facts())
     CheckSimulatorConfig(scenario.simulator)
     CheckStart(scenario.robot.start, scenario.Surfaces())

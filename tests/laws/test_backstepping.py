@@ -237,7 +237,13 @@ def test_lyapunov_identity_along_a_trajectory(n):
     np.testing.assert_allclose(V2 - V2[0], integral, rtol=0, atol=1e-9 * V2[0])
 
 
-LAW_FUNCTIONS = ("auxiliary_error", "control_force_error", "backstepping_rate")
+LAW_FUNCTIONS = (
+    "auxiliary_error",
+    "control_force_error",
+    "damped_force_error",
+    "backstepping_rate",
+    "damped_rate",
+)
 
 
 def _operators(tree: ast.Module) -> list[ast.AST]:

@@ -1,0 +1,251 @@
+"""Adaptive backstepping with robust terms beside the networks."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+    AdaptiveBacksteppingConfig,
+)
+from teleop_drake.architectures.facts import Facts
+from teleop_drake.kernel import Kernel
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    auxiliary_error,
+    damped_force_error,
+    damped_rate_vector,
+    unpack_state,
+)
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.robust_backstepping import (
+    RobustBounds,
+    robust_damping,
+    robust_errors,
+    robust_force_rate,
+    robust_rate,
+)
+from teleop_drake.numerics.compiled import compiled
+from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+
+Array = NDArray[np.float64]
+
+
+class RobustBackstepping(AdaptiveBackstepping):
+    """AdaptiveBackstepping with terms that dominate what its networks do not learn.
+
+        damping of s    G1 s + rho1 P s/sqrt(|P s|^2 + eps1^2)
+        off dF_c/dt     rho1 Psi^-1 H w/sqrt(|w|^2 + eps1^2)
+                        + rho3 z/sqrt(|z|^2 + eps3^2)
+
+    The law, with w and H and the proof of its ultimate bound, is
+    `teleop_drake.laws.robust_backstepping`. Ports, state, initial value and direct
+    feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0 so is the law.
+
+    Args:
+        gains: The constants of the law of chapters 4 and 5.
+        bounds: Those of the robust terms.
+        network: The basis functions of both networks, with n inputs in m.
+
+    Raises:
+        ValueError: If a bound is not allowed, or the network does not have one input
+            per axis.
+    """
+
+    def __init__(
+        self,
+        *,
+        gains: BacksteppingGains,
+        bounds: RobustBounds,
+        network: GaussianNetwork,
+    ):
+        super().__init__(gains=gains, network=network)
+        self.set_name("robust_backstepping")
+        for name in ("rho1", "rho3"):
+            CheckNumber(name, getattr(bounds, name), minimum=0)
+        for name in ("eps1", "eps3"):
+            CheckNumber(name, getattr(bounds, name), above=0)
+        self._constants = gains
+        self._bounds = np.array(bounds, dtype=float)
+        self._rate, self._errors = self._RobustRate, self._RobustErrors
+        # Compiled piece by piece, because what is compiled stands in one file.
+        self._damping = compiled(robust_damping)
+        self._damped_rate = compiled(damped_rate_vector)
+        self._force_rate = compiled(robust_force_rate)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        adaptive = super().Kernel()
+        assert isinstance(adaptive.rate, tuple)
+        taken = ("bounds", *adaptive.rate[1:])
+        return replace(
+            adaptive,
+            parameters={**adaptive.parameters, "bounds": self._bounds},
+            rate=(robust_rate, *taken),
+            outputs={**adaptive.outputs, "errors": (robust_errors, *taken)},
+        )
+
+    def _RobustRate(
+        self,
+        matrices: Array,
+        numbers: Array,
+        x: Array,
+        Phi: Array,
+        Phi_dot: Array,
+        v: Array,
+        v_dd: Array,
+        F_e: Array,
+        F_hd: Array,
+    ) -> Array:
+        """Returns robust_rate() with the values of the networks given."""
+        n = self._n
+        s = auxiliary_error(self._constants, v, v_dd, F_e, F_hd)
+        values = self._damping(self._constants.P, self._constants.G1, self._bounds, s)
+        damping, slope = values[:n], values[n:].reshape(n, n)
+        rate: Array = self._damped_rate(
+            matrices, numbers, x, Phi, Phi_dot, s, F_e, damping, slope
+        )
+        state = unpack_state(x, n)
+        z = damped_force_error(state, Phi, F_e, damping)
+        rate[:n] -= self._force_rate(self._bounds, state.Psi, slope, z)
+        return rate
+
+    def _RobustErrors(
+        self,
+        matrices: Array,
+        numbers: Array,
+        x: Array,
+        Phi: Array,
+        v: Array,
+        v_dd: Array,
+        F_e: Array,
+        F_hd: Array,
+    ) -> Array:
+        """Returns robust_errors() with the values of the networks given."""
+        s = auxiliary_error(self._constants, v, v_dd, F_e, F_hd)
+        values = self._damping(self._constants.P, self._constants.G1, self._bounds, s)
+        state = unpack_state(x, self._n)
+        z = damped_force_error(state, Phi, F_e, values[: self._n])
+        return np.concatenate((s, z))
+
+
+@dataclass(kw_only=True, eq=False)
+class RobustTermsConfig(FixedFields):
+    """The bounds of the robust terms; all of their defaults are assumed.
+
+    The scale of s is the commanded speed |v_d|, that of z the force |v_d|/Lambda which
+    weighs as much in s. A null bound is what G1 and G2 answer to errors of that size,
+    and a null width of smoothing is that size.
+    """
+
+    # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. Null: the least
+    # eigenvalue of G1 times |v_d|. Assumed.
+    acceleration_bound: float | None = None
+    # eps1, of P s (with P = 1 in m/s), > 0. Null: |v_d| times the largest eigenvalue
+    # of P. Assumed.
+    velocity_width: float | None = None
+    # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: the least
+    # eigenvalue of G2 times |v_d|/Lambda. Assumed.
+    force_rate_bound: float | None = None
+    # eps3, of z, N, > 0. Null: |v_d|/Lambda. Assumed.
+    force_width: float | None = None
+
+    def CheckTerms(self, path: str) -> None:
+        """Checks every field.
+
+        Args:
+            path: Their place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        for name, unit, allowed in (
+            ("acceleration_bound", "m/s^2", {"minimum": 0.0}),
+            ("velocity_width", "m/s", {"above": 0.0}),
+            ("force_rate_bound", "N/s", {"minimum": 0.0}),
+            ("force_width", "N", {"above": 0.0}),
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                CheckNumber(f"{path}.{name}", value, unit, **allowed)
+
+    def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
+        """Returns the bounds with every default derived.
+
+        Args:
+            gains: Those of the law.
+            facts: Its commanded velocity is used.
+            path: The place of the fields in a scenario, for messages.
+
+        Raises:
+            ScenarioError: If a width would be 0.
+        """
+        speed = float(np.linalg.norm(facts.velocity))
+        G1, G2, Lambda = (
+            np.linalg.eigvalsh((x + x.T) / 2)
+            for x in (gains.G1, gains.G2, gains.Lambda)
+        )
+        force = speed / float(Lambda[-1])
+        weight = float(np.linalg.eigvalsh(gains.P)[-1])
+        derived = RobustBounds(
+            rho1=float(G1[0]) * speed,
+            eps1=weight * speed,
+            rho3=float(G2[0]) * force,
+            eps3=force,
+        )
+        given = (
+            self.acceleration_bound,
+            self.velocity_width,
+            self.force_rate_bound,
+            self.force_width,
+        )
+        bounds = RobustBounds(
+            *(d if g is None else g for g, d in zip(given, derived, strict=True))
+        )
+        for name, width in (
+            ("velocity_width", bounds.eps1),
+            ("force_width", bounds.eps3),
+        ):
+            if not width > 0:
+                Refuse(f"{path}.{name}", None, "given where no velocity is commanded")
+        return bounds
+
+
+@dataclass(kw_only=True, eq=False)
+class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
+    """Adaptive backstepping with robust terms; see laws.robust_backstepping."""
+
+    kind = "robust_backstepping"
+
+    robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field for itself.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+            num_axes: Number n of task axes.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        super().Check(path, num_axes)
+        self.robust.CheckTerms(f"{path}.robust")
+
+    def MakeControlLaw(self, facts: Facts, path: str) -> RobustBackstepping:
+        """Makes the law.
+
+        Args:
+            facts: What `initial_psi: auto` and the bounds derive from.
+            path: The config's place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: If Psi cannot be derived or inverted, or a width would be 0.
+        """
+        gains = self.Resolve(facts, path)
+        return RobustBackstepping(
+            gains=gains,
+            bounds=self.robust.Bounds(gains, facts, f"{path}.robust"),
+            network=self.network.MakeNetwork(),
+        )

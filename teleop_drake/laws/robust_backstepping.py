@@ -1,0 +1,223 @@
+"""Backstepping with robust terms against what the networks do not represent.
+
+The law of `laws.backstepping`, and its notation. The plant has remainders now,
+
+    ds/dt   = Psi* (F_c - F_e) + W1* Phi + d1,     |d1| <= rho1
+    dF_e/dt = W3* Phi + d3,                        |d3| <= rho3
+
+the errors of approximation, of which only the bounds are known. With the smoothed
+direction u/|u|_eps, where |u|_eps = sqrt(|u|^2 + eps^2), the robust law is
+
+    h(s)    = G1 s + rho1 P s/|P s|_eps1               damping in the place of G1 s
+    H(s)    = dh/ds = G1 + rho1 (P - P s (P^2 s)^T/|P s|_eps1^2)/|P s|_eps1
+    w       = H^T Psi^-T z
+    dF_c/dt = (that of backstepping with h for G1 s and H for G1)
+              - rho1 Psi^-1 H w/|w|_eps1 - rho3 z/|z|_eps3
+
+The update laws are those of backstepping with g = P s + w. Their leakage, nu and
+Upsilon, is the sigma modification, which keeps estimates bounded without excitation.
+
+Proof of uniform ultimate boundedness, with V2 of `laws.backstepping`, the projection
+inactive and Psi*, W1*, W3* constant.
+
+1.  Steps 1 to 4 there hold with h and H, for H is the derivative of h. They leave
+    dV2/dt = -s^T P h - z^T G2 z + g^T d1 - z^T d3 - rho1 |w|^2/|w|_eps1
+             - rho3 |z|^2/|z|_eps3 + L,
+    the remainders entering as e does in step 3, and the leakage as
+    L = nu1 <W1~, W1> + nu3 <W3~, W3> - Upsilon <Psi~, Psi0 - Psi>.
+2.  With u = P s the robust terms and the remainders are three differences of the same
+    form, for u, w and z:   u^T d - rho |u|^2/|u|_eps <= rho (|u| - |u|^2/|u|_eps)
+    <= c rho eps. The maximum of x - x^2/sqrt(x^2 + 1) is c = phi^(-5/2) = 0.3003, with
+    the golden ratio phi, at x^2 = 1/phi.
+3.  <W1~, W1> = <W1~, W1* - W1~> <= (|W1*|^2 - |W1~|^2)/2, and the others alike.
+
+Hence dV2/dt <= -kappa V2 + D with
+
+    kappa = min(2 lambda_min(P G1)/lambda_max(P), 2 lambda_min(G2),
+                beta1 nu1, beta3 nu3, beta2 Upsilon)
+    D     = c (2 rho1 eps1 + rho3 eps3)
+            + (nu1 |W1*|^2 + nu3 |W3*|^2 + Upsilon |Psi* - Psi0|^2)/2
+
+(lambda_min(P G1) of the symmetric part), so that V2 falls below every bound above
+D/kappa and V2(t) <= V2(0) exp(-kappa t) + D/kappa. Without leakage, exact networks and
+eps to 0, s and z go to zero. With rho = 0 this is the law of backstepping.
+
+What the proof does not cover:
+
+* Punctures. A force that jumps by J makes s jump by Lambda J and z by
+  -J + Psi^-1 (h(s + Lambda J) - h(s)), and V2 with them. Its root is a norm, so
+
+      |sqrt(2 V2)| jumps by at most  |P^(1/2) Lambda J| + |J|
+          + |Psi^-1| (|G1 Lambda J| + min(2 rho1, rho1 |P Lambda J|/eps1)).
+
+  Psi*, W1* and W3* are those of one layer and jump as well. Between jumps V2 decays
+  as above; if they are at least T apart, and each raises sqrt(2 V2) by j at most,
+  then sqrt(2 V2) is ultimately at most sqrt(2 D/kappa) + j/(1 - exp(-kappa T/2)). A
+  tool that chatters has no such T.
+* An arm that moves has another Psi*; that adds <Psi~, dPsi*/dt>/beta2.
+* The loop through the operator and the channels. d1 contains the rates of v_d and F_h,
+  so that |d1| <= rho1 is a condition on what arrives, not on the networks alone.
+* Near s = 0 the robust term is a gain, rho1/eps1 on top of G1: a thin layer is a stiff
+  law, in the solver and in a real drive.
+
+Sources: P. A. Ioannou and J. Sun, "Robust Adaptive Control" (1996), ch. 8 (leakage);
+M. M. Polycarpou and P. A. Ioannou, "A robust adaptive nonlinear control design",
+Automatica 32 (1996) (smoothed bounding terms in backstepping).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.laws.backstepping import (
+    auxiliary_error,
+    damped_force_error,
+    damped_rate_vector,
+    gains_from_arrays,
+    unpack_state,
+)
+from teleop_drake.laws.gaussian_network import gaussian_functions
+
+Array = NDArray[np.float64]
+
+
+class RobustBounds(NamedTuple):
+    """What the robust terms are to dominate, and where they are smoothed.
+
+    Attributes:
+        rho1: Bound of |d1| in m/s^2, >= 0.
+        eps1: Smooths the direction of P s, in the unit of P s (m/s for P = 1), > 0.
+        rho3: Bound of |d3| in N/s, >= 0.
+        eps3: Smooths the direction of z, in N, > 0.
+    """
+
+    rho1: float
+    eps1: float
+    rho3: float
+    eps3: float
+
+
+def smooth_norm(u: Array, eps: float) -> float:
+    """Returns |u|_eps = sqrt(|u|^2 + eps^2).
+
+    Args:
+        u: A vector.
+        eps: > 0, in its unit.
+    """
+    norm: float = np.sqrt((u * u).sum() + eps**2)
+    return norm
+
+
+def robust_damping(P: Array, G1: Array, bounds: Array, s: Array) -> Array:
+    """Returns h(s) in m/s^2, and behind it H(s) row by row in 1/s (n + n n).
+
+    Args:
+        P: Weight of s in V2 (n, n), symmetric.
+        G1: Damping of s in 1/s (n, n).
+        bounds: Those of RobustBounds, in its order.
+        s: Auxiliary error in m/s (n).
+    """
+    u = P @ s
+    norm = smooth_norm(u, bounds[1])
+    share = bounds[0] / norm
+    direction = u / norm
+    slope = G1 + share * (P - direction[:, np.newaxis] * (P @ direction))
+    return np.concatenate((G1 @ s + share * u, slope.ravel()))
+
+
+def robust_force_rate(bounds: Array, Psi: Array, slope: Array, z: Array) -> Array:
+    """Returns what the robust terms take from dF_c/dt, in N/s (n).
+
+    Args:
+        bounds: Those of RobustBounds, in its order.
+        Psi: Estimate in 1/kg (n, n).
+        slope: H(s) in 1/s (n, n).
+        z: Control force error in N (n).
+    """
+    shaped = np.linalg.inv(Psi) @ slope
+    w = shaped.T @ z
+    share1 = bounds[0] / smooth_norm(w, bounds[1])
+    share3 = bounds[2] / smooth_norm(z, bounds[3])
+    taken: Array = shaped @ w * share1 + z * share3
+    return taken
+
+
+def robust_rate(
+    bounds: Array,
+    matrices: Array,
+    numbers: Array,
+    centres: Array,
+    widths: Array,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns the time rate of the law's state, as a vector.
+
+    Args:
+        bounds: Those of RobustBounds, in its order.
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
+        centres: Of the basis functions in m (N, n).
+        widths: Of the basis functions in m (n).
+        x: The state, as backstepping.pack_state() makes it.
+        r: Position of the tool in m (n).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
+    """
+    n = v.size
+    gains = gains_from_arrays(matrices, numbers)
+    Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    values = robust_damping(gains.P, gains.G1, bounds, s)
+    damping, slope = values[:n], values[n:].reshape(n, n)
+    rate = damped_rate_vector(
+        matrices, numbers, x, Phi, Phi_dot, s, F_e, damping, slope
+    )
+    state = unpack_state(x, n)
+    z = damped_force_error(state, Phi, F_e, damping)
+    robust = robust_force_rate(bounds, state.Psi, slope, z)
+    return np.concatenate((rate[:n] - robust, rate[n:]))
+
+
+def robust_errors(
+    bounds: Array,
+    matrices: Array,
+    numbers: Array,
+    centres: Array,
+    widths: Array,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns s in m/s and z in N as one vector (2n).
+
+    Args:
+        bounds: Those of RobustBounds, in its order.
+        matrices: The gains, of BacksteppingGains.as_arrays().
+        numbers: The gains, of BacksteppingGains.as_arrays().
+        centres: Of the basis functions in m (N, n).
+        widths: Of the basis functions in m (n).
+        x: The state, as backstepping.pack_state() makes it.
+        r: Position of the tool in m (n).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: Haptic force as it arrives at the slave in N (n).
+    """
+    n = v.size
+    gains = gains_from_arrays(matrices, numbers)
+    Phi, _ = gaussian_functions(r, v, centres, widths)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    damping = robust_damping(gains.P, gains.G1, bounds, s)[:n]
+    z = damped_force_error(unpack_state(x, n), Phi, F_e, damping)
+    return np.concatenate((s, z))
