@@ -40,6 +40,7 @@ class LinearPart:
         scale: How far the continuous states may change, in their unit, before the
             block leaves what is linear about them; None: as far as a value of size 1.
         speed_scale: The same of the tool's velocity, in m/s.
+        input_scale: The same of all inputs, in SI units.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
             granted.
     """
@@ -50,6 +51,7 @@ class LinearPart:
     delay: float | None = None
     scale: float | None = None
     speed_scale: float = math.inf
+    input_scale: float = math.inf
     assumption: str = ""
 
 

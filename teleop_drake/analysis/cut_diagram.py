@@ -1,7 +1,8 @@
 """What the linearizer holds of a diagram: states, cut delays and fixed inputs."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -116,12 +117,14 @@ class CutPart:
         delays: Delays inside.
         assumptions: What the model takes for granted; see linear_part.
         speed_scales: How far the tool's velocity may change, in m/s; see linear_part.
+        input_scale: How far the inputs may change, in SI units; see linear_part.
     """
 
     states: list[States]
     delays: list[InnerDelay]
     assumptions: set[str]
     speed_scales: list[float]
+    input_scale: float
 
 
 def CutOpen(
@@ -143,7 +146,13 @@ def CutOpen(
         ScenarioError: If a block has a state that is neither continuous nor a mode, or
             has no linear model.
     """
-    part = CutPart(states=[], delays=[], assumptions=set(), speed_scales=[])
+    part = CutPart(
+        states=[],
+        delays=[],
+        assumptions=set(),
+        speed_scales=[],
+        input_scale=math.inf,
+    )
     for block in Leaves(system):
         context = contexts[block]
         with Within(system.get_name()):
@@ -160,6 +169,7 @@ def CutOpen(
                 InnerDelay(system=block, context=context, delay=told.delay)
             )
         part.speed_scales.append(told.speed_scale)
+        part = replace(part, input_scale=min(part.input_scale, told.input_scale))
         if told.assumption:
             part.assumptions.add(told.assumption)
         if told.state is not None:

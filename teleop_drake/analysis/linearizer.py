@@ -272,6 +272,7 @@ class Linearizer:
             states=states,
             delays=self._controller.delays,
             motion=self._motion,
+            input_scale=self._controller.input_scale,
         )
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
         path = _STEP_SHARE * self.SurfaceDistance()

@@ -1,5 +1,6 @@
 """One side of the loop between its cuts, as something to take differences of."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -38,6 +39,7 @@ class SideOfLoop:
         delays: Those inside, which become inputs and outputs behind the others.
         motion: Of the robot, whose coordinates come before the other states; None:
             there is no robot.
+        input_scale: How far inputs may change for it to be nearly linear.
     """
 
     def __init__(
@@ -49,8 +51,10 @@ class SideOfLoop:
         states: Sequence[States],
         delays: Sequence[InnerDelay],
         motion: ToolMotion | None = None,
+        input_scale: float = math.inf,
     ):
         self._name = name
+        self._longest_step = min(STEP, input_scale / 8)
         self._inputs: list[FixedInput | InnerDelay] = [*inputs, *delays]
         self._outputs = [*outputs, *(delay.GetInput for delay in delays)]
         self._states, self._motion = states, motion
@@ -71,7 +75,7 @@ class SideOfLoop:
         x_steps = Concatenate([*steps, *(x.Steps() for x in self._states)])
         by_x, error_x, bend_x = differentiate(self._OfState, x0, x_steps)
         SetStates(self._all_states, x0)
-        u_steps = np.full(len(u0), STEP)
+        u_steps = np.full(len(u0), self._longest_step)
         by_u, error_u, bend_u = differentiate(self._OfInput, u0, u_steps)
         self._OfInput(u0)
         for bend, slope in ((bend_x, by_x), (bend_u, by_u)):

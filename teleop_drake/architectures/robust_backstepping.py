@@ -1,5 +1,6 @@
 """Adaptive backstepping with robust terms beside the networks."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from teleop_drake.laws.robust_backstepping import (
     robust_force_rate,
     robust_rate,
 )
+from teleop_drake.linear_part import LinearPart
 from teleop_drake.numerics.compiled import compiled
 from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
@@ -86,6 +88,21 @@ class RobustBackstepping(AdaptiveBackstepping):
             outputs={**adaptive.outputs, "errors": (robust_errors, *taken)},
         )
 
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that F_c alone is a state, and where the robust terms bend.
+
+        Args:
+            estimates: See AdaptiveBackstepping.
+        """
+        rho1, eps1, rho3, eps3 = self._bounds
+        widths = [eps for rho, eps in ((rho1, eps1), (rho3, eps3)) if rho > 0]
+        part = super().ForLinearModel(estimates)
+        return replace(
+            part,
+            scale=min(widths, default=None),
+            input_scale=min(widths, default=math.inf),
+        )
+
     def _RobustRate(
         self,
         matrices: Array,
@@ -135,18 +152,17 @@ class RobustTermsConfig(FixedFields):
     """The bounds of the robust terms; all of their defaults are assumed.
 
     The scale of s is the commanded speed |v_d|, that of z the force |v_d|/Lambda which
-    weighs as much in s. A null bound is what G1 and G2 answer to errors of that size,
-    and a null width of smoothing is that size.
+    weighs as much in s. A null width of smoothing is that size.
     """
 
-    # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. Null: the least
-    # eigenvalue of G1 times |v_d|. Assumed.
-    acceleration_bound: float | None = None
+    # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. 0 leaves its terms
+    # out, which over a delay do harm, as a larger G1 does. Assumed.
+    acceleration_bound: float = 0.0
     # eps1, of P s (with P = 1 in m/s), > 0. Null: |v_d| times the largest eigenvalue
     # of P. Assumed.
     velocity_width: float | None = None
-    # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: the least
-    # eigenvalue of G2 times |v_d|/Lambda. Assumed.
+    # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: what G2 answers
+    # to a z of that size, its least eigenvalue times |v_d|/Lambda. Assumed.
     force_rate_bound: float | None = None
     # eps3, of z, N, > 0. Null: |v_d|/Lambda. Assumed.
     force_width: float | None = None
@@ -167,7 +183,7 @@ class RobustTermsConfig(FixedFields):
             ("force_width", "N", {"above": 0.0}),
         ):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name == "acceleration_bound":
                 CheckNumber(f"{path}.{name}", value, unit, **allowed)
 
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
@@ -182,26 +198,21 @@ class RobustTermsConfig(FixedFields):
             ScenarioError: If a width would be 0.
         """
         speed = float(np.linalg.norm(facts.velocity))
-        G1, G2, Lambda = (
-            np.linalg.eigvalsh((x + x.T) / 2)
-            for x in (gains.G1, gains.G2, gains.Lambda)
+        G2, Lambda = (
+            np.linalg.eigvalsh((x + x.T) / 2) for x in (gains.G2, gains.Lambda)
         )
         force = speed / float(Lambda[-1])
         weight = float(np.linalg.eigvalsh(gains.P)[-1])
-        derived = RobustBounds(
-            rho1=float(G1[0]) * speed,
-            eps1=weight * speed,
-            rho3=float(G2[0]) * force,
-            eps3=force,
-        )
-        given = (
-            self.acceleration_bound,
-            self.velocity_width,
-            self.force_rate_bound,
-            self.force_width,
+        rho3, eps1, eps3 = (
+            derived if given is None else given
+            for given, derived in (
+                (self.force_rate_bound, float(G2[0]) * force),
+                (self.velocity_width, weight * speed),
+                (self.force_width, force),
+            )
         )
         bounds = RobustBounds(
-            *(d if g is None else g for g, d in zip(given, derived, strict=True))
+            rho1=self.acceleration_bound, eps1=eps1, rho3=rho3, eps3=eps3
         )
         for name, width in (
             ("velocity_width", bounds.eps1),

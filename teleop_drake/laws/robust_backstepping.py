@@ -44,6 +44,8 @@ eps to 0, s and z go to zero. With rho = 0 this is the law of backstepping.
 
 What the proof does not cover:
 
+* Remainders beyond the bounds. What is left of d1 adds |g| (|d1| - rho1) to dV2/dt,
+  what is left of d3 adds |z| (|d3| - rho3).
 * Punctures. A force that jumps by J makes s jump by Lambda J and z by
   -J + Psi^-1 (h(s + Lambda J) - h(s)), and V2 with them. Its root is a norm, so
 

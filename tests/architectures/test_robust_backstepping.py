@@ -21,16 +21,16 @@ def Bounds(scenario):
 
 
 def test_bounds_derive_from_speed_and_gains():
-    # |v_d| = 0.1 m/s, Lambda = P = 1, G1 = 4/s, G2 = 30/s.
-    assert Bounds(Load()) == pytest.approx((0.4, 0.1, 3.0, 0.1))
-    assert Bounds(Load(Lambda=2.0, P=3.0)) == pytest.approx((0.4, 0.3, 1.5, 0.05))
-    given = {"acceleration_bound": 0.0, "force_width": 0.7}
-    assert Bounds(Load(robust=given)) == pytest.approx((0.0, 0.1, 3.0, 0.7))
+    # |v_d| = 0.1 m/s, Lambda = P = 1, G2 = 30/s.
+    assert Bounds(Load()) == pytest.approx((0.0, 0.1, 3.0, 0.1))
+    assert Bounds(Load(Lambda=2.0, P=3.0)) == pytest.approx((0.0, 0.3, 1.5, 0.05))
+    given = {"acceleration_bound": 0.4, "force_width": 0.7}
+    assert Bounds(Load(robust=given)) == pytest.approx((0.4, 0.1, 3.0, 0.7))
 
 
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
 def test_its_kernel_is_the_law(name):
-    law = MakeControlLaw(Load(name))
+    law = MakeControlLaw(Load(name, robust={"acceleration_bound": 0.4}))
     assert isinstance(law, RobustBackstepping)
     assert CheckKernel(law, num_states=3) == []
 
