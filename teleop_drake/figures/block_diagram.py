@@ -8,17 +8,18 @@ graphviz-pure.
 """
 
 import io
+import math
 import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from pydrake.systems.framework import System
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
@@ -31,6 +32,9 @@ _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
 # Drake counts the levels in an int; no diagram has so many.
 _MAX_DEPTH = 2**31 - 1
+
+# Between the pictures of two levels, in points.
+_GAP = 18.0
 
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
@@ -46,6 +50,9 @@ graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]
 node [fontname="Helvetica"]
 edge [arrowsize=0.8]"""
 
+# A box with more ports on a side shows only those that are connected.
+_MOST_PORTS = 10
+
 # A diagram's own output ports stand at the far right, and the lines that lead there
 # cross the picture. Drawn faintly they leave the loop itself visible.
 _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
@@ -60,18 +67,21 @@ _NUMBERED_LINE = re.compile(
 _EDGE_LINE = re.compile(
     r"^s(\d+)(in|out)?:([uy]?)(\d+):e -> s(\d+)(in|out)?:([uy]?)(\d+):w(?: \[(.*)\];)?$"
 )
+_BOX_LINE = re.compile(r"^s(\d+) \[")
+_PORT_LINE = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$')
 _PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>")
 
 
 def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     """The block diagram of a system as DOT text, the same in every process.
 
-    Three things differ from Drake's `GetGraphvizString`. The numbers that stand for
+    Four things differ from Drake's `GetGraphvizString`. The numbers that stand for
     systems count from 0 in order of appearance and the connections are sorted, so that
     two builds of one diagram give the same bytes. A system written in Python is
-    labelled with its class name alone, like those of Drake. A connection that closes a
-    loop is drawn around the boxes; which one of a loop's connections that is follows
-    from the order in which the systems were added to the builder.
+    labelled with its class name alone, like those of Drake. Of a box with more than ten
+    ports on a side, those that are not connected are only counted. A connection that
+    closes a loop is drawn around the boxes; which one of a loop's connections that is
+    follows from the order in which the systems were added to the builder.
 
     Args:
         system: any Drake system; a system without a name is labelled by its class only.
@@ -93,9 +103,11 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
 
     text: list[str] = []
     edges: list[_Edge] = []
+    used: set[tuple[int, str]] = set()
     for line in system.GetGraphvizString(max_depth=max_depth).splitlines():
         if edge := _EDGE_LINE.match(line):
             edges.append(_Edge(edge, Number))
+            used |= edges[-1].ports
             continue
         # The connections of one diagram stand together.
         text += _Connections(edges)
@@ -104,16 +116,17 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
         text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", line))
         if line == "rankdir=LR":
             text.append(_STYLE)
-    return "\n".join(text).rstrip() + "\n"
+    return "\n".join(_WithoutIdlePorts(text, used)).rstrip() + "\n"
 
 
 def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
     """The block diagram of a system as SVG text, for `IPython.display.SVG` and the web.
 
     Args and errors are those of `DiagramDot`; raises RuntimeError where nothing can lay
-    the diagram out (see `WriteDiagram`).
+    the diagram out (see `WriteDiagram`). More than one level is drawn as there.
     """
-    return _Layout(DiagramDot(system, max_depth=max_depth), "svg").decode()
+    svgs = [_Layout(dot, "svg") for dot in _LevelDots(system, max_depth)]
+    return (svgs[0] if len(svgs) == 1 else _JoinSvgs(svgs)).decode()
 
 
 def WriteDiagram(
@@ -122,6 +135,10 @@ def WriteDiagram(
     """Writes the block diagram of a system to a file, in the format of its suffix.
 
     The file appears complete or not at all, and replaces one of the same name.
+
+    A picture of more than one level has each diagram by itself, first the whole with
+    its parts as closed boxes, then these boxes opened, arranged for a page in landscape
+    format. A .dot file has one graph of boxes in boxes, as `DiagramDot` returns it.
 
     Args:
         system: any Drake system.
@@ -138,10 +155,40 @@ def WriteDiagram(
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
-    dot = DiagramDot(system, max_depth=max_depth)
-    content = dot.encode() if suffix == ".dot" else _Layout(dot, suffix[1:])
+    if suffix == ".dot":
+        content = DiagramDot(system, max_depth=max_depth).encode()
+    else:
+        dots = _LevelDots(system, max_depth)
+        join = {".svg": _JoinSvgs, ".png": _JoinPngs, ".pdf": _SvgsToPdf}[suffix]
+        if len(dots) == 1:
+            content = _Layout(dots[0], suffix[1:])
+        else:
+            one = "png" if suffix == ".png" else "svg"
+            content = join([_Layout(dot, one) for dot in dots])
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def _LevelDots(system: System, max_depth: int | None) -> list[str]:
+    """Returns the DOT text of a diagram, and of each in it that is to be opened.
+
+    They stand by their depth, each with its own parts as closed boxes.
+    """
+    if not isinstance(system, Diagram) or max_depth in (0, 1):
+        return [DiagramDot(system, max_depth=max_depth)]
+    if max_depth is not None and max_depth < 0:
+        Refuse("max_depth", max_depth, "null, 0 or positive")
+    levels, deepest, depth = [system], [system], 1
+    while deepest and depth != max_depth:
+        deepest = [
+            inner
+            for outer in deepest
+            for inner in outer.GetSystems()
+            if isinstance(inner, Diagram)
+        ]
+        levels += deepest
+        depth += 1
+    return [DiagramDot(level, max_depth=1) for level in levels]
 
 
 class _Edge:
@@ -153,6 +200,10 @@ class _Edge:
         self.head = _End(f"s{self.target}", line[6], line[7] + line[8], "w")
         # Drake marks the lines that lead to the ports of the diagram itself.
         self.attributes = line[9] or ""
+        self.ports = {
+            (self.source, line[3] + line[4]),
+            (self.target, line[7] + line[8]),
+        }
         self.order = (
             bool(self.attributes),
             (self.source, int(line[4])),
@@ -177,6 +228,56 @@ class _End:
             self.turn.append(f"{{rank=same; {node}; {turn}}}")
             self.outside += f":{compass}"
             self.inside += ":w" if compass == "e" else ":e"
+
+
+def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
+    """Leaves out ports that nothing is connected to, of boxes with many.
+
+    Args:
+        text: The DOT text of a diagram.
+        used: What something is connected to: the system and the port, as `u0` or `y0`.
+    """
+    result: list[str] = []
+    begin = box = 0
+    for line in text:
+        result.append(line)
+        if header := _BOX_LINE.match(line):
+            begin, box = len(result), int(header[1])
+        elif line == ">];" and begin:
+            cells = [x for x in map(_PORT_LINE.match, result[begin:]) if x]
+            sides = [[x for x in cells if x[1][0] == side] for side in "uy"]
+            if max(map(len, sides)) > _MOST_PORTS:
+                first = result.index("<TR>", begin)
+                result[first:-2] = _PortRows(
+                    *(
+                        _Shown(side, [x for x in side if (box, x[1]) in used])
+                        for side in sides
+                    )
+                )
+            begin = 0
+    return result
+
+
+def _Shown(ports: list[re.Match[str]], used: list[re.Match[str]]) -> list[str]:
+    """Returns the cells of the ports that are used, and how many others there are."""
+    cells = [f'<TD PORT="{port[1]}" BORDER="1">{port[2]}</TD>' for port in used]
+    if rest := len(ports) - len(used):
+        text = f"{rest} more" if used else f"{rest} ports"
+        cells.append(f'<TD BORDER="1"><FONT COLOR="grey">{text}</FONT></TD>')
+    return cells
+
+
+def _PortRows(inputs: list[str], outputs: list[str]) -> list[str]:
+    """Returns the rows of a box; where a side has fewer cells, the last is higher."""
+    rows = []
+    for i in range(max(len(inputs), len(outputs))):
+        rows.append("<TR>")
+        for cells, other in ((inputs, outputs), (outputs, inputs)):
+            if i < len(cells):
+                height = len(other) - i if i == len(cells) - 1 else 1
+                rows.append(cells[i].replace("<TD", f'<TD ROWSPAN="{max(height, 1)}"'))
+        rows.append("</TR>")
+    return rows
 
 
 def _Connections(edges: list[_Edge]) -> list[str]:
@@ -238,7 +339,7 @@ def _Layout(dot: str, file_format: str) -> bytes:
     if program := _EmbeddedDot():
         # That one writes no PDF.
         if file_format == "pdf":
-            return _SvgToPdf(_RunDot(program, dot, "svg"))
+            return _SvgsToPdf([_RunDot(program, dot, "svg")])
         return _RunDot(program, dot, file_format)
     raise RuntimeError(
         f"nothing here can lay out a diagram as {file_format}: install Graphviz, so "
@@ -270,52 +371,145 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
     )
 
 
-def _SvgToPdf(svg: bytes) -> bytes:
-    """Draws graphviz-pure's SVG as PDF: vectors, and text that can be searched."""
+def _Arrange(
+    sizes: Sequence[tuple[float, float]], gap: float
+) -> tuple[list[tuple[float, float]], tuple[float, float]]:
+    """Puts pictures in rows, in their order, so that all are as large as possible.
+
+    Args:
+        sizes: Width and height of each.
+        gap: Between two of them.
+
+    Returns:
+        The left upper corner of each, and width and height of all.
+    """
+    best: tuple[list[tuple[float, float]], tuple[float, float]] | None = None
+    # The width of a row is that of some neighbours.
+    limits = {
+        sum(w + gap for w, _ in sizes[i:j])
+        for i in range(len(sizes))
+        for j in range(i + 1, len(sizes) + 1)
+    }
+    for limit in sorted(limits):
+        corners: list[tuple[float, float]] = []
+        x = y = row_height = width = 0.0
+        for w, h in sizes:
+            if x > 0 and x + w > limit:
+                x, y, row_height = 0.0, y + row_height + gap, 0.0
+            corners.append((x, y))
+            x, row_height = x + w + gap, max(row_height, h)
+            width = max(width, x - gap)
+        size = width, y + row_height
+        if best is None or _Smallness(*size) < _Smallness(*best[1]):
+            best = corners, size
+    assert best is not None
+    return best
+
+
+def _Smallness(width: float, height: float) -> float:
+    """Returns how much a picture has to shrink for a page in landscape format."""
+    return max(width / math.sqrt(2), height)
+
+
+def _JoinSvgs(svgs: Sequence[bytes]) -> bytes:
+    """Puts pictures of graphs beside and below each other."""
+    boxes = [_ViewBox(ElementTree.fromstring(svg)) for svg in svgs]
+    corners, (width, height) = _Arrange([box[2:] for box in boxes], _GAP)
+    parts = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<svg width="{width:g}pt" height="{height:g}pt" '
+        f'viewBox="0 0 {width:g} {height:g}" xmlns="http://www.w3.org/2000/svg" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink">',
+    ]
+    for i, (svg, box, (x, y)) in enumerate(zip(svgs, boxes, corners, strict=True)):
+        text = svg.decode()
+        graph = text[text.index("<g ") : text.rindex("</svg>")]
+        # No two elements may have one name.
+        graph = re.sub(r'\bid="', f'id="level{i}_', graph)
+        parts.append(f'<g transform="translate({x - box[0]:g} {y - box[1]:g})">')
+        parts.append(f"{graph}</g>")
+    return "\n".join([*parts, "</svg>", ""]).encode()
+
+
+def _JoinPngs(pngs: Sequence[bytes]) -> bytes:
+    """Puts pictures of graphs beside and below each other."""
+    from PIL import Image
+
+    images = [Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
+    gap = _GAP * _PNG_DPI / 72
+    corners, (width, height) = _Arrange([image.size for image in images], gap)
+    page = Image.new("RGB", (math.ceil(width), math.ceil(height)), "white")
+    for image, (x, y) in zip(images, corners, strict=True):
+        page.paste(image, (round(x), round(y)))
+    file = io.BytesIO()
+    page.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
+    return file.getvalue()
+
+
+def _ViewBox(root: ElementTree.Element) -> tuple[float, float, float, float]:
+    """Returns left, top, width and height of an SVG picture."""
+    left, top, width, height = map(float, root.attrib["viewBox"].split())
+    return left, top, width, height
+
+
+def _SvgsToPdf(svgs: Sequence[bytes]) -> bytes:
+    """Draws SVG of graphs as PDF: vectors, and text that can be searched."""
     # Imported here because only a PDF needs it.
     from matplotlib import rc_context
     from matplotlib.figure import Figure
-    from matplotlib.patches import PathPatch
 
-    root = ElementTree.fromstring(svg)
-    left, top, width, height = map(float, root.attrib["viewBox"].split())
-    graph = root[0]
-    shift = re.search(r"translate\(([\d.-]+) ([\d.-]+)\)", graph.attrib["transform"])
-    assert shift is not None
-    shift_x, shift_y = float(shift[1]), float(shift[2])
+    roots = [ElementTree.fromstring(svg) for svg in svgs]
+    boxes = [_ViewBox(root) for root in roots]
+    corners, (width, height) = _Arrange([box[2:] for box in boxes], _GAP)
 
     # Helvetica is one of the fonts that every PDF reader has, and its widths are those
     # that the layout was made with. Drawn so, it has no characters beyond Latin ones;
     # DejaVu Sans has them, but is wider.
-    plain = "".join(graph.itertext()).isascii()
+    plain = all("".join(root.itertext()).isascii() for root in roots)
     family, regular, scale = (
         ("Helvetica", "medium", 1.0) if plain else ("DejaVu Sans", "normal", 0.85)
     )
 
     # An SVG point is a PDF point, and both stand for 1/72 inch.
     figure = Figure(figsize=(width / 72, height / 72))
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_xlim(left - shift_x, left - shift_x + width)
-    axes.set_ylim(top - shift_y + height, top - shift_y)
-    axes.set_axis_off()
-    for element in graph.iter():
-        if element.tag.endswith("}text"):
-            _DrawText(axes, element, family=family, weight=regular, scale=scale)
-        elif (outline := _Outline(element)) is not None:
-            get = element.attrib.get
-            axes.add_patch(
-                PathPatch(
-                    outline,
-                    facecolor=get("fill", "black"),
-                    edgecolor=get("stroke", "none"),
-                    linewidth=float(get("stroke-width", "1")),
-                )
-            )
+    for root, (left, top, w, h), (x, y) in zip(roots, boxes, corners, strict=True):
+        graph = next(x for x in root if x.tag.endswith("}g"))
+        shift = re.search(
+            r"translate\(([\d.-]+) ([\d.-]+)\)", graph.attrib["transform"]
+        )
+        assert shift is not None
+        shift_x, shift_y = float(shift[1]), float(shift[2])
+        axes = figure.add_axes((x / width, 1 - (y + h) / height, w / width, h / height))
+        axes.set_xlim(left - shift_x, left - shift_x + w)
+        axes.set_ylim(top - shift_y + h, top - shift_y)
+        axes.set_axis_off()
+        for element in graph.iter():
+            if element.tag.endswith("}text"):
+                _DrawText(axes, element, family=family, weight=regular, scale=scale)
+            elif (outline := _Outline(element)) is not None:
+                _DrawOutline(axes, element, outline)
     file = io.BytesIO()
     with rc_context({"pdf.use14corefonts": plain, "pdf.fonttype": 42}):
         # Without a date the same diagram gives the same bytes.
         figure.savefig(file, format="pdf", metadata={"CreationDate": None})
     return file.getvalue()
+
+
+def _DrawOutline(
+    axes: "Axes", element: ElementTree.Element, outline: "Outline"
+) -> None:
+    """Draws an SVG shape."""
+    from matplotlib.patches import PathPatch
+
+    get = element.attrib.get
+    axes.add_patch(
+        PathPatch(
+            outline,
+            facecolor=get("fill", "black"),
+            edgecolor=get("stroke", "none"),
+            linewidth=float(get("stroke-width", "1")),
+        )
+    )
 
 
 def _DrawText(

@@ -16,6 +16,8 @@ from pydrake.systems.primitives import Adder, Gain, Integrator, PassThrough
 
 from teleop_drake.figures import block_diagram as rendering
 from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg, WriteDiagram
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import MakeDiagram
 
 # What every picture of MakeLoop() must show, opened or not.
 PORTS = {"reference", "response", "position"}
@@ -272,14 +274,35 @@ def test_every_suffix_gives_a_file_of_its_kind(dot_on_path, tmp_path):
     assert struct.unpack(">I", png[16:20])[0] / (points / 72) >= 150
     pdf = (tmp_path / "loop.pdf").read_bytes()
     assert pdf.startswith(b"%PDF-")
-    if dot_on_path is None:
-        assert _PdfText(pdf) == _Labels(svg) - {""}
-    else:
-        assert b"made by a system dot" in pdf
+    # Pictures of several levels are put together here, that of one is the program's.
+    assert _PdfText(pdf) == _Labels(svg) - {""}
+    if dot_on_path is not None:
+        WriteDiagram(loop, tmp_path / "loop.pdf", max_depth=1)
+        assert b"made by a system dot" in (tmp_path / "loop.pdf").read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {
         "bin",
         *(f"loop.{suffix}" for suffix in ("svg", "png", "pdf", "dot", "SVG")),
     }
+
+
+def test_levels_stand_beside_each_other_on_a_page():
+    """Each opened box by itself, in pictures that do not overlap; A4 holds them all."""
+    svg = RenderSvg(MakeDiagram(LoadScenario("two_dof_combined")), max_depth=2)
+    root = ElementTree.fromstring(svg.encode())
+    width, height = (float(root.attrib[x][:-2]) for x in ("width", "height"))
+    # In points: text of 14 has 5.5 or more on the page.
+    assert 14 * min(842 / width, 595 / height) > 5.5
+    names = re.findall(r">name=(\w+)<", svg)
+    assert {names.count(x) for x in ("master", "controller", "robot")} == {2}
+    assert names.count("plant") == 1
+    # What is not connected is counted, and what is connected is there.
+    assert re.search(r">\d+ more<", svg)
+    assert "geometry_query" not in svg and "applied_generalized_force" in svg
+    sizes = [(4.0, 2.0), (3.0, 1.0), (3.0, 1.0)]
+    corners, size = rendering._Arrange(sizes, 0.5)
+    assert (corners, size) == ([(0, 0), (0, 2.5), (3.5, 2.5)], (6.5, 3.5))
+    identifiers = re.findall(r'\bid="(.*?)"', svg)
+    assert len(identifiers) == len(set(identifiers)) > 50
 
 
 def _PdfText(pdf: bytes) -> set[str]:
