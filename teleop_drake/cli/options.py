@@ -89,17 +89,18 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
-def AddFormatOption(parser: argparse.ArgumentParser) -> None:
+def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
     """Adds --format.
 
     Args:
         parser: The parser of the command.
+        default: The formats without the option.
     """
     parser.add_argument(
         "--format",
-        default="png",
+        default=default,
         metavar="A,B,...",
-        help="of figures: png, svg, pdf or several of them (default: png)",
+        help=f"of figures: png, svg, pdf or several of them (default: {default})",
     )
 
 

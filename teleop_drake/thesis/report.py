@@ -23,6 +23,9 @@ from teleop_drake.thesis.studies import STUDIES
 from teleop_drake.thesis.studies.study import Study
 from teleop_drake.validation import Refuse
 
+FORMATS = ("png", "svg")
+"""What figures are written as, unless something else is asked for."""
+
 _CHAPTERS = {
     "2": "The loop and the task",
     "3": "A network that learns a disturbance",
@@ -53,11 +56,12 @@ def Reproduce(
     *,
     only: Sequence[str] | None = None,
     jobs: int = 2,
+    formats: Sequence[str] = FORMATS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Simulates what the thesis simulates and writes what comes out.
 
-    Each figure becomes `figure_4_1.png` and `.svg`. Without `only` there are also the
+    Each figure becomes `figure_4_1.png` and the like. Without `only` there are also the
     figures of our own studies, `ledger.json` and `ledger.csv` with a record for each
     claim, and `report.html`, which contains all of it. Every file appears complete or
     not at all, and replaces one of the same name.
@@ -66,6 +70,8 @@ def Reproduce(
         out: An existing folder.
         only: Numbers of figures, to make these and nothing else.
         jobs: Number of processes that simulate.
+        formats: Of the figures: png, svg or pdf. The report is made of svg, which is
+            therefore written with it in any case.
         progress: Called with one line of text when a run or a figure is finished,
             possibly from another thread.
 
@@ -80,39 +86,44 @@ def Reproduce(
     figures = SelectFigures(only)
     with ThesisRuns(jobs, progress) as runs:
         if only is None:
-            return WriteReport(runs, out, progress)
-        return WriteFigures(runs, out, figures, progress)
+            return WriteReport(runs, out, formats, progress)
+        return WriteFigures(runs, out, figures, formats, progress)
 
 
 def WriteFigures(
     runs: ThesisRuns,
     out: Path,
     figures: Sequence[ThesisFigure],
+    formats: Sequence[str] = FORMATS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Writes figures of the thesis, see Reproduce."""
     runs.Prefetch(request for figure in figures for request in figure.requests)
     paths: list[Path] = []
     for figure in figures:
-        paths += WritePicture(figure.make(runs), out / figure.stem)
+        paths += WritePicture(figure.make(runs), out / figure.stem, formats)
         _Report(progress, f"figure {figure.number}")
     return paths
 
 
 def WriteReport(
-    runs: ThesisRuns, out: Path, progress: Callable[[str], None] | None = None
+    runs: ThesisRuns,
+    out: Path,
+    formats: Sequence[str] = FORMATS,
+    progress: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Writes all figures, the studies, the ledger and the report, see Reproduce."""
+    formats = list(dict.fromkeys([*formats, "svg"]))
     figures = list(FIGURES.values())
     runs.Prefetch(request for figure in figures for request in figure.requests)
     # The workers go on with these while the figures are drawn.
     runs.Prefetch([*requests.REQUESTS, *studies.REQUESTS])
-    paths = WriteFigures(runs, out, figures, progress)
+    paths = WriteFigures(runs, out, figures, formats, progress)
     results = []
     for make in STUDIES:
         study = make(runs)
         for name, picture in study.figures.items():
-            paths += WritePicture(picture, out / f"study_{name}")
+            paths += WritePicture(picture, out / f"study_{name}", formats)
         results.append(study)
         _Report(progress, study.title)
     rows = Ledger(runs)

@@ -47,5 +47,5 @@ def reproduced(request, thesis_runs, tmp_path_factory):
             patch.setattr(studies, "REQUESTS", [])
         figures = list(report.FIGURES.values())
         folder = tmp_path_factory.mktemp("reproduced")
-        paths = report.WriteReport(thesis_runs, folder, lines.append)
+        paths = report.WriteReport(thesis_runs, folder, progress=lines.append)
     return SimpleNamespace(folder=folder, paths=paths, figures=figures, lines=lines)

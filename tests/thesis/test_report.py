@@ -130,8 +130,13 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         f"figure_2_{i}.{suffix}" for i in (1, 4) for suffix in ("png", "svg")
     }
-    assert main(["reproduce", "--only", "2.4", "--quiet", "--out", "quiet"]) == 0
+    options = ["--quiet", "--out", "quiet", "--format", "pdf,svg"]
+    assert main(["reproduce", "--only", "2.4", *options]) == 0
     assert capsys.readouterr().err == ""
+    assert {path.name for path in (tmp_path / "quiet").iterdir()} == {
+        "figure_2_4.pdf",
+        "figure_2_4.svg",
+    }
 
 
 @pytest.mark.parametrize(
@@ -139,6 +144,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     [
         (["--only", "4.1,9.9"], ["--only", "'9.9'", "2.1, 2.4", "5.20"]),
         (["--only", ""], ["--only", "2.1, 2.4", "5.20"]),
+        (["--format", "jpg"], ["--format", "'jpg'", "png, svg"]),
         (["--jobs", "0"], ["--jobs", "0", "1 or more"]),
         (["--out", "/dev/null/x"], ["--out", "/dev/null/x", "folder"]),
     ],

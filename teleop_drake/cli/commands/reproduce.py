@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
+from teleop_drake.cli.options import AddFormatOption, FormatsOf
 from teleop_drake.cli.output import PrepareFolder
 
 
@@ -14,9 +15,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="DIR",
         default="out",
-        help="write figures (.png and .svg), ledger (.json and .csv) and report.html "
-        "there (default: out)",
+        help="write figures, ledger (.json and .csv) and report.html there (default: "
+        "out)",
     )
+    AddFormatOption(parser, default="png,svg")
     parser.add_argument(
         "--only",
         metavar="A,B,...",
@@ -36,6 +38,7 @@ def Execute(args: argparse.Namespace) -> int:
     """Simulates and writes what the thesis shows."""
     if args.jobs < 1:
         raise BadInput(f"--jobs = {args.jobs}: must be 1 or more")
+    formats = FormatsOf(args)
 
     from teleop_drake.thesis.report import Reproduce, SelectFigures
 
@@ -56,6 +59,7 @@ def Execute(args: argparse.Namespace) -> int:
             Path(args.out),
             only=only,
             jobs=args.jobs,
+            formats=formats,
             progress=None if args.quiet else Report,
         )
     except RuntimeError as e:

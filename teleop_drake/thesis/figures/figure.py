@@ -53,8 +53,10 @@ class ThesisFigure:
         return "figure_" + self.number.replace(".", "_")
 
 
-def WritePicture(picture: Figure | Diagram, stem: Path) -> list[Path]:
-    """Writes a figure or a block diagram as .png and as .svg.
+def WritePicture(
+    picture: Figure | Diagram, stem: Path, formats: Sequence[str] = ("png", "svg")
+) -> list[Path]:
+    """Writes a figure or a block diagram in some formats.
 
     The same picture gives the same bytes. Each file appears complete or not at all.
 
@@ -62,15 +64,16 @@ def WritePicture(picture: Figure | Diagram, stem: Path) -> list[Path]:
         picture: A figure, whose layout is fixed thereby, or a diagram, drawn as the
             boxes of its own parts.
         stem: The path without the suffix, in an existing folder.
+        formats: Of saving.FORMATS.
 
     Returns:
-        The paths of the two files, .png first.
+        The paths of the files, in the order of the formats.
 
     Raises:
         OSError: If a file cannot be written.
         RuntimeError: If nothing here can lay out a block diagram.
     """
-    paths = [stem.with_name(f"{stem.name}{suffix}") for suffix in (".png", ".svg")]
+    paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
     if isinstance(picture, Figure):
         # The layout costs as much as the drawing and is the same for both.
         layout = picture.get_layout_engine()
