@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import Source
 from teleop_drake.compiler.machine_code import CompileIntegrator
 from teleop_drake.compiler.source import Program
 from teleop_drake.kernel import Delay, Packet
@@ -161,6 +162,18 @@ class CompiledRun:
         elif status == delay_integrator.FULL:
             self._MakeRoom()
         return times, rows
+
+    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
+        """Sets an input that is not connected; nothing may jump thereby.
+
+        Args:
+            system: The block, anywhere in the diagram.
+            port: Its input port, which its kernel takes something from.
+            values: What comes in from now on.
+        """
+        blocks = self.evaluator.blocks
+        place = [block.system for block in blocks].index(system)
+        self._memory.y[self.evaluator.program.fed[Source(place, port)]] = values
 
     def _MakesStepShorter(self, error: Exception) -> bool:
         """Rejects the step that has raised an error; returns whether it was too long.

@@ -123,9 +123,16 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
     if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
         value: Array = port.Eval(context)
         return value
-    if isinstance(system, MultibodyPlant):  # No motor, no force.
+    # Of a plant: no motor, no force.
+    if isinstance(system, MultibodyPlant) or name in _OptionalInputs(system):
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")
+
+
+def _OptionalInputs(system: System) -> tuple[str, ...]:
+    """Returns the inputs that a block takes for zero where it has no value."""
+    names: tuple[str, ...] = getattr(system, "optional_inputs", ())
+    return names
 
 
 def _InPython(program: Program) -> Callable[..., Any]:

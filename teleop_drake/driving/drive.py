@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.driving.controls import FullSpeed, Hand
@@ -20,8 +19,8 @@ from teleop_drake.operators.hand import HandOperator
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import CheckSteps, Scenario, ScenarioError
 from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation import simulate
+from teleop_drake.simulation.live import LiveRun
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -34,6 +33,9 @@ LONGEST_SEGMENT = 600.0
 
 _WARM_UP = 0.05
 """Simulated time in s that calls everything once."""
+
+# Shorter than any step, s.
+_INSTANT = 1e-9
 
 _NUM_STILL = 8
 """For so many pictures new settings stay as they are before they count."""
@@ -81,6 +83,7 @@ class Drive:
         view: What shows it; None: nothing does.
         duration: How long, s of simulated time; None: until the hand has enough.
         rate: Simulated s in a second; infinity: as fast as it goes.
+        engine: What runs it, as simulate() takes it.
         say: Takes a line for the user.
 
     Attributes:
@@ -100,17 +103,18 @@ class Drive:
         view: View | None = None,
         duration: float | None = None,
         rate: float = 1.0,
+        engine: str = "auto",
         say: Callable[[str], None] = lambda line: None,
     ):
         self._name_or_path, self._overrides = name_or_path, list(overrides)
         self._base = LoadDriven(name_or_path, self._overrides)
         self._hand, self._view, self._say = hand, view, say
         self._left = math.inf if duration is None else duration
-        self._rate = rate
+        self._rate, self._engine = rate, engine
         self._full_speed = FullSpeed(self._base)
         self._start: Array | None = None
         self._is_over = False
-        self._warm: set[tuple[str, str]] = set()
+        self._warm: set[tuple[str, ...]] = set()
         self.segments: list[Segment] = []
 
     def Run(self) -> None:
@@ -127,6 +131,7 @@ class Drive:
                 view=self._view,
                 full_speed=self._full_speed,
                 rate=self._rate,
+                engine=self._engine,
             )
             self.segments.append(segment.Run())
             recording = self.segments[-1].recording
@@ -144,16 +149,25 @@ class Drive:
         return scenario
 
     def _WarmUp(self, scenario: Scenario) -> str:
-        """Lets numba compile the laws of an architecture before the clock starts.
+        """Lets numba compile what is new in a scenario before the clock starts.
 
         Returns:
             How that ended; see Recording.
         """
-        kinds = (scenario.controller.kind, scenario.forward_channel.kind)
+        kinds = (
+            scenario.controller.kind,
+            scenario.forward_channel.kind,
+            scenario.return_channel.kind,
+        )
         if kinds in self._warm:
             return "completed"
         self._warm.add(kinds)
-        return simulate(dataclasses.replace(scenario, duration=_WARM_UP)).termination
+        operator = HandOperator(num_axes=scenario.num_axes)
+        return simulate(
+            dataclasses.replace(scenario, duration=_WARM_UP),
+            teleoperator=MakeTeleoperator(scenario, operator=operator),
+            engine=self._engine,
+        ).termination
 
     def _LoadFrom(self, settings: Settings, start: Array | None) -> Scenario:
         overrides = [
@@ -202,8 +216,9 @@ class _Driven:
         view: View | None,
         full_speed: float,
         rate: float,
+        engine: str,
     ):
-        self._scenario, self._settings = scenario, settings
+        self._scenario, self._settings, self._engine = scenario, settings, engine
         self._hand, self._view = hand, view
         self._full_speed = full_speed
         self._pace = Pace(rate)
@@ -219,7 +234,10 @@ class _Driven:
         if self._view is not None:
             self._view.Begin(self._scenario)
         recording = simulate(
-            self._scenario, teleoperator=self._diagram, advance=self._Advance
+            self._scenario,
+            teleoperator=self._diagram,
+            engine=self._engine,
+            advance=self._Advance,
         )
         return Segment(
             settings=self._settings,
@@ -230,36 +248,24 @@ class _Driven:
             was_late=self._pace.was_late,
         )
 
-    def _Advance(self, simulator: Simulator, duration: float) -> None:
+    def _Advance(self, run: LiveRun, duration: float) -> None:
         """Advances picture by picture; see simulate()."""
-        root_context = simulator.get_context()
-        ports = NamedSignals(self._diagram.GetSystems())
-        contexts = {
-            name: port.get_system().GetMyContextFromRoot(root_context)
-            for name, port in ports.items()
-        }
-        mutable = self._operator.GetMyMutableContextFromRoot(
-            simulator.get_mutable_context()
-        )
         num_still = 0
         self._pace.Start(0.0)
-        time = 0.0
-        while time < duration:
-            row = self._rows[-1]
+        while run.time < duration - _INSTANT:
+            time, before = run.time, self._rows[-1][1:]
             end = min(len(self._rows) * PERIOD, duration)
             command = np.asarray(self._hand.Command(time), dtype=float)
             after = self._full_speed * np.clip(command, -1.0, 1.0)
-            self._operator.SetCommand(
-                mutable, begin=time, end=end, before=row[1:], after=after
-            )
-            simulator.AdvanceTo(end)
+            line = self._operator.Line(begin=time, end=end, before=before, after=after)
+            run.Feed(self._operator, "line", line)
+            run.AdvanceTo(end)
             self._rows.append(np.array([end, *after]))
-            time = root_context.get_time()
-            if time < end:
-                return  # It diverged, or was interrupted.
-            signals = {name: port.Eval(contexts[name]) for name, port in ports.items()}
-            self._Show(time, signals)
-            self._pace.Wait(time)
+            if run.has_ended:
+                return
+            signals = run.Signals()
+            self._Show(end, signals)
+            self._pace.Wait(end)
             wanted = self._hand.Wanted()
             num_still = 0 if wanted == self._settings else num_still + 1
             if self._hand.WantsEnd():

@@ -386,6 +386,21 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
     return has_shown
 
 
+def _let_happen(
+    evaluate: Evaluate,
+    problem: Problem,
+    memory: Memory,
+) -> None:
+    """Makes what happens now happen: breaks, packets and transitions."""
+    t, delays = memory.clock[0], problem.delays
+    order = _take_break(t, memory)
+    _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
+    if _show_packets(t, delays, memory) and order < 0:
+        order = _MAX_ECHO  # A jump, but too many to follow their echoes.
+    _settle(evaluate, order, problem, memory)
+    _keep_node(0, delays, memory)
+
+
 def _next_stop(t_end: float, delays: Delays, memory: Memory) -> float:
     """Returns where the step has to end at the latest."""
     stop = t_end
@@ -527,6 +542,9 @@ def advance(
             return FULL
         t = clock[0]
         stop = _next_stop(t_end, delays, memory)
+        if stop - t <= _SAME:  # What the call before has left, at its very end.
+            _let_happen(evaluate, problem, memory)
+            continue
         h = _length_of_step(min(clock[1], longest), t, stop)
         error = _step(evaluate, h, problem, memory)
         factor = _growth_of_step(error, accuracy)
@@ -555,16 +573,10 @@ def advance(
         _copy(memory.x_next, memory.x)
         if not is_at_stop or h * factor > clock[1]:
             clock[1] = h * factor
-        order = _take_break(end, memory)
+        clock[0] = end
         if (is_due or is_at_stop) and end < t_end:
-            _evaluate_all(evaluate, end, memory.x, problem, memory, memory.stages[0])
-            clock[0] = end
-            if _show_packets(end, delays, memory) and order < 0:
-                order = _MAX_ECHO  # A jump, but too many to follow their echoes.
-            _settle(evaluate, order, problem, memory)
-            _keep_node(0, delays, memory)
+            _let_happen(evaluate, problem, memory)
         else:
-            clock[0] = end
             _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
             if len(delays.times) > 0:
                 values, num = memory.values, counts[POLYNOMIALS]

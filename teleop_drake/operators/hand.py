@@ -1,8 +1,13 @@
 """An operator whose commands come from outside while the simulation runs."""
 
-from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, DependencyTicket
+from collections.abc import Mapping
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, DependencyTicket
+
+from teleop_drake.kernel import Kernel, Term
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
 from teleop_drake.validation import Refuse
 
@@ -12,12 +17,16 @@ class HandOperator(ModalOperator):
 
         v_d(t) = before + (after - before) (t - begin)/(end - begin)
 
-    within [begin, end], and held before and after. Whoever runs the simulation calls
-    SetCommand() between two calls of AdvanceTo(), which end at `end`: v_d is continuous
-    then, and is not smooth only where a step ends.
+    within [begin, end], and held before and after. Whoever runs the simulation sets the
+    input `line` between two advances, the first of which ends at `end`: v_d is
+    continuous then, and is not smooth only where a step ends.
 
-    Ports, state, modes, initial value and feedthrough are those of ModalOperator. The
-    line is a numeric parameter of its Context. It has no kernel.
+    | port | name | size   | unit                                           |
+    |------|------|--------|------------------------------------------------|
+    | in   | line | 2 + 2n | [begin; end; before; after], s and m/s; see Line() |
+
+    As long as nothing is connected to it, and it has no value, v_d is zero. All other
+    ports, state, modes, initial value and feedthrough are those of ModalOperator.
 
     It feels nothing by itself: that is what the hand is for.
 
@@ -25,27 +34,17 @@ class HandOperator(ModalOperator):
         num_axes: n.
     """
 
+    optional_inputs = ("line",)
+
     def __init__(self, *, num_axes: int):
         ModalOperator.__init__(self, num_axes=num_axes)
-        n = num_axes
-        self._line = self.DeclareNumericParameter(
-            BasicVector([0.0, 1.0, *[0.0] * 2 * n])
-        )
 
-    def SetCommand(
-        self,
-        context: Context,
-        *,
-        begin: float,
-        end: float,
-        before: ArrayLike,
-        after: ArrayLike,
-    ) -> None:
-        """Sets the line along which v_d goes.
+    @staticmethod
+    def Line(*, begin: float, end: float, before: ArrayLike, after: ArrayLike) -> Array:
+        """Returns what the input `line` takes.
 
         Args:
-            context: The Context of this block.
-            begin: When it begins, s.
+            begin: When the line begins, s.
             end: When it ends, s, > begin.
             before: v_d at the beginning in m/s (n).
             after: v_d at the end in m/s (n).
@@ -55,8 +54,7 @@ class HandOperator(ModalOperator):
         """
         if not end > begin:
             Refuse("end", end, f"> {begin} (s)")
-        values = [begin, end, *CheckVelocity(before), *CheckVelocity(after)]
-        context.get_mutable_numeric_parameter(self._line).SetFromVector(values)
+        return np.array([begin, end, *CheckVelocity(before), *CheckVelocity(after)])
 
     def IntendedVelocity(self, context: Context) -> Array:
         """Returns v_d in m/s (n).
@@ -64,13 +62,37 @@ class HandOperator(ModalOperator):
         Args:
             context: The Context of this block.
         """
-        line = context.get_numeric_parameter(self._line).CopyToVector()
-        begin, end = line[:2]
-        n = (line.size - 2) // 2
-        share = min(max((context.get_time() - begin) / (end - begin), 0.0), 1.0)
-        value: Array = (1 - share) * line[2 : 2 + n] + share * line[2 + n :]
-        return value
+        line = (
+            self._line.Eval(context)
+            if self._line.HasValue(context)
+            else np.zeros(self._line.size())
+        )
+        return velocity_on_line(context.get_time(), line)
 
     def IntentionTickets(self) -> set[DependencyTicket]:
-        """Returns those of the time and of the parameter."""
-        return {self.time_ticket(), self.all_parameters_ticket()}
+        """Declares the input; the outputs that depend on it come next."""
+        self._line = self.DeclareVectorInputPort("line", 2 + 2 * self._num_axes)
+        return {self.time_ticket(), self._line.ticket()}
+
+    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
+        """Returns the term of the intended velocity, and its parameters; see kernel."""
+        return (velocity_on_line, "time", "line"), {}
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return self.MakeKernel()
+
+
+def velocity_on_line(time: float, line: Array) -> Array:
+    """Returns v_d in m/s (n).
+
+    Args:
+        time: In s.
+        line: [begin; end; before; after]; zeros: v_d is zero.
+    """
+    n = (len(line) - 2) // 2
+    # A line without a length has ended.
+    length = max(line[1] - line[0], 1e-9)
+    share = min(max((time - line[0]) / length, 0.0), 1.0)
+    velocity: Array = (1 - share) * line[2 : 2 + n] + share * line[2 + n :]
+    return velocity

@@ -6,8 +6,9 @@ import time as clock
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.compiler.check import CheckNear
@@ -22,12 +23,18 @@ from teleop_drake.simulation.failures import (
     IsArithmetic,
     ReasonOfDivergence,
 )
+from teleop_drake.simulation.live import LiveRun
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import CheckPace, Interruption
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
+
+Array = NDArray[np.float64]
+
+# Instants closer together than this, in s, are one to the integrator.
+_SAME = 1e-12
 
 
 class CannotCompile(Exception):
@@ -40,6 +47,7 @@ def RunCompiled(
     duration: float,
     speed_limit: SpeedLimit,
     progress: Callable[[float], None] | None,
+    advance: Callable[[LiveRun, float], None] | None = None,
 ) -> Outcome:
     """Runs a diagram as machine code.
 
@@ -50,6 +58,7 @@ def RunCompiled(
         speed_limit: When to end early.
         progress: Called now and then with the simulated time in s. If it has a method
             Say(), that is told before what may have to be compiled.
+        advance: As simulate() takes it.
 
     Raises:
         CannotCompile: If a block, the solver that is asked for, or the machine has no
@@ -79,7 +88,7 @@ def RunCompiled(
             raise
         raise CannotCompile(f"numba: {FirstLine(error)}") from error
     CheckNear(run.evaluator, diagram, context)
-    outcome = _Run(run, diagram, duration, speed_limit, progress, start)
+    outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
     context.SetTime(outcome.times[-1])
     outcome.channels = {
         system.get_name(): system.Statistics(
@@ -122,55 +131,142 @@ def _CheckSolver(config: SimulatorConfig) -> None:
         )
 
 
+class _Stepper:
+    """A run in machine code; see LiveRun.
+
+    Args:
+        run: The run.
+        diagram: What is run.
+        duration: How long, s.
+        speed_limit: When to end early.
+        progress: As RunCompiled() takes it.
+        interruption: Ends it because of Ctrl-C.
+
+    Attributes:
+        termination: As in Recording, but for what Ctrl-C ends.
+        reason: As in Recording.
+        is_too_fast: As in Outcome.
+    """
+
+    def __init__(
+        self,
+        run: CompiledRun,
+        diagram: Diagram,
+        *,
+        duration: float,
+        speed_limit: SpeedLimit,
+        progress: Callable[[float], None] | None,
+        interruption: Interruption,
+    ):
+        self._run, self._duration = run, duration
+        self._speed_limit, self._progress = speed_limit, progress
+        self._interruption = interruption
+        self._places = _Signals(run, diagram)
+        self._pieces: list[tuple[Array, Array]] = []
+        self.termination, self.reason, self.is_too_fast = "completed", "", False
+
+    @property
+    def time(self) -> float:
+        """How far the run is, s."""
+        return self._run.time
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it cannot go on: it diverged, or was interrupted."""
+        return self.termination != "completed" or self._interruption.has_come
+
+    def AdvanceTo(self, time: float) -> None:
+        """Simulates until a time, or less far if the run ends before.
+
+        Args:
+            time: In s.
+        """
+        run, end = self._run, min(time, self._duration)
+        while (
+            run.time < end - _SAME
+            and self.termination == "completed"
+            and not (self._interruption.has_come and self._pieces)
+        ):
+            times, rows = run.Advance(end)
+            CheckPace(run.num_steps, run.time, self._duration)
+            speeds = np.linalg.norm(rows[:, self._places["tool_velocity"]], axis=1)
+            too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
+            if too_fast.size > 0:
+                last = int(too_fast[0])
+                self.is_too_fast = bool(np.isfinite(speeds[last]))
+                self.termination = "diverged"
+                self.reason = self._speed_limit.Reason(speeds[last])
+                times = times[: last + self.is_too_fast]
+                rows = rows[: last + self.is_too_fast]
+            elif run.failure or run.error is not None:
+                self.termination, self.reason = "diverged", _ReasonOf(run)
+            self._pieces.append((times, rows))
+            if self._progress is not None:
+                self._progress(run.time)
+
+    def Signals(self) -> dict[str, Array]:
+        """Returns all signals as they are now, by name; see simulate()."""
+        _, rows = self._pieces[-1]
+        return {name: rows[-1, place] for name, place in self._places.items()}
+
+    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
+        """Sets an input that is not connected; nothing may jump thereby.
+
+        Args:
+            system: The block, anywhere in the diagram.
+            port: Its input port.
+            values: What comes in from now on.
+        """
+        self._run.Feed(system, port, values)
+
+    def Recorded(self) -> tuple[Array, dict[str, Array]]:
+        """Returns the times (N,) and the signals (N, k) so far."""
+        times, rows = (np.concatenate(x) for x in zip(*self._pieces, strict=True))
+        return times, {name: rows[:, place] for name, place in self._places.items()}
+
+
 def _Run(
     run: CompiledRun,
     diagram: Diagram,
     duration: float,
     speed_limit: SpeedLimit,
     progress: Callable[[float], None] | None,
+    advance: Callable[[LiveRun, float], None] | None,
     start: float,
 ) -> Outcome:
-    places = _Signals(run, diagram)
-    pieces: list[tuple[np.ndarray, np.ndarray]] = []
-    termination, reason, is_too_fast = "completed", "", False
     with Interruption() as interruption:
-        while (
-            run.time < duration
-            and termination == "completed"
-            and not interruption.has_come
-        ):
-            times, rows = run.Advance(duration)
-            CheckPace(run.num_steps, run.time, duration)
-            speeds = np.linalg.norm(rows[:, places["tool_velocity"]], axis=1)
-            too_fast = np.flatnonzero(~(speeds <= speed_limit.speed))
-            if too_fast.size > 0:
-                end = int(too_fast[0])
-                is_too_fast = bool(np.isfinite(speeds[end]))
-                termination, reason = "diverged", speed_limit.Reason(speeds[end])
-                times, rows = times[: end + is_too_fast], rows[: end + is_too_fast]
-            elif run.failure or run.error is not None:
-                termination, reason = "diverged", run.failure or _ReasonOf(run)
-            pieces.append((times, rows))
-            if progress is not None:
-                progress(run.time)
+        stepper = _Stepper(
+            run,
+            diagram,
+            duration=duration,
+            speed_limit=speed_limit,
+            progress=progress,
+            interruption=interruption,
+        )
+        if advance is None:
+            stepper.AdvanceTo(duration)
+        else:
+            advance(stepper, duration)
+    termination, reason = stepper.termination, stepper.reason
     if interruption.has_come:  # However it ended, as in Drake's Simulator.
         termination, reason = "interrupted", "interrupted by the user"
-    times, rows = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    times, signals = stepper.Recorded()
     return Outcome(
         times=times,
-        signals={name: rows[:, place] for name, place in places.items()},
+        signals=signals,
         steps=run.num_steps,
         derivative_evaluations=run.num_evaluations,
         wall_time=clock.monotonic() - start,
         termination=termination,
         reason=reason,
-        is_too_fast=is_too_fast,
+        is_too_fast=stepper.is_too_fast,
     )
 
 
 def _ReasonOf(run: CompiledRun) -> str:
-    """Returns why a run ended by what a law raised, or raises it if it is a mistake."""
-    assert run.error is not None
+    """Returns why a run cannot go on, or raises what a law raised by mistake."""
+    if run.error is None or run.failure:
+        return run.failure
     if not (IsArithmetic(run.error) or not run.is_finite):
         raise run.error
     return ReasonOfDivergence(run.error, has_error_control=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import Simulator, SimulatorConfig
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
@@ -24,6 +24,7 @@ from teleop_drake.simulation.failures import (
     NamingBlocks,
     ReasonOfDivergence,
 )
+from teleop_drake.simulation.live import DrakeRun, LiveRun
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
@@ -57,7 +58,7 @@ def simulate(
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "drake",
-    advance: Callable[[Simulator, float], None] | None = None,
+    advance: Callable[[LiveRun, float], None] | None = None,
 ) -> Recording:
     """Simulates a scenario from its start and records all signals of the loop.
 
@@ -104,10 +105,9 @@ def simulate(
             once for each structure of a diagram and then runs many times as fast. What
             cannot be compiled is run by Drake, and a warning says why; with `auto`
             nothing does.
-        advance: Takes the Simulator, initialized, and the duration in s, and calls
-            AdvanceTo() as often as it likes, to set inputs in between for example; it
-            may return earlier. With it the engine is Drake's. None: AdvanceTo(duration)
-            at once.
+        advance: Takes the run at its start and the duration in s, and calls AdvanceTo()
+            as often as it likes, to feed inputs in between for example; it may return
+            earlier. None: AdvanceTo(duration) at once.
 
     Returns:
         The recording.
@@ -131,12 +131,12 @@ def simulate(
     speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
     run = None
-    if engine != "drake" and advance is None:
+    if engine != "drake":
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
             with interpreted():  # There are too few calls to pay compiling.
-                run = RunCompiled(*what)
+                run = RunCompiled(*what, advance)
         except CannotCompile as error:
             if engine == "compiled":
                 warnings.warn(f"run in Drake's Simulator: {error}", stacklevel=2)
@@ -173,7 +173,7 @@ def _RunInDrake(
     duration: float,
     speed_limit: SpeedLimit,
     progress: Callable[[float], None] | None,
-    advance: Callable[[Simulator, float], None] | None,
+    advance: Callable[[LiveRun, float], None] | None,
 ) -> Outcome:
     """Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
     simulator = MakeSimulator(diagram, config)
@@ -196,7 +196,7 @@ def _RunInDrake(
                     if advance is None:
                         simulator.AdvanceTo(duration)
                     else:
-                        advance(simulator, duration)
+                        advance(DrakeRun(diagram, simulator, monitor), duration)
         except KeyboardInterrupt:
             interruption.has_come = True
         except Exception as error:

@@ -47,7 +47,8 @@ def delayed_decay(delay):
     return builder.Build()
 
 
-def run(diagram, end, *, accuracy=1e-9, max_step=0.1):
+def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):
+    """Runs to an end, and stops on the way as often as one likes."""
     engine = CompiledRun(
         diagram,
         diagram.CreateDefaultContext(),
@@ -57,15 +58,19 @@ def run(diagram, end, *, accuracy=1e-9, max_step=0.1):
     )
     pieces = []
     while engine.time < end and not engine.failure:
-        pieces.append(engine.Advance(end))
+        stop = min(end, (round(engine.time / every) + 1) * every)
+        pieces.append(engine.Advance(stop))
     assert not engine.failure
     times, rows = map(np.concatenate, zip(*pieces, strict=True))
     return engine, times, rows
 
 
-@pytest.mark.parametrize("delay", [1.0, 0.3, 0.11])
-def test_the_method_of_steps(delay):
-    engine, times, rows = run(delayed_decay(delay), 4.0)
+# The last one stops where the jumps arrive.
+@pytest.mark.parametrize(
+    ("delay", "every"), [(1.0, 7.0), (0.3, math.inf), (0.11, 0.07), (0.25, 0.25)]
+)
+def test_the_method_of_steps(delay, every):
+    engine, times, rows = run(delayed_decay(delay), 4.0, every=every)
     signal = engine.evaluator.program.signals
     x = rows[:, signal[next(s for s in signal if s.block == 0)].start]
     k = np.arange(math.floor(4.0 / delay) + 2)
@@ -140,7 +145,8 @@ class Hold(LeafSystem):
         )
 
 
-def test_a_sampled_loop_is_its_difference_equation():
+@pytest.mark.parametrize("every", [math.inf, 0.1, 0.03])
+def test_a_sampled_loop_is_its_difference_equation(every):
     """dx/dt = -2 x_k, sampled every 0.1 s: x_{k+1} = 0.8 x_k."""
     builder = DiagramBuilder()
     x = builder.AddNamedSystem("x", Integrator([1.0]))
@@ -149,6 +155,6 @@ def test_a_sampled_loop_is_its_difference_equation():
     builder.Connect(x.get_output_port(), hold.get_input_port())
     builder.Connect(hold.get_output_port(), gain.get_input_port())
     builder.Connect(gain.get_output_port(), x.get_input_port())
-    _, times, rows = run(builder.Build(), 1.05, max_step=1.0)
+    _, times, rows = run(builder.Build(), 1.05, max_step=1.0, every=every)
     k = int(np.flatnonzero(np.isclose(times, 1.0))[0])
     assert rows[k, 0] == pytest.approx(0.8**10, abs=1e-12)

@@ -37,17 +37,20 @@ def Driven(hand, duration, overrides=(), **arguments):
         hand=hand,
         duration=duration,
         rate=math.inf,
-        **arguments,
+        **{"engine": "drake", **arguments},
     )
     drive.Run()
     return drive.segments
 
 
-def test_what_the_hand_did_can_be_repeated(tmp_path):
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_what_the_hand_did_can_be_repeated(engine, tmp_path):
     """The recorded operator gives the same run, to what the solver is accurate to."""
+    if engine == "compiled":
+        pytest.importorskip("numba")
     # Half of the full speed is the task's speed.
     hand = ScriptedHand(lambda t: [0.5 * math.sin(2 * t) ** 2], DIRECT)
-    (segment,) = Driven(hand, 2.0)
+    (segment,) = Driven(hand, 2.0, engine=engine)
     assert segment.recording.termination == "completed"
     assert len(hand.felt) == 2.0 / PERIOD == len(segment.command) - 1
     file = tmp_path / "hand.csv"
@@ -148,6 +151,20 @@ def test_a_segment_is_as_long_as_its_steps_allow():
     assert scenario.duration == 100
 
 
+def test_machine_code_ends_as_drake_does():
+    """What the hand wants, and a run that diverges, end a segment of either engine."""
+    pytest.importorskip("numba")
+    ends = []
+    others = dataclasses.replace(DIRECT, delay=0.05)
+    for engine in ("drake", "compiled"):
+        hand = ScriptedHand(lambda t: [1.0], DIRECT, changes=[(0.5, others)])
+        segments = Driven(hand, 2.0, ["divergence_speed_ratio=1.05"], engine=engine)
+        ends.append([(x.recording.time[-1], x.recording.termination) for x in segments])
+    assert [x for _, x in ends[1]] == [x for _, x in ends[0]]
+    assert "diverged" in {x for _, x in ends[0]} > {"diverged"}
+    np.testing.assert_allclose(*([t for t, _ in x] for x in ends), atol=1e-4)
+
+
 def test_by_the_sliders_of_a_page():
     """The command is the slider's, and what is felt is shown."""
     meshcat = Meshcat()
@@ -161,6 +178,7 @@ def test_by_the_sliders_of_a_page():
         view=MakeView(meshcat, scenario),
         duration=0.5,
         rate=math.inf,
+        engine="drake",
     )
     drive.Run()
     (segment,) = drive.segments

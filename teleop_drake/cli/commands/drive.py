@@ -8,7 +8,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.cli.options import AddScenarioOptions, LoadToRun, OverridesOf
+from teleop_drake.cli.options import (
+    AddEngineOption,
+    AddScenarioOptions,
+    LoadToRun,
+    OverridesOf,
+)
 from teleop_drake.cli.output import PrepareFolder, WriteText
 from teleop_drake.cli.server import PortOf
 from teleop_drake.cli.tables import Align
@@ -56,6 +61,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="simulated seconds in a second (default: 1)",
     )
+    AddEngineOption(parser, default="auto")
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -151,6 +157,7 @@ def _MakeDrive(
         view=view,
         duration=None if args.duration is None else scenario.duration,
         rate=args.rate,
+        engine=args.engine,
         say=say,
     )
 
