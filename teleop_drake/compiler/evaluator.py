@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
+from teleop_drake.compiler.arm_kernel import GravityKernel, HoldKernel
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.compiler.machine_code import CompileEvaluate
 from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel, TrackingKernel
@@ -16,7 +17,9 @@ from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
+from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
+from teleop_drake.systems.posture_hold import PostureHold
 from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
@@ -42,6 +45,10 @@ def KernelOf(system: System, context: Context) -> Kernel:
         return ToolKernel(system)
     if isinstance(system, NetworkTrackingController):
         return TrackingKernel(system)
+    if isinstance(system, PostureHold):
+        return HoldKernel(system)
+    if isinstance(system, GravityCompensation):
+        return GravityKernel(system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")

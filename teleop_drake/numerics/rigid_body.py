@@ -338,6 +338,28 @@ def calc_point_motion(
         i = tree.parents[i]
 
 
+def calc_link_turn(tree: RigidBodyTree, link: int, work: Array, result: Array) -> None:
+    """Fills in rotation and angular Jacobian of a link.
+
+    Args:
+        tree: The links.
+        link: Index of the link, -1 for the world.
+        work: As calc_kinematics() or calc_accelerations() left it.
+        result: For the rotation and the Jacobian of the angular velocity, each row by
+            row (9 + 3 n), in the world's axes.
+    """
+    n = len(tree.parents)
+    for k in range(len(result)):
+        result[k] = 0.0
+    for k in range(9):
+        result[k] = work[link, _R + k] if link >= 0 else float(k % 4 == 0)
+    i = link
+    while i >= 0:
+        for k in range(3):
+            result[9 + k * n + i] = work[i, _S + k]
+        i = tree.parents[i]
+
+
 def calc_point_acceleration(
     tree: RigidBodyTree,
     link: int,

@@ -7,7 +7,9 @@ from pydrake.systems.framework import System
 from teleop_drake.kinds import KindTable
 from teleop_drake.robots.arm import ArmConfig
 from teleop_drake.robots.base import PlantRobotConfig, RobotConfig
+from teleop_drake.robots.driven_arm import DrivenArmConfig
 from teleop_drake.robots.facts import FactsOfRobot, RobotFacts
+from teleop_drake.robots.puma560 import Puma560Config
 from teleop_drake.robots.robot_diagram import MakeRobotDiagram
 from teleop_drake.robots.slider import SliderConfig
 from teleop_drake.robots.two_link_arm import TwoLinkArmConfig
@@ -15,7 +17,7 @@ from teleop_drake.validation import Within
 
 ROBOT_KINDS = KindTable(
     RobotConfig,
-    (SliderConfig, TwoLinkArmConfig, ArmConfig),
+    (SliderConfig, TwoLinkArmConfig, ArmConfig, Puma560Config),
     noun="robot",
     key="model",
     is_named=True,
@@ -25,10 +27,12 @@ ROBOT_KINDS = KindTable(
 __all__ = [
     "ROBOT_KINDS",
     "ArmConfig",
+    "DrivenArmConfig",
     "FactsOfRobot",
     "MakeRobot",
     "MakeRobotDiagram",
     "PlantRobotConfig",
+    "Puma560Config",
     "RobotConfig",
     "RobotFacts",
     "SliderConfig",

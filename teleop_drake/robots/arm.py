@@ -14,21 +14,21 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from teleop_drake.robots.base import Array, PlantRobotConfig
+from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.robots.model_file import NewPlant
 from teleop_drake.robots.robot_diagram import TOOL_BODY
-from teleop_drake.validation import REQUIRED, CheckVector, Refuse, ScenarioError
+from teleop_drake.validation import REQUIRED, Refuse, ScenarioError
 
 _SUFFIXES = (".sdf", ".urdf")
 
 
 @dataclass(kw_only=True, eq=False)
-class ArmConfig(PlantRobotConfig):
+class ArmConfig(DrivenArmConfig):
     """An open chain of driven joints, its tool moved along the first n world axes.
 
     n is the number of entries of `start`, 1 to 3, and at most the number of joints.
-    Joints beyond n are free to move, as nothing but the forces on the tool drives them.
+    Joints beyond n are free to move, unless `hold` says what holds them.
     """
 
     kind = "arm"
@@ -38,34 +38,26 @@ class ArmConfig(PlantRobotConfig):
     # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a
     # scenario file the path is relative to that file.
     file: str = REQUIRED
-    # The joint positions near which those at the start lie, rad or m, nq entries. Of
-    # several poses it chooses one. Null: the model's default, zero in most.
-    posture: np.ndarray | None = None
     # The frame or link whose origin touches the environment.
     tool_frame: str = TOOL
-    # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: none;
-    # assumed, motors compensate the weight as they do in most arms.
-    gravity: np.ndarray | None = None
 
-    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns the plant; see PlantRobotConfig.LoadPlant.
+    def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
+        """Returns the plant with a payload; see DrivenArmConfig.LoadModel.
 
         Args:
-            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3);
-                None: that of the field.
+            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3).
+            payload: Mass at the tool in kg.
 
         Raises:
             ScenarioError: If the file is not that of an arm.
         """
         self._CheckFile()
-        if gravity is None:
-            gravity = np.zeros(3) if self.gravity is None else self.gravity
-            CheckVector("gravity", gravity, 3, "m/s^2")
         try:
             with NewPlant(gravity) as plant:
                 (instance,) = Parser(plant).AddModels(self.file)
                 _WeldBase(plant, instance)
                 self._MarkTool(plant, instance)
+                AddPayload(plant, payload)
         except ScenarioError:
             raise
         except (RuntimeError, ValueError, SystemExit) as e:
@@ -111,20 +103,6 @@ class ArmConfig(PlantRobotConfig):
             TOOL_BODY if name == TOOL else TOOL, instance, SpatialInertia.Zero()
         )
         plant.WeldFrames(frame, body.body_frame())
-
-    def Posture(self, plant: MultibodyPlant) -> Array:
-        """Returns the q near which joint positions are looked for (nq).
-
-        Args:
-            plant: What LoadPlant returned.
-
-        Raises:
-            ScenarioError: If the posture does not fit the plant.
-        """
-        if self.posture is None:
-            return super().Posture(plant)
-        CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
-        return np.asarray(self.posture, dtype=float)
 
 
 def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:

@@ -1,9 +1,12 @@
 """A MultibodyPlant as a robot: forces on its tool in, motion of its tool out."""
 
+from dataclasses import dataclass
+
+import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Adder, Demultiplexer, Saturation
 
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.systems.tool_interface import ToolInterface
@@ -12,8 +15,39 @@ TOOL_BODY = "tool_body"
 """Name of the body that marks the tool where TOOL is the name of a mere frame."""
 
 
+@dataclass(kw_only=True)
+class JointDrive:
+    """What acts on the joints beside the task and the environment.
+
+    The motors' torque is the sum of the task's, the hold's and the compensation of the
+    weight, within the effort limits of the plant's actuators.
+
+    Attributes:
+        hold: From plant_state to hold_torque (nv), such as PostureHold.
+        gravity_compensation: From plant_state to gravity_torque (nv).
+        friction: From joint_velocity to friction_torque (nv), such as JointFriction.
+    """
+
+    hold: System | None = None
+    gravity_compensation: System | None = None
+    friction: System | None = None
+
+
+def ToolBodyName(plant: MultibodyPlant) -> str:
+    """Returns the name of the body whose origin is the tool.
+
+    Args:
+        plant: With a frame TOOL.
+    """
+    return TOOL if plant.HasBodyNamed(TOOL) else TOOL_BODY
+
+
 def MakeRobotDiagram(
-    *, plant: MultibodyPlant, num_axes: int, joint_positions: ArrayLike
+    *,
+    plant: MultibodyPlant,
+    num_axes: int,
+    joint_positions: ArrayLike,
+    drive: JointDrive | None = None,
 ) -> Diagram:
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
 
@@ -39,13 +73,15 @@ def MakeRobotDiagram(
     | joint_position    | nq   | rad or m     | none                                |
     | joint_velocity    | nv   | rad/s or m/s | none                                |
     | joint_torque      | nv   | N m or N     | both forces, in form; it depends on |
-    |                   |      |              | control_force alone                 |
+    |                   |      |              | control_force and `drive` alone     |
 
     Args:
         plant: A finalized, continuous plant with a body `tool`; its actuators must be
             one for each joint, in the order of the generalized velocities.
-        num_axes: n, 1 to 3; fewer than nv leave the rest of the joints to themselves.
+        num_axes: n, 1 to 3; fewer than nv leave the rest of the joints to themselves,
+            or to `drive`.
         joint_positions: q at the start (nq).
+        drive: What else acts on the joints; None: nothing.
 
     Raises:
         ValueError: If the plant's actuation is not the vector of its joint torques.
@@ -54,10 +90,9 @@ def MakeRobotDiagram(
     plant.SetDefaultPositions(joint_positions)
     builder = DiagramBuilder()
     builder.AddNamedSystem("plant", plant)
-    tool_name = TOOL if plant.HasBodyNamed(TOOL) else TOOL_BODY
     tool = builder.AddNamedSystem(
         "tool_interface",
-        ToolInterface(plant=plant, num_task_axes=n, tool_name=tool_name),
+        ToolInterface(plant=plant, num_task_axes=n, tool_name=ToolBodyName(plant)),
     )
     motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))
     joints = builder.AddNamedSystem("joint_state", Demultiplexer([nq, nv]))
@@ -70,11 +105,13 @@ def MakeRobotDiagram(
     )
     torques = builder.AddNamedSystem("joint_torques", Demultiplexer([nv, nv]))
     builder.Connect(tool.GetOutputPort("joint_torques"), torques.get_input_port())
-    builder.Connect(torques.get_output_port(0), plant.get_actuation_input_port())
-    builder.Connect(
-        torques.get_output_port(1),
-        plant.get_applied_generalized_force_input_port(),
-    )
+    applied, reaction = torques.get_output_port(0), torques.get_output_port(1)
+    if drive is not None:
+        applied, reaction = _AddDrive(
+            builder, plant, drive, applied, reaction, joints.get_output_port(1)
+        )
+    builder.Connect(applied, plant.get_actuation_input_port())
+    builder.Connect(reaction, plant.get_applied_generalized_force_input_port())
     for name in ("control_force", "environment_force"):
         builder.ExportInput(tool.GetInputPort(name), name)
     builder.Connect(tool.GetOutputPort("tool_kinematics"), motion.get_input_port())
@@ -83,7 +120,65 @@ def MakeRobotDiagram(
     builder.ExportOutput(tool.GetOutputPort("tool_acceleration"), "tool_acceleration")
     builder.ExportOutput(joints.get_output_port(0), "joint_position")
     builder.ExportOutput(joints.get_output_port(1), "joint_velocity")
-    builder.ExportOutput(torques.get_output_port(0), "joint_torque")
+    builder.ExportOutput(applied, "joint_torque")
     robot = builder.Build()
     robot.set_name("robot")
     return robot
+
+
+def _AddDrive(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    drive: JointDrive,
+    task: OutputPort,
+    reaction: OutputPort,
+    joint_velocity: OutputPort,
+) -> tuple[OutputPort, OutputPort]:
+    """Adds the parts of a drive.
+
+    Args:
+        builder: Of the robot.
+        plant: The plant.
+        drive: What to add.
+        task: Torque of the task.
+        reaction: Torque of the environment.
+        joint_velocity: Of the plant.
+
+    Returns:
+        The motors' torque, and all other torques.
+    """
+    motors, others = [task], [reaction]
+    for name, system, torque in (
+        ("posture_hold", drive.hold, "hold_torque"),
+        ("gravity_compensation", drive.gravity_compensation, "gravity_torque"),
+    ):
+        if system is not None:
+            builder.AddNamedSystem(name, system)
+            builder.Connect(
+                plant.get_state_output_port(), system.GetInputPort("plant_state")
+            )
+            motors.append(system.GetOutputPort(torque))
+    if drive.friction is not None:
+        friction = builder.AddNamedSystem("joint_friction", drive.friction)
+        builder.Connect(joint_velocity, friction.GetInputPort("joint_velocity"))
+        others.append(friction.GetOutputPort("friction_torque"))
+    limits = np.array(
+        [
+            plant.get_joint_actuator(index).effort_limit()
+            for index in plant.GetJointActuatorIndices()
+        ]
+    )
+    limited = builder.AddNamedSystem("torque_limits", Saturation(-limits, limits))
+    wanted = _AddSum(builder, "motor_torques", motors)
+    builder.Connect(wanted, limited.get_input_port())
+    return limited.get_output_port(), _AddSum(builder, "other_torques", others)
+
+
+def _AddSum(builder: DiagramBuilder, name: str, terms: list[OutputPort]) -> OutputPort:
+    """Returns the sum of some torques."""
+    if len(terms) == 1:
+        return terms[0]
+    adder = builder.AddNamedSystem(name, Adder(len(terms), terms[0].size()))
+    for i, term in enumerate(terms):
+        builder.Connect(term, adder.get_input_port(i))
+    return adder.get_output_port()

@@ -6,8 +6,8 @@ from teleop_drake.robots import ROBOT_KINDS, MakeRobot
 from teleop_drake.validation import ScenarioError
 
 
-def test_the_package_has_three_kinds():
-    assert ROBOT_KINDS.names == ("slider", "two_link_arm", "arm")
+def test_the_kinds_of_the_package():
+    assert ROBOT_KINDS.names == ("slider", "two_link_arm", "arm", "puma560")
 
 
 @pytest.mark.parametrize("model, hint", [("two_link_arn", "did you mean"), ("pum", "")])

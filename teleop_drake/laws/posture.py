@@ -1,0 +1,177 @@
+"""What an arm does with the joints that its task leaves free.
+
+The task takes v = J_v(q) dq/dt (n). The law chooses the joint accelerations
+
+    a = w^2 (q_0 - q) - 2 zeta w dq/dt
+
+that would bring the posture q_0 back, and takes out of them what moves the rows J that
+others rule or that have a goal y of their own:
+
+    tau = M a + J^T Lambda (y - J a),    Lambda = (J M^-1 J^T)^-1.
+
+Then J M^-1 tau = y: without friction and bias the rows move as y says, whatever a is.
+
+* posture:      J = J_v, y = 0. That is tau = (1 - J_v^T Jbar^T) M a with the
+  dynamically consistent inverse Jbar = M^-1 J_v^T Lambda: a torque in the null space
+  of the task, which does not accelerate the tool (O. Khatib, "A unified approach for
+  motion and force control of robot manipulators: the operational space formulation",
+  IEEE J. Robotics and Automation 3, 1987, p. 43).
+* orientation:  J = [J_v; J_w], y = [0; -w^2 e - 2 zeta w omega], with the tool's
+  angular velocity omega = J_w dq/dt and e = 1/2 sum r_0k x r_k over the columns of its
+  rotations R_0 and R, which is sin(angle) times the axis from R_0 to R (J. Luh, M.
+  Walker and R. Paul, "Resolved-acceleration control of mechanical manipulators", IEEE
+  Trans. Automatic Control 25, 1980, p. 468). Joints that are still free hold q_0.
+
+Lambda is damped near singular poses (Y. Nakamura and H. Hanafusa, "Inverse kinematic
+solutions with singularity robustness for robot manipulator control", ASME J. Dynamic
+Systems, Measurement, and Control 108, 1986, p. 163). With A = J M^-1 J^T, scaled to
+ones on its diagonal, and 0 <= det A <= 1 as the measure of how far from one a pose is,
+
+    A + damping max(0, 1 - det A/near)^2 1
+
+takes the place of A. Poses with det A >= `near` are not concerned.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Added to A in any case, so that it can be factored also where a row of J is zero.
+_FLOOR = 1e-13
+
+
+class PostureGains(NamedTuple):
+    """How the posture is held.
+
+    Attributes:
+        frequency: w in rad/s.
+        damping_ratio: zeta.
+        near: det A below which a pose counts as nearly singular.
+        damping: What is added to A at a singular pose.
+    """
+
+    frequency: float
+    damping_ratio: float
+    near: float
+    damping: float
+
+
+def posture_torque(
+    gains: PostureGains, M: Array, J_v: Array, q_0: Array, q: Array, v: Array
+) -> Array:
+    """Returns the torque that holds a posture beside the task, in N m or N (nv).
+
+    Args:
+        gains: How.
+        M: Mass matrix (nv, nv).
+        J_v: Jacobian of the task (n, nv).
+        q_0: The posture, rad or m (nv).
+        q: Positions of the joints (nv).
+        v: Their velocities (nv).
+    """
+    return _torque(gains, M, J_v, np.zeros(len(J_v)), q_0, q, v)
+
+
+def orientation_torque(
+    gains: PostureGains,
+    M: Array,
+    J_v: Array,
+    J_w: Array,
+    R_0: Array,
+    R: Array,
+    q_0: Array,
+    q: Array,
+    v: Array,
+) -> Array:
+    """Returns the torque that holds the tool's orientation, in N m or N (nv).
+
+    Args:
+        gains: How.
+        M: Mass matrix (nv, nv).
+        J_v: Jacobian of the task (n, nv).
+        J_w: Jacobian of the tool's angular velocity (3, nv).
+        R_0: Rotation of the tool to be held (3, 3).
+        R: Rotation of the tool (3, 3).
+        q_0: The posture for joints that are still free, rad or m (nv).
+        q: Positions of the joints (nv).
+        v: Their velocities (nv).
+    """
+    w, zeta = gains.frequency, gains.damping_ratio
+    omega = J_w @ v
+    y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
+    return _torque(
+        gains,
+        M,
+        np.concatenate((J_v, J_w)),
+        np.concatenate((np.zeros(len(J_v)), y)),
+        q_0,
+        q,
+        v,
+    )
+
+
+def orientation_error(R_0: Array, R: Array) -> Array:
+    """Returns sin(angle) times the axis of the turn from R_0 to R (3).
+
+    Args:
+        R_0: A rotation (3, 3).
+        R: Another one (3, 3).
+    """
+    e = np.zeros(3)
+    for k in range(3):
+        e[0] += (R_0[1, k] * R[2, k] - R_0[2, k] * R[1, k]) / 2
+        e[1] += (R_0[2, k] * R[0, k] - R_0[0, k] * R[2, k]) / 2
+        e[2] += (R_0[0, k] * R[1, k] - R_0[1, k] * R[0, k]) / 2
+    return e
+
+
+def _torque(
+    gains: PostureGains, M: Array, J: Array, y: Array, q_0: Array, q: Array, v: Array
+) -> Array:
+    """Returns M a + J^T Lambda (y - J a)."""
+    w, zeta = gains.frequency, gains.damping_ratio
+    a = w * w * (q_0 - q) - 2 * zeta * w * v
+    # A = X^T X with X = L^-1 J^T, M = L L^T.
+    X = _forward(_factor(M), J.T)
+    force = _solve_damped(X.T @ X, y - J @ a, gains.near, gains.damping)
+    tau: Array = M @ a + J.T @ force
+    return tau
+
+
+def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
+    """Returns A^-1 b for a symmetric A, damped where it is nearly singular."""
+    scale = np.sqrt(np.diag(A) + 1e-30)
+    C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
+    L = _factor(C)
+    determinant = 1.0
+    for pivot in np.diag(L):
+        determinant *= pivot * pivot
+    share = max(0.0, 1 - determinant / near)
+    L = _factor(C + damping * share * share * np.eye(len(b)))
+    x = _forward(L, (b / scale).reshape(-1, 1))
+    # L^T from its last row on is lower triangular once more.
+    x = _forward(L.T[::-1, ::-1], x[::-1])[::-1]
+    solution: Array = x[:, 0] / scale
+    return solution
+
+
+def _factor(A: Array) -> Array:
+    """Returns L of A = L L^T."""
+    L = np.zeros_like(A)
+    for j in range(len(A)):
+        column = A[j:, j] - L[j:, :j] @ L[j, :j]
+        # What rounding takes below zero is next to nothing.
+        L[j:, j] = column / math.sqrt(max(column[0], 1e-18))
+    return L
+
+
+def _forward(L: Array, B: Array) -> Array:
+    """Returns L^-1 B."""
+    X = np.zeros_like(B)
+    for i in range(len(B)):
+        X[i] = (B[i] - L[i, :i] @ X[:i]) / L[i, i]
+    return X

@@ -1,0 +1,46 @@
+"""The torque that carries an arm's weight."""
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+
+class GravityCompensation(LeafSystem):
+    """Torque that would keep a model of the arm at rest.
+
+        tau = g(q) = -(the generalized forces of gravity on the model)
+
+    | port | name           | size    | unit                     |
+    |------|----------------|---------|--------------------------|
+    | in   | plant_state    | nq + nv | rad or m, and their rates|
+    | out  | gravity_torque | nv      | N m or N                 |
+
+    State: none. Direct feedthrough: yes.
+
+    The model is what the motors' controller believes the arm to be. If it is the arm,
+    the arm floats; if it has another payload, the arm is pulled by the difference.
+
+    Args:
+        model: A finalized plant with as many joints as the arm has.
+    """
+
+    def __init__(self, *, model: MultibodyPlant):
+        LeafSystem.__init__(self)
+        self._model = model
+        # Working memory only: every calculation sets its state before it is read.
+        self._model_context = model.CreateDefaultContext()
+        self._state = self.DeclareVectorInputPort(
+            "plant_state", model.num_multibody_states()
+        )
+        self.DeclareVectorOutputPort(
+            "gravity_torque", model.num_velocities(), self._CalcTorque
+        )
+
+    @property
+    def model(self) -> MultibodyPlant:
+        """The model."""
+        return self._model
+
+    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
+        model, model_context = self._model, self._model_context
+        model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
+        output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))

@@ -1,0 +1,65 @@
+"""Coulomb friction of an arm's joints."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws.joint_friction import friction_torque
+from teleop_drake.validation import CheckNumber, Refuse
+
+
+class JointFriction(LeafSystem):
+    """Torque of Coulomb friction, regularised; see laws.joint_friction.
+
+        tau = -s ((C_+ + C_-)/2 + (C_+ - C_-)/2 s),   s = v/sqrt(v^2 + v_s^2)
+
+    | port | name            | size | unit         |
+    |------|-----------------|------|--------------|
+    | in   | joint_velocity  | nv   | rad/s or m/s |
+    | out  | friction_torque | nv   | N m or N     |
+
+    State: none. Direct feedthrough: yes.
+
+    It does not stick: a joint at rest that is pushed creeps. Viscous friction is the
+    plant's.
+
+    Args:
+        forward: C_+ of each joint in N m or N, >= 0 (nv).
+        backward: C_- of each joint, as many.
+        speed: v_s in rad/s or m/s, > 0.
+
+    Raises:
+        ScenarioError: If a parameter is not allowed.
+    """
+
+    def __init__(self, *, forward: ArrayLike, backward: ArrayLike, speed: float):
+        LeafSystem.__init__(self)
+        for name, value in (("forward", forward), ("backward", backward)):
+            if np.shape(value) != np.shape(forward) or not (
+                np.isfinite(value).all() and (np.asarray(value) >= 0).all()
+            ):
+                Refuse(name, value, "finite numbers >= 0, one for each joint (N m)")
+        CheckNumber("speed", speed, "rad/s", above=0)
+        self._forward = np.array(forward, dtype=float)
+        self._backward = np.array(backward, dtype=float)
+        self._speed = float(speed)
+        nv = self._forward.size
+        self._velocity = self.DeclareVectorInputPort("joint_velocity", nv)
+        self.DeclareVectorOutputPort("friction_torque", nv, self._CalcTorque)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        parameters = {
+            "forward": self._forward,
+            "backward": self._backward,
+            "speed": self._speed,
+        }
+        law: Term = (friction_torque, *parameters, "joint_velocity")
+        return Kernel(parameters=parameters, outputs={"friction_torque": law})
+
+    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
+        v = self._velocity.Eval(context)
+        output.SetFromVector(
+            friction_torque(self._forward, self._backward, self._speed, v)
+        )

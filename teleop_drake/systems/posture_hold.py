@@ -1,0 +1,130 @@
+"""What holds the joints that the task leaves free."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from teleop_drake.laws.posture import (
+    PostureGains,
+    orientation_torque,
+    posture_torque,
+)
+from teleop_drake.validation import CheckVector, Refuse
+
+Array = NDArray[np.float64]
+
+
+class PostureHold(LeafSystem):
+    """Torque that holds a posture, or the tool's orientation, beside the task.
+
+        tau = M a + J^T Lambda (y - J a),  Lambda = (J M^-1 J^T)^-1 damped
+
+    laws.posture has what a, J and y are, and where it is from. The torque does not
+    accelerate the tool along the task axes.
+
+    | port | name        | size    | unit                      |
+    |------|-------------|---------|---------------------------|
+    | in   | plant_state | nq + nv | rad or m, and their rates |
+    | out  | hold_torque | nv      | N m or N                  |
+
+    State: none. Direct feedthrough: yes.
+
+    It compensates neither weight nor friction nor the Coriolis forces, which move what
+    it holds a little.
+
+    Args:
+        plant: A finalized plant whose qdot is its velocity.
+        num_axes: n, number of task axes.
+        tool_name: The body whose origin is the tool.
+        joint_positions: q_0; with keeps_orientation, R_0 is the tool's rotation there.
+        gains: How.
+        keeps_orientation: Whether the tool's orientation is held; else the posture.
+
+    Raises:
+        ScenarioError: If the joints are fewer than what is to be held.
+    """
+
+    def __init__(
+        self,
+        *,
+        plant: MultibodyPlant,
+        num_axes: int,
+        tool_name: str,
+        joint_positions: ArrayLike,
+        gains: PostureGains,
+        keeps_orientation: bool,
+    ):
+        LeafSystem.__init__(self)
+        nv, rows = plant.num_velocities(), num_axes + 3 * keeps_orientation
+        CheckVector("joint_positions", joint_positions, nv, "rad or m")
+        if rows > nv:
+            Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
+        self._plant, self._n, self._gains = plant, num_axes, gains
+        self._keeps_orientation = keeps_orientation
+        # The body is looked up each time; see ToolInterface.
+        self._tool = plant.GetBodyByName(tool_name).index()
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._q_0 = np.array(joint_positions, dtype=float)
+        plant.SetPositions(self._plant_context, self._q_0)
+        self._R_0 = self._ToolRotation()
+        self._state = self.DeclareVectorInputPort(
+            "plant_state", plant.num_multibody_states()
+        )
+        self.DeclareVectorOutputPort("hold_torque", nv, self._CalcTorque)
+
+    @property
+    def plant(self) -> MultibodyPlant:
+        """The plant."""
+        return self._plant
+
+    @property
+    def tool_index(self) -> int:
+        """Index of the body whose origin is the tool."""
+        return int(self._tool)
+
+    @property
+    def num_axes(self) -> int:
+        """Number n of task axes."""
+        return self._n
+
+    @property
+    def gains(self) -> PostureGains:
+        """How the posture is held."""
+        return self._gains
+
+    @property
+    def held(self) -> tuple[Array, Array | None]:
+        """q_0, and R_0 if the orientation is held."""
+        return self._q_0, self._R_0 if self._keeps_orientation else None
+
+    def _ToolRotation(self) -> Array:
+        body = self._plant.get_body(self._tool)
+        pose = self._plant.EvalBodyPoseInWorld(self._plant_context, body)
+        return np.array(pose.rotation().matrix())
+
+    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
+        plant, plant_context = self._plant, self._plant_context
+        x = self._state.Eval(context)
+        plant.SetPositionsAndVelocities(plant_context, x)
+        q, v = np.split(x, 2)
+        J = plant.CalcJacobianSpatialVelocity(
+            plant_context,
+            JacobianWrtVariable.kV,
+            plant.get_body(self._tool).body_frame(),
+            np.zeros(3),
+            plant.world_frame(),
+            plant.world_frame(),
+        )
+        J_w, J_v = J[:3], J[3:][: self._n]
+        M = plant.CalcMassMatrix(plant_context)
+        if self._keeps_orientation:
+            R = self._ToolRotation()
+            tau = orientation_torque(
+                self._gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
+            )
+        else:
+            tau = posture_torque(self._gains, M, J_v, self._q_0, q, v)
+        output.SetFromVector(tau)
