@@ -16,6 +16,7 @@ import pytest
 import teleop_drake
 import teleop_drake.simulation
 from teleop_drake.cli import main
+from teleop_drake.cli.main import MakeParser
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
@@ -51,6 +52,24 @@ def test_help(command, capsys):
         main([*command, "--help"])
     assert info.value.code == 0
     assert capsys.readouterr().out.startswith("usage: teleop-drake")
+
+
+def test_only_commands_that_are_for_files_have_a_folder_unasked():
+    """One rule for --out; the page of the documentation names the same commands."""
+    folders = {}
+    for name, parser in MakeParser()._subparsers._group_actions[0].choices.items():
+        parser.AddOptionsOfCommand()
+        for action in parser._actions:
+            if "--out" in action.option_strings:
+                folders[name] = action.default
+                assert (action.default == "out") == ("(default: out)" in action.help)
+    asked = {"run", "analyze", "replay", "drive", "docs"}
+    assert {name for name, folder in folders.items() if folder is None} >= asked
+    page = Path(teleop_drake.__file__).parent / "docs/command_line.md"
+    sentence = re.search(r"([^.]*) are there to\s+make files", page.read_text("utf-8"))
+    assert set(re.findall(r"`(\w+)`", sentence[1])) == {
+        name for name, folder in folders.items() if folder == "out"
+    }
 
 
 def test_version(capsys):
