@@ -65,11 +65,14 @@ def DescribeFigure(figure: Figure) -> str:
         What its panels show against what, and the names of its lines.
     """
     axes = [ax for ax in figure.axes if ax.get_visible()]
-    shown = _Different(ax.get_ylabel() or ax.get_title() for ax in axes)
+    shown = _Different(ax.get_ylabel() for ax in axes)
+    titles = _Different(ax.get_title() for ax in axes)
     against = _Different(ax.get_xlabel() for ax in axes)
     text = f"{len(axes)} panels" if len(axes) > 1 else "One panel"
-    if shown:
-        text += f": {'; '.join(shown)}"
+    if shown or titles:
+        text += f": {'; '.join(shown or titles)}"
+    if shown and titles:
+        text += f"; of {', '.join(titles)}"
     if against:
         text += f"; against {' and '.join(against)}"
     boxes = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]

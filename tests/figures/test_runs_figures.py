@@ -321,6 +321,7 @@ def test_more_than_three_runs_have_a_column_each():
     assert len(figure.axes) == 8
     assert [ax.get_title().split("\n")[0] for ax in figure.axes[:4]] == list(runs)
     assert "diverges at" in figure.axes[2].get_title()
+    assert "control force F_c,x [mN]; of law 0, law 1, law 2" in DescribeFigure(figure)
     for i, ax in enumerate(figure.axes[:4]):
         colors = {to_hex(line.get_color()) for line in Curves(ax)}
         assert to_hex(RunStyle(i)["color"]) in colors

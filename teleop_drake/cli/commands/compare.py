@@ -170,8 +170,10 @@ def _Cases(args: argparse.Namespace, controllers: list[str]) -> dict[str, _Case]
             overrides += [f"{path}={shown}" for path in ALIASES.get(key, (key,))]
             label = LabelOfValue(key, value)
             stem = re.sub(r"[^\w.=-]+", "_", f"{key.split('.')[-1]}={shown}")
+            # What is the same of all is left to the headlines.
+            named = kind if len(controllers) > 1 else ""
             cases["_".join(filter(None, [kind, stem]))] = _Case(
-                ", ".join(filter(None, [kind, label])), overrides
+                ", ".join(filter(None, [named, label])), overrides
             )
     return cases
 
