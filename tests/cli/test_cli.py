@@ -344,7 +344,10 @@ def test_compare_values(capsys):
     width = float(re.search(r'<svg .*width="([\d.]+)pt"', text)[1])
     assert width < 3.5 * 72
     header = capsys.readouterr().out.splitlines()[2]
-    assert "direct_force, delay each way = 0.1 s" in header
+    assert re.split(r"\s{2,}", header)[1:] == [
+        "delay each way = 0.05 s",
+        "delay each way = 0.1 s",
+    ]
 
 
 @pytest.mark.parametrize(
