@@ -1,8 +1,7 @@
 """What the linearizer holds of a diagram: states, cut delays and fixed inputs."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -117,14 +116,14 @@ class CutPart:
         delays: Delays inside.
         assumptions: What the model takes for granted; see linear_part.
         speed_scales: How far the tool's velocity may change, in m/s; see linear_part.
-        input_scale: How far the inputs may change, in SI units; see linear_part.
+        input_scales: How far the inputs may change, in SI units; see linear_part.
     """
 
     states: list[States]
     delays: list[InnerDelay]
     assumptions: set[str]
     speed_scales: list[float]
-    input_scale: float
+    input_scales: list[float]
 
 
 def CutOpen(
@@ -151,7 +150,7 @@ def CutOpen(
         delays=[],
         assumptions=set(),
         speed_scales=[],
-        input_scale=math.inf,
+        input_scales=[],
     )
     for block in Leaves(system):
         context = contexts[block]
@@ -169,7 +168,7 @@ def CutOpen(
                 InnerDelay(system=block, context=context, delay=told.delay)
             )
         part.speed_scales.append(told.speed_scale)
-        part = replace(part, input_scale=min(part.input_scale, told.input_scale))
+        part.input_scales.append(told.input_scale)
         if told.assumption:
             part.assumptions.add(told.assumption)
         if told.state is not None:

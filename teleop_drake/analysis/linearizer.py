@@ -272,7 +272,7 @@ class Linearizer:
             states=states,
             delays=self._controller.delays,
             motion=self._motion,
-            input_scale=self._controller.input_scale,
+            input_scale=min(self._controller.input_scales),
         )
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
         path = _STEP_SHARE * self.SurfaceDistance()

@@ -54,7 +54,7 @@ class SideOfLoop:
         input_scale: float = math.inf,
     ):
         self._name = name
-        self._longest_step = min(STEP, input_scale / 8)
+        self._input_step = STEP * min(1.0, input_scale)
         self._inputs: list[FixedInput | InnerDelay] = [*inputs, *delays]
         self._outputs = [*outputs, *(delay.GetInput for delay in delays)]
         self._states, self._motion = states, motion
@@ -75,7 +75,7 @@ class SideOfLoop:
         x_steps = Concatenate([*steps, *(x.Steps() for x in self._states)])
         by_x, error_x, bend_x = differentiate(self._OfState, x0, x_steps)
         SetStates(self._all_states, x0)
-        u_steps = np.full(len(u0), self._longest_step)
+        u_steps = np.full(len(u0), self._input_step)
         by_u, error_u, bend_u = differentiate(self._OfInput, u0, u_steps)
         self._OfInput(u0)
         for bend, slope in ((bend_x, by_x), (bend_u, by_u)):

@@ -1,6 +1,5 @@
 """Adaptive backstepping with robust terms beside the networks."""
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,11 +96,9 @@ class RobustBackstepping(AdaptiveBackstepping):
         rho1, eps1, rho3, eps3 = self._bounds
         widths = [eps for rho, eps in ((rho1, eps1), (rho3, eps3)) if rho > 0]
         part = super().ForLinearModel(estimates)
-        return replace(
-            part,
-            scale=min(widths, default=None),
-            input_scale=min(widths, default=math.inf),
-        )
+        if not widths:
+            return part
+        return replace(part, scale=min(widths), input_scale=min(widths))
 
     def _RobustRate(
         self,
