@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from teleop_drake.architectures import (
     CONTROLLERS,
@@ -28,7 +28,9 @@ from teleop_drake.architectures import (
 from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStation
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
+from teleop_drake.systems.actuator import Actuator
 from teleop_drake.systems.haptic_device import HapticDevice
+from teleop_drake.systems.sampled_sensor import SampledSensor
 from teleop_drake.validation import Refuse
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "MakeMasterStation",
     "MakeSlaveStation",
     "ResolveController",
+    "WithDrivesAndSensors",
 ]
 
 
@@ -196,6 +199,93 @@ def MakeArchitecture(
         return MakeLawArchitecture(control_law, facts.start.tolist())
     chosen = scenario.controller.Chosen()
     return chosen.MakeArchitecture(facts, scenario.controller.path)
+
+
+def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
+    """Puts the scenario's drives and sensors between a slave side and the robot.
+
+    The station has the ports of the slave side. Its control_force is what the drive
+    delivers, and what the law asks for is commanded_force. What is measured is
+    measured_position, measured_velocity and measured_force; it is what the law gets,
+    and what is returned to the operator.
+
+    Args:
+        slave_side: Of an architecture.
+        scenario: Its fields actuator and sensor are used, and the start.
+
+    Returns:
+        The station, a Diagram; the slave side itself where both are ideal.
+
+    Raises:
+        ScenarioError: If a parameter is not allowed.
+        RuntimeError: If the slave side lacks a port.
+    """
+    if scenario.actuator.is_ideal and scenario.sensor.is_ideal:
+        return slave_side
+    builder = DiagramBuilder()
+    law = builder.AddNamedSystem("law", slave_side)
+    builder.ExportInput(law.GetInputPort("forward_packet"), "forward_packet")
+    measured = _AddSensors(builder, scenario)
+    for name, port in measured.items():
+        builder.Connect(port, law.GetInputPort(name))
+    outputs = {
+        law.get_output_port(i).get_name(): law.get_output_port(i)
+        for i in range(law.num_output_ports())
+    }
+    if not scenario.actuator.is_ideal:
+        n = scenario.num_axes
+        drive = builder.AddSystem(Actuator(scenario.actuator, num_axes=n))
+        command = outputs["commanded_force"] = outputs["control_force"]
+        builder.Connect(command, drive.GetInputPort("commanded_force"))
+        outputs["control_force"] = drive.GetOutputPort("control_force")
+        velocity = builder.GetSubsystemByName("tool_velocity").get_output_port()
+        builder.Connect(velocity, drive.GetInputPort("tool_velocity"))
+    for name, port in (outputs | _Telemetry(measured)).items():
+        builder.ExportOutput(port, name)
+    station = builder.Build()
+    station.set_name("controller")
+    return station
+
+
+def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, OutputPort]:
+    """Adds inputs and sensors; returns what is measured by the law's names for it."""
+    n, sensor = scenario.num_axes, scenario.sensor
+    measured = {}
+    for name in ("tool_position", "tool_velocity", "environment_force"):
+        signal = builder.AddNamedSystem(name, PassThrough(n))
+        builder.ExportInput(signal.get_input_port(), name)
+        measured[name] = signal.get_output_port()
+    for name, config, target, start in (
+        ("encoder", sensor.encoder, "tool_position", scenario.robot.start),
+        ("force", sensor.force, "environment_force", [0.0] * n),
+    ):
+        if config.sample_period is None:
+            continue
+        block = builder.AddNamedSystem(
+            f"{name}_sensor",
+            SampledSensor(
+                sample_period=config.sample_period,
+                initial_value=list(start),
+                resolution=config.resolution,
+                noise=config.noise,
+                seed=sensor.seed,
+                stream=name,
+            ),
+        )
+        builder.Connect(measured[target], block.get_input_port())
+        measured[target] = block.GetOutputPort("sample")
+        if name == "encoder":
+            measured["tool_velocity"] = block.GetOutputPort("rate")
+    return measured
+
+
+def _Telemetry(measured: dict[str, OutputPort]) -> dict[str, OutputPort]:
+    """Returns what sensors show, by the names under which it is recorded."""
+    return {
+        f"measured_{name.rpartition('_')[2]}": port
+        for name, port in measured.items()
+        if isinstance(port.get_system(), SampledSensor)
+    }
 
 
 def ResolveController(scenario: Scenario) -> object:

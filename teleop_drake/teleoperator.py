@@ -6,7 +6,11 @@ from teleop_drake.architectures import Architecture
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import CheckStart, Scenario
 from teleop_drake.signals import NamedSignals
-from teleop_drake.stations import MakeArchitecture, MakeMasterStation
+from teleop_drake.stations import (
+    MakeArchitecture,
+    MakeMasterStation,
+    WithDrivesAndSensors,
+)
 from teleop_drake.validation import Refuse
 
 
@@ -143,7 +147,7 @@ def AddTeleoperator(
             haptic_device=haptic_device,
         ),
     )
-    controller = architecture.slave_side
+    controller = WithDrivesAndSensors(architecture.slave_side, scenario)
     if forward_channel is None:
         forward_channel = scenario.forward_channel.MakeChannel(
             size=master.GetOutputPort("forward_packet").size(),

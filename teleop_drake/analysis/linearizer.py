@@ -276,7 +276,8 @@ class Linearizer:
         )
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
         path = _STEP_SHARE * self.SurfaceDistance()
-        speed = min(max(speed, _LEAST_SCALE), *self._environment.speed_scales)
+        scales = self._environment.speed_scales + self._controller.speed_scales
+        speed = min(max(speed, _LEAST_SCALE), *scales)
         steps = self._motion.Steps(path, speed)
         return side.Linearize(self._point.name, steps)
 

@@ -14,6 +14,7 @@ not state is marked "assumed" or "fitted" in the scenario files.
 import copy
 import dataclasses
 import functools
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -59,7 +60,9 @@ from teleop_drake.scenario.tree import (
     SetPath,
     ToTree,
 )
+from teleop_drake.systems.actuator import ActuatorConfig
 from teleop_drake.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.systems.sampled_sensor import SensorConfig
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
@@ -170,6 +173,9 @@ class Scenario(_ScenarioBase):
     return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     environment: EnvironmentConfig = field(default_factory=LayersEnvironmentConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
+    # Between the law and the robot; the thesis has neither.
+    actuator: ActuatorConfig = field(default_factory=ActuatorConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
     # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
     # at most 1000. Assumed.
     divergence_speed_ratio: float = 5.0
@@ -336,6 +342,8 @@ def CheckSteps(scenario: AnyScenario) -> None:
             steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
             steps[f"{path}.sample_period"] = channel.PacketPeriod()
         steps["surgeon"] = scenario.surgeon.LongestStep()
+        for name, config in scenario.sensor.sampled.items():
+            steps[f"sensor.{name}.sample_period"] = config.sample_period or math.inf
     steps["simulator.max_step_size"] = scenario.simulator.max_step_size
     field, shortest = min(steps.items(), key=lambda item: item[1])
     num_steps = scenario.duration / shortest
@@ -479,6 +487,8 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
             channel.Check(path, scenario.duration)
     with Within("environment"):
         scenario.environment.Check()
+    scenario.actuator.Check("actuator")
+    scenario.sensor.Check("sensor")
     controller = scenario.controller
     controller.Check(n)
     if (controller.is_backstepping or not isinstance(controller.initial_psi, str)) and (

@@ -61,6 +61,13 @@ def largest_error(
     return max((error, name) for name, error in errors.items())
 
 
+DRIVES_AND_SENSORS = (
+    "actuator={bandwidth: 50, force_limit: 0.005, coulomb_friction: 0.001}",
+    "sensor.encoder={sample_period: 0.003, resolution: 1e-6}",
+    "sensor.force={sample_period: 0.002, noise: 1e-2}",
+)
+
+
 @pytest.mark.parametrize(
     "controller, channels, overrides",
     [
@@ -68,6 +75,7 @@ def largest_error(
         ("four_channel", "extrapolate", ()),
         ("adaptive_backstepping", "playout", ()),
         ("proportional_damping", "variable", ("surgeon.stop_time=0.071",)),
+        ("robust_backstepping", None, DRIVES_AND_SENSORS),
     ],
 )
 def test_the_engines_agree(controller, channels, overrides):

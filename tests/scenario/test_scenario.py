@@ -104,7 +104,7 @@ def test_files_state_every_field_with_its_source(name):
         unused["controller"] |= {"parameters", "robust"}
         unused["controller"] -= {"robust_backstepping"}  # It has no section.
         unused["environment"] = {"kind", "direction"}
-    unused[""] = {"name"}
+    unused[""] = {"name", "actuator", "sensor"} if name in BUILT_IN else {"name"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
 

@@ -1,0 +1,193 @@
+"""A sensor that is read at a fixed rate."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from teleop_drake.kernel import Kernel, Transition
+from teleop_drake.laws.actuators import next_sample
+from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+
+SHORTEST_PERIOD = 1e-6
+"""Shortest time between samples in s. The simulation steps at least as often."""
+
+
+class SampledSensor(LeafSystem):
+    """Samples a signal, quantises it, and holds it until the next sample.
+
+        sample_k = q floor((signal(k h) + noise_k)/q + 1/2)      held for
+        rate_k   = (sample_k - sample_{k-1})/h                   k h < t <= (k + 1) h
+
+    with the sample period h and the resolution q; q = 0 does not quantise. The noise
+    is normal, and independent from sample to sample and from axis to axis. `rate` is
+    how a velocity comes from an encoder; one step of the encoder is q/h of it.
+
+    | port | name   | size | unit            |
+    |------|--------|------|-----------------|
+    | in   | signal | n    | any             |
+    | out  | sample | n    | of signal       |
+    | out  | rate   | n    | of signal per s |
+
+    State (discrete): [number of samples so far; sample; rate; random generators]
+    (1 + 4n), which changes in periodic unrestricted updates, so blocks that record
+    jumps see them.
+
+    Initial value: `initial_value` and no rate, until the sample at t = 0, whose rate is
+    0 as well. Direct feedthrough: none.
+
+    The noise is that of the seed and the stream, in whatever engine.
+
+    Args:
+        sample_period: h in s, > 0.
+        initial_value: What is shown before the first sample (n).
+        resolution: q in the unit of the signal, >= 0.
+        noise: Standard deviation of the noise in the unit of the signal, >= 0.
+        seed: >= 0.
+        stream: Name of the sensor. Other names make independent noise.
+
+    Raises:
+        ValueError: If a parameter is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        sample_period: float,
+        initial_value: Sequence[float],
+        resolution: float = 0.0,
+        noise: float = 0.0,
+        seed: int = 0,
+        stream: str = "",
+    ):
+        LeafSystem.__init__(self)
+        CheckNumber("sample_period", sample_period, "s", above=0)
+        CheckNumber("resolution", resolution, minimum=0)
+        CheckNumber("noise", noise, minimum=0)
+        if seed < 0:
+            Refuse("seed", seed, "a whole number >= 0")
+        n = self._n = len(initial_value)
+        self._period = sample_period
+        self._law = float(resolution), float(noise), float(sample_period)
+        sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
+        generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
+        self._signal = self.DeclareVectorInputPort("signal", n)
+        state = self.DeclareDiscreteState(
+            [0.0, *initial_value, *[0.0] * n, *generator.astype(float)]
+        )
+        ticket = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort("sample", n, self._CopySample, ticket)
+        self.DeclareVectorOutputPort("rate", n, self._CopyRate, ticket)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Sample)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        n = self._n
+        names = ("resolution", "noise", "sample_period")
+        return Kernel(
+            parameters=dict(zip(names, self._law, strict=True)),
+            outputs={"sample": ("mode", 1, 1 + n), "rate": ("mode", 1 + n, 1 + 2 * n)},
+            transitions={
+                "samples": Transition(
+                    mode=(next_sample, "mode", "signal", *names), period=self._period
+                )
+            },
+        )
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the next sample is taken, s.
+
+        Args:
+            context: The Context of this block.
+        """
+        time: float = context.get_time()
+        k = max(math.floor(time / self._period), 0)
+        while k * self._period <= time:
+            k += 1
+        return k * self._period
+
+    def _Sample(self, context: Context, state: State) -> None:
+        mode = context.get_discrete_state_vector().CopyToVector()
+        state.get_mutable_discrete_state(0).SetFromVector(
+            next_sample(mode, self._signal.Eval(context), *self._law)
+        )
+
+    def _CopySample(self, context: Context, output: BasicVector) -> None:
+        mode = context.get_discrete_state_vector().CopyToVector()
+        output.SetFromVector(mode[1 : 1 + self._n])
+
+    def _CopyRate(self, context: Context, output: BasicVector) -> None:
+        mode = context.get_discrete_state_vector().CopyToVector()
+        output.SetFromVector(mode[1 + self._n : 1 + 2 * self._n])
+
+
+@dataclass(kw_only=True, eq=False)
+class SamplingConfig(FixedFields):
+    """How one sensor is read. The thesis has ideal ones."""
+
+    # Time between samples, s, > 0. Null: the sensor is continuous and exact.
+    sample_period: float | None = None
+    # Of what it shows, in the unit of the signal, >= 0.
+    resolution: float = 0.0
+    # Standard deviation of each sample, in the unit of the signal, >= 0.
+    noise: float = 0.0
+
+    def Check(self, path: str) -> None:
+        """Checks every field.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        if self.sample_period is not None:
+            CheckNumber(
+                f"{path}.sample_period",
+                self.sample_period,
+                "s",
+                minimum=SHORTEST_PERIOD,
+            )
+        for name in ("resolution", "noise"):
+            value = getattr(self, name)
+            CheckNumber(f"{path}.{name}", value, minimum=0)
+            if value > 0 and self.sample_period is None:
+                Refuse(f"{path}.{name}", value, "0 without a sample_period")
+
+
+@dataclass(kw_only=True, eq=False)
+class SensorConfig(FixedFields):
+    """What the slave measures: an encoder at the tool, and the force sensor."""
+
+    # Position of the tool, in m; its velocity is the difference of two samples.
+    encoder: SamplingConfig = field(default_factory=SamplingConfig)
+    # Force on the environment, in N.
+    force: SamplingConfig = field(default_factory=SamplingConfig)
+    # Of the noise, a whole number >= 0.
+    seed: int = 0
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether everything is known at once and exactly, as in the thesis."""
+        return all(x.sample_period is None for x in self.sampled.values())
+
+    @property
+    def sampled(self) -> dict[str, SamplingConfig]:
+        """The sensors by their names."""
+        return {"encoder": self.encoder, "force": self.force}
+
+    def Check(self, path: str) -> None:
+        """Checks every field.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        for name, config in self.sampled.items():
+            config.Check(f"{path}.{name}")
+        if self.seed < 0:
+            Refuse(f"{path}.seed", self.seed, "a whole number >= 0")
