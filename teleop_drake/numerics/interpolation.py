@@ -26,14 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.numerics.compiled import compiled, is_python
-
-# Eight points: the error of a smooth signal is O(step^8), well below that of the
-# fifth-order integrator which made the samples.
-NUM_STENCIL_POINTS = 8
-
-# The last two terms of a series that converges are at most this share of the largest.
-# Twelve samples in a period of a sine reach it even if all lie on one side.
-_CONVERGED = 1 / 32
+from teleop_drake.numerics.newton_polynomials import (
+    CONVERGED,
+    NUM_STENCIL_POINTS,
+    newton_polynomials,
+)
 
 Array = NDArray[np.float64]
 Table = Array | Sequence[Sequence[Sequence[float]]]
@@ -163,30 +160,11 @@ def limited_polynomial(times: Array, values: Array, i: int) -> Array:
                 break
             last, remainder = m, pair
         coefficients[last + 1 :, j] = 0
-        if remainder > _CONVERGED * terms[: last + 1].max():
+        if remainder > CONVERGED * terms[: last + 1].max():
             deviation = 4 * terms[2 : last + 1].sum()
             change = abs(values[i + 1, j] - values[i, j])
             if change < deviation:
                 coefficients[2 : last + 1, j] *= change / deviation
-    return polynomials
-
-
-def newton_polynomials(
-    times: Array, values: Array, intervals: NDArray[np.int64]
-) -> Array:
-    """Returns limited_polynomial() of several intervals.
-
-    Args:
-        times: (N,) non-decreasing sample times; two equal ones mark a jump.
-        values: (N, k) samples.
-        intervals: (M,) indices of the intervals.
-
-    Returns:
-        Nodes and coefficients, (2, NUM_STENCIL_POINTS, M, k).
-    """
-    polynomials = np.zeros((2, NUM_STENCIL_POINTS, len(intervals), values.shape[1]))
-    for m, i in enumerate(intervals):
-        polynomials[:, :, m] = limited_polynomial(times, values, i)
     return polynomials
 
 
@@ -275,7 +253,7 @@ def interpolate(
     query_times = np.clip(query_times, times[0], times[-1])
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
     used, polynomial = np.unique(interval, return_inverse=True)
-    nodes, coefficients = compiled(newton_polynomials)(times, values, used)
+    nodes, coefficients = newton_polynomials(times, values, used)
     result = np.zeros((len(query_times), values.shape[1]))
     for n, c in zip(nodes[::-1], coefficients[::-1], strict=True):
         result = c[polynomial] + (query_times[:, np.newaxis] - n[polynomial]) * result
