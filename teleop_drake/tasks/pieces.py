@@ -13,7 +13,7 @@ A signal is held as its values (M, 8) or (M, 8, k) at the nodes of M pieces.
 import dataclasses
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebder, chebval, chebvander
+from numpy.polynomial.chebyshev import chebder, chebvander
 from numpy.polynomial.legendre import Legendre
 
 from teleop_drake.recording import Recording
@@ -28,6 +28,9 @@ _NODES = np.concatenate([[-1.0], _INNER, [1.0]])
 _WEIGHTS = 1 / (_DEGREE * (_DEGREE + 1) * Legendre.basis(_DEGREE)(_NODES) ** 2)
 _TO_CHEBYSHEV = np.linalg.inv(chebvander(_NODES, _DEGREE))
 _DERIVATIVE = chebvander(_NODES, _DEGREE - 1) @ chebder(_TO_CHEBYSHEV)
+
+# Newton's method takes some seven; bisection of a bracket alone as many as these.
+_MAX_ITERATIONS = 60
 
 # Pieces shorter than this share of the recording are jumps.
 _SHORTEST_PIECE = 1e-14
@@ -164,7 +167,7 @@ def Crossings(
     is_above = y >= 0
     i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
     c = _TO_CHEBYSHEV @ y[i].T
-    s = _Bisect(c, _NODES[j], _NODES[j + 1], is_above[i, j], num_steps=55)
+    s = _Roots(c, _NODES[j], _NODES[j + 1], is_above[i, j], 2e-16)
     times = ((1 - s) * begin[i] + (1 + s) * end[i]) / 2
     return list(zip(times.tolist(), is_above[i, j + 1].tolist(), strict=True))
 
@@ -182,10 +185,10 @@ def Trace(y: np.ndarray) -> np.ndarray:
     slope = y @ _DERIVATIVE.T
     i, j = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0)
     c = _TO_CHEBYSHEV @ y[i].T
-    # An extreme is flat: 26 steps make its value as exact as the numbers are.
-    s = _Bisect(chebder(c), _NODES[j], _NODES[j + 1], slope[i, j] >= 0, num_steps=26)
+    # An extreme is flat: its value is as exact as the numbers are.
+    s = _Roots(chebder(c), _NODES[j], _NODES[j + 1], slope[i, j] >= 0, 1e-8)
     values = np.repeat(y, 2, axis=1)[:, :-1]
-    values[i, 2 * j + 1] = chebval(s, c, tensor=False)
+    values[i, 2 * j + 1] = _Value(c, s)
     return values
 
 
@@ -236,25 +239,51 @@ def _Intervals(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarr
     return np.asarray(np.clip(indices, 0, None))
 
 
-def _Bisect(
+def _Roots(
     c: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     is_positive_at_low: np.ndarray,
-    num_steps: int,
+    tolerance: float,
 ) -> np.ndarray:
     """Returns where Chebyshev series c (d, K) change their sign, each in its bracket.
+
+    By Newton's method, and by bisection where that leaves the bracket.
 
     Args:
         c: Coefficients of K series.
         low: (K,) Lower ends of the brackets.
         high: (K,) Upper ends of the brackets.
         is_positive_at_low: (K,) Whether the series is >= 0 at the lower end.
-        num_steps: How often the brackets are halved.
+        tolerance: How exactly, as a share of half a piece.
     """
-    for _ in range(num_steps):
+    x = (low + high) / 2
+    if x.size == 0:
+        return x
+    slope = chebder(c)
+    for _ in range(_MAX_ITERATIONS):
+        y = _Value(c, x)
+        is_low = (y >= 0) == is_positive_at_low
+        low, high = np.where(is_low, x, low), np.where(is_low, high, x)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = x - y / _Value(slope, x)
+        is_there = np.abs(newton - x) <= tolerance
+        is_inside = (low < newton) & (newton < high)
         middle = (low + high) / 2
-        is_low = (chebval(middle, c, tensor=False) >= 0) == is_positive_at_low
-        low = np.where(is_low, middle, low)
-        high = np.where(is_low, high, middle)
-    return high
+        x = np.where(is_there, x, np.where(is_inside, newton, middle))
+        if np.all(is_there | (high - low <= tolerance)):
+            break
+    return x
+
+
+def _Value(c: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Returns the values (K,) of Chebyshev series c (d, K), by Clenshaw's recurrence.
+
+    chebval() spends most of its time on its arguments.
+    """
+    twice = 2 * x
+    before, last = c[-2], c[-1]
+    for coefficient in c[-3::-1]:
+        before, last = coefficient - last, before + last * twice
+    result: np.ndarray = before + last * x
+    return result
