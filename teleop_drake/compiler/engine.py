@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 
 # How many rows are integrated at a time. In between Python notices Ctrl-C.
-_CHUNK = 512
+_CHUNK = 2048
 
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
