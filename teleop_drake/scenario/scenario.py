@@ -50,6 +50,7 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
+from teleop_drake.scenario.robot_facts import FactsOfConfig
 from teleop_drake.scenario.tree import (
     DumpYaml,
     FromTree,
@@ -205,7 +206,7 @@ class Scenario(_ScenarioBase):
             environment: The environment in the diagram; None: the scenario's own.
         """
         start = np.asarray(self.robot.start, dtype=float)
-        told = FactsOfRobot(robot or self.robot.MakeRobot())
+        told = FactsOfConfig(self.robot) if robot is None else FactsOfRobot(robot)
         stiffness, D_e = (
             self.environment.StiffnessAndDamping(start)
             if environment is None
