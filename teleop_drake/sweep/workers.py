@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
@@ -15,9 +16,17 @@ from teleop_drake.validation import CheckNumber
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-# A process starts in about a second. In Drake before 1.56 a simulation leaks up to two
-# megabytes, because a Diagram with a LeafSystem written in Python is never freed.
+# In Drake before 1.56 a simulation leaks up to two megabytes, because a Diagram with a
+# LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
+
+# What processes are for; to import it takes a second. Of numba only what machine code
+# needs that is on disk.
+_IMPORTED = (
+    "teleop_drake.sweep.run",
+    "teleop_drake.tasks.metrics",
+    "llvmlite.binding",
+)
 
 
 class WorkerProcesses(Executor):
@@ -27,6 +36,9 @@ class WorkerProcesses(Executor):
     one call that it was busy with: a RuntimeError that says how it ended. The next
     call gets a new process. Processes end with the one that started them, however
     that ends, and are not interrupted by Ctrl-C, which is for their owner to handle.
+
+    On Linux they are forks of a server that has imported the package once and stays,
+    idle, as long as the process that uses it.
 
     A script must keep its own work under `if __name__ == "__main__":`, because Python
     imports it in each process (a notebook need not).
@@ -135,14 +147,27 @@ class _Worker:
     """A process and this end of the pipe to it."""
 
     def __init__(self) -> None:
-        # Drake has threads of its own, which a fork would not survive.
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context(_StartMethod())
+        if context.get_start_method() == "forkserver":
+            context.set_forkserver_preload(list(_IMPORTED))
         self.connection, other_end = context.Pipe()
-        self.process = context.Process(target=_Serve, args=(other_end,), daemon=True)
+        self.process = context.Process(
+            target=_Serve, args=(other_end, dict(os.environ)), daemon=True
+        )
         self.process.start()
         # So that its death closes the pipe.
         other_end.close()
         self.num_calls = 0
+
+
+def _StartMethod() -> str:
+    """Returns how processes start.
+
+    This process may have threads, which a fork would not survive. The server has
+    imported what runs need, and done nothing else.
+    """
+    is_linux = sys.platform == "linux"  # macOS forbids much after a fork.
+    return "forkserver" if is_linux else "spawn"
 
 
 def _BlockInterrupts() -> None:
@@ -151,8 +176,16 @@ def _BlockInterrupts() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
-def _Serve(connection: Connection) -> None:
-    """Answers calls until the other end of the pipe is closed."""
+def _Serve(connection: Connection, environment: dict[str, str]) -> None:
+    """Answers calls until the other end of the pipe is closed.
+
+    Args:
+        connection: Brings them.
+        environment: Of the process that started this one. A server may have another.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    os.environ.clear()
+    os.environ.update(environment)
     threading.Thread(target=_EndWithParent, daemon=True).start()
     connection.send("ready")
     while True:

@@ -127,7 +127,10 @@ def _Spawn(program: list) -> list[float]:
     """Runs a program of benchmarks.delay_program; returns its peak forces in N."""
     paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.delay_program", json.dumps(program)],
+        [
+            *(sys.executable, "-m", "benchmarks.all_processes"),
+            *("benchmarks.delay_program", json.dumps(program)),
+        ],
         check=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
         stdout=subprocess.PIPE,

@@ -54,10 +54,14 @@ def test_processes_are_not_interrupted(pool):
     assert pool.submit(signal.raise_signal, signal.SIGINT).result() is None
 
 
-def test_processes_are_recycled():
+def test_processes_are_recycled(monkeypatch):
+    """A new one has the environment as it is then."""
     with WorkerProcesses(1, calls_per_process=2) as pool:
-        pids = [pool.submit(os.getpid).result() for _ in range(4)]
-    assert pids[0] == pids[1] != pids[2] == pids[3]
+        pids = [pool.submit(os.getpid).result() for _ in range(2)]
+        monkeypatch.setenv("A_VARIABLE", "of today")
+        pids.append(pool.submit(os.getpid).result())
+        assert pool.submit(os.getenv, "A_VARIABLE").result() == "of today"
+    assert pids[0] == pids[1] != pids[2]
 
 
 def test_shutdown_finishes_or_kills():
