@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
-from teleop_drake.numerics.interpolation import NUM_STENCIL_POINTS
+from teleop_drake.numerics.newton_polynomials import NUM_STENCIL_POINTS
 from teleop_drake.recording import Recording
 from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.validation import Refuse

@@ -147,9 +147,7 @@ class _Worker:
     """A process and this end of the pipe to it."""
 
     def __init__(self) -> None:
-        context = multiprocessing.get_context(_StartMethod())
-        if context.get_start_method() == "forkserver":
-            context.set_forkserver_preload(list(_IMPORTED))
+        context = _StartContext()
         self.connection, other_end = context.Pipe()
         self.process = context.Process(
             target=_Serve, args=(other_end, dict(os.environ)), daemon=True
@@ -160,14 +158,17 @@ class _Worker:
         self.num_calls = 0
 
 
-def _StartMethod() -> str:
-    """Returns how processes start.
+def _StartContext() -> Any:
+    """Returns what starts processes.
 
     This process may have threads, which a fork would not survive. The server has
     imported what runs need, and done nothing else.
     """
-    is_linux = sys.platform == "linux"  # macOS forbids much after a fork.
-    return "forkserver" if is_linux else "spawn"
+    if sys.platform != "linux":  # macOS forbids much after a fork.
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(_IMPORTED))
+    return context
 
 
 def _BlockInterrupts() -> None:

@@ -257,7 +257,7 @@ def _Roots(
         is_positive_at_low: (K,) Whether the series is >= 0 at the lower end.
         tolerance: How exactly, as a share of half a piece.
     """
-    x = (low + high) / 2
+    x: np.ndarray = (low + high) / 2
     if x.size == 0:
         return x
     slope = chebder(c)

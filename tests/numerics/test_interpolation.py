@@ -6,14 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_drake.numerics.interpolation import (
-    NUM_STENCIL_POINTS,
     evaluate_newton,
     interpolate,
-    limited_polynomial,
     newton_polynomial,
-    newton_polynomials,
     stencil_window,
 )
+from teleop_drake.numerics.newton_polynomials import NUM_STENCIL_POINTS
 
 
 @given(
@@ -99,23 +97,6 @@ def test_many_queries_are_as_one():
             interpolate(times, values, np.array([t])), row[np.newaxis]
         )
     assert interpolate(times, values, np.empty(0)).shape == (0, 3)
-
-
-def test_polynomials_in_arrays_are_those_of_each_interval():
-    """Bit for bit: with jumps, with samples in clusters, and with nonsmooth points."""
-    rng = np.random.default_rng(0)
-    for num_samples in (2, 3, 9, 60, 400):
-        steps = rng.choice([1e-9, 1e-3, 0.1, 0.25, 1.0], num_samples)
-        steps *= 1 + 0.1 * rng.choice([0, 1]) * rng.normal(size=num_samples) ** 2
-        steps[rng.random(num_samples) < 0.1] = 0
-        times = np.cumsum(steps)
-        values = np.stack([np.sin(times), np.abs(times - times.mean())], axis=1)
-        values[rng.random(num_samples) < 0.2] += 0.1
-        intervals = np.arange(num_samples - 1)
-        together = newton_polynomials(times, values, intervals)
-        for i in intervals:
-            one = limited_polynomial(times, values, i)
-            np.testing.assert_array_equal(together[:, :, i], one)
 
 
 # Samples of a control force that is held behind a jump and then begins to fall.
