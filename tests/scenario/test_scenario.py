@@ -15,6 +15,7 @@ from surfaces import Border
 
 from teleop_drake import scenario as dut
 from teleop_drake.robots import SliderConfig
+from teleop_drake.robots.driven_arm import DrivenArmConfig
 from teleop_drake.scenario import (
     CheckSteps,
     GainMatrix,
@@ -30,6 +31,7 @@ from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
+SPACE = ["needle_insertion", "wall_sliding"]
 TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
 MINIMAL = """
@@ -48,7 +50,7 @@ def minimal(tmp_path: Path) -> Path:
 
 
 def test_names():
-    assert ScenarioNames() == TRACKING + BUILT_IN
+    assert ScenarioNames() == sorted(TRACKING + BUILT_IN + SPACE)
 
 
 # The thesis's table of tasks (section 2.5) and gains (sections 4.2, 5.2).
@@ -92,19 +94,24 @@ def test_gains(name):
     assert (controller.adaptation_rate, controller.leakage) == (0.1, 0.1)
 
 
-@pytest.mark.parametrize("name", BUILT_IN + TRACKING)
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE)
 def test_files_state_every_field_with_its_source(name):
     # Null is written out only where it means something.
     unused = {}
     unused["forward_channel"] = unused["return_channel"] = {
         field.name for field in dataclasses.fields(dut.ChannelConfig)
     } - {"kind", "delay"}
-    if name in BUILT_IN:
+    if name not in TRACKING:
         unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
         unused["controller"] |= {"parameters", "robust"}
         unused["controller"] -= {"robust_backstepping"}  # It has no section.
+    if name in BUILT_IN:
         unused["environment"] = {"kind", "direction"}
-    unused[""] = {"name", "actuator", "sensor"} if name in BUILT_IN else {"name"}
+    if name in SPACE:
+        # The arm is light, and carries and holds nothing.
+        held = {field.name for field in dataclasses.fields(DrivenArmConfig)}
+        unused["robot"] = held - {"start", "posture"}
+    unused[""] = {"name"} if name in TRACKING else {"name", "actuator", "sensor"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
 
@@ -118,7 +125,9 @@ def test_files_state_every_field_with_its_source(name):
     compare(written, yaml.safe_load(ScenarioToYaml(LoadScenario(name))), "")
     for layer in written.get("environment", {}).get("layers", []):
         known = {field.name for field in dataclasses.fields(dut.LayerConfig)}
-        assert set(layer) == known - {"lateral_stiffness"}  # Not the thesis's.
+        # Not the thesis's.
+        absent = {"lateral_stiffness"} if name in BUILT_IN else set()
+        assert set(layer) == known - absent
     for line in text.splitlines():
         # A value that is neither a section nor the two texts.
         if re.match(r"\s*(- )?\w+: *[^# ]", line) and not re.match(

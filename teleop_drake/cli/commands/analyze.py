@@ -219,10 +219,12 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
     """Returns the margins of `analyze`: a row for each operating point."""
     points = record["operating_points"]
     delay = record["forward_delay"] + record["return_delay"]
+    places_across = {tuple(point["position"][1:]) for point in points}
+    num_shown = 1 if len(places_across) == 1 else None  # Along x one is enough.
     lines = [
         [
             "",
-            "x [m]",
+            "x [m]" if num_shown else "position [m]",
             "crossovers [rad/s]",
             "phase margin [deg]",
             "delay margin [s]",
@@ -242,7 +244,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         lines.append(
             [
                 point["name"],
-                f"{point['position'][0]:.5g}",
+                ", ".join(f"{x:.5g}" for x in point["position"][:num_shown]),
                 ", ".join(f"{w:.4g}" for w in point["gain_crossovers"] if w) or "-",
                 "-" if phase is None else f"{math.degrees(phase):.1f}",
                 Cell(point["delay_margin"]),

@@ -1,0 +1,91 @@
+"""Tests of the tasks in space: what counts is measured along the surface's normal."""
+
+import numpy as np
+import pytest
+from grids import Slow
+from own_kinds import PuckConfig
+
+from teleop_drake.environments import FrictionWallConfig
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compiled_run import WhyNotCompiled
+from teleop_drake.tasks.metrics import RunMetrics
+
+NORMAL = np.array([0.6, 0.48, -0.64])
+
+
+def Insertion(turn):
+    """A puck goes in along an axis, which turns with everything else."""
+    scenario = LoadScenario(
+        "needle_insertion", ["controller.kind=direct_force", "duration=3"]
+    )
+    scenario.robot = PuckConfig(start=turn @ [0.11, 0.02, 0.0])
+    scenario.environment.direction = turn[:, 0]
+    scenario.surgeon.velocity = turn @ [0.1, 0.01, 0.005]
+    scenario.surgeon.contact_force = turn @ [0.2, 0.0, 0.0]
+    return simulate(scenario, engine="drake")
+
+
+def test_a_turned_task_has_the_same_metrics():
+    """Of a robot that is the same in all directions, in the thesis's and in another."""
+    across = np.cross(NORMAL, [0.0, 0.0, 1.0]) / np.hypot(0.6, 0.48)
+    turn = np.column_stack([NORMAL, across, np.cross(NORMAL, across)])
+    straight, turned = (Insertion(x) for x in (np.eye(3), turn))
+    metrics, expected = RunMetrics(turned), RunMetrics(straight)
+    assert None not in expected["collision"].values()
+    for key in ("puncture", "collision"):
+        assert metrics[key] == pytest.approx(expected[key], rel=1e-5, abs=1e-8)
+    assert [x.name for x in turned.events] == [x.name for x in straight.events]
+    at = np.array([expected["puncture"]["time"]])
+    # The tissue pulls the puck back to its axis.
+    force = turned.Interpolate("environment_force", at - 1e-9)[0] @ turn
+    offset = turned.Interpolate("tool_position", at)[0] @ turn - [0, 0.02, 0]
+    np.testing.assert_allclose(force[1:], 5.0 * offset[1:], rtol=1e-5)
+    assert force[0] == pytest.approx(metrics["puncture"]["force"], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name, overrides",
+    Slow(
+        [
+            ("wall_sliding", ["controller.kind=direct_force", "duration=1.9"]),
+            ("needle_insertion", ["duration=3.2"]),
+        ]
+    ),
+)
+def test_both_engines(name, overrides):
+    pytest.importorskip("numba")
+    scenario = LoadScenario(name, overrides)
+    assert WhyNotCompiled(scenario) == ""
+    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
+    expected, metrics = RunMetrics(drake), RunMetrics(compiled)
+    assert expected["collision"]["peak_force"] > 0.3
+    for key in ("time", "velocity", "peak_force", "rebound_velocity"):
+        value = expected["collision"][key]
+        assert metrics["collision"][key] == pytest.approx(value, rel=1e-4)
+    # What counts, once more from the samples.
+    (contact, *_) = drake.EventTimes("contact")
+    surface = drake.FindSurface("contact")
+    is_after = drake.time > contact
+    v_n = surface.Along(drake["tool_velocity"])[is_after]
+    F_n = surface.Along(drake["environment_force"])[is_after]
+    collision = expected["collision"]
+    assert collision["rebound_velocity"] == pytest.approx(v_n.min(), rel=0.02)
+    assert collision["peak_force"] == pytest.approx(F_n.max(), rel=0.02)
+
+
+def test_the_tool_slides_at_coulombs_limit():
+    pytest.importorskip("numba")
+    scenario = LoadScenario("wall_sliding", ["controller.kind=direct_force"])
+    wall = scenario.environment
+    assert isinstance(wall, FrictionWallConfig)
+    recording = simulate(scenario, engine="compiled")
+    surface = recording.FindSurface("contact")
+    v, F = recording["tool_velocity"][-1], recording["environment_force"][-1]
+    v_t = v - surface.Along(v) * surface.normal_W
+    F_t = F - surface.Along(F) * surface.normal_W
+    speed = np.linalg.norm(v_t)
+    assert speed > 20 * wall.creep_speed
+    expected = wall.friction * surface.Along(F) * v_t / speed
+    np.testing.assert_allclose(F_t, expected, rtol=2e-3)
+    assert RunMetrics(recording)["puncture"] is None
