@@ -68,6 +68,7 @@ class Linearizer:
             )
             for name in ("master", "controller", "environment", "robot")
         )
+        self._robot_speed_scales = robot.speed_scales
         self._forward_packet = self._Fix(("controller", "forward_packet"))
         self._return_packet = self._Fix(("master", "return_packet"))
         n = self._n = scenario.num_axes
@@ -277,6 +278,7 @@ class Linearizer:
         speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
         path = _STEP_SHARE * self.SurfaceDistance()
         scales = self._environment.speed_scales + self._controller.speed_scales
+        scales += self._robot_speed_scales
         speed = min(max(speed, _LEAST_SCALE), *scales)
         steps = self._motion.Steps(path, speed)
         return side.Linearize(self._point.name, steps)

@@ -24,6 +24,7 @@ from teleop_drake.simulation.failures import (
     NamingBlocks,
     ReasonOfDivergence,
 )
+from teleop_drake.simulation.joint_range import EndAtJointLimit
 from teleop_drake.simulation.live import DrakeRun, LiveRun
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor
@@ -89,10 +90,10 @@ def simulate(
 
     A run ends early, as a recording that says why, if the tool's speed exceeds
     divergence_speed_ratio times the commanded speed (divergence_speed, for a
-    TrackingScenario), if the solver finds no step that is short enough, if numbers
-    leave the finite (under error control: however short the step is), or with the step
-    at Ctrl-C (at once at a second one). Any other error of a block comes out as it is,
-    with a note that names the block.
+    TrackingScenario), if a joint leaves its range, if the solver finds no step that is
+    short enough, if numbers leave the finite (under error control: however short the
+    step is), or with the step at Ctrl-C (at once at a second one). Any other error of a
+    block comes out as it is, with a note that names the block.
 
     Args:
         scenario: What to simulate.
@@ -145,6 +146,7 @@ def simulate(
         run = _RunInDrake(*what, advance)
     if run.termination == "diverged":
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
+    EndAtJointLimit(diagram, run)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run.times, run.signals)
     recording = _MakeRecording(scenario, diagram, run)

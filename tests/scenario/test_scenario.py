@@ -31,7 +31,7 @@ from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
-SPACE = ["needle_insertion", "wall_sliding"]
+SPACE = ["needle_insertion", "puma560_insertion", "wall_sliding"]
 TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
 MINIMAL = """

@@ -1,0 +1,57 @@
+"""The Puma 560 pushes its needle through tissue on to bone."""
+
+import json
+
+import numpy as np
+import pytest
+from pydrake.math import RotationMatrix
+
+from teleop_drake.cli import main
+from teleop_drake.robots.inverse_kinematics import ToolRotation
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
+
+NAME = "puma560_insertion"
+
+
+def test_both_engines_run_it():
+    scenario = LoadScenario(NAME, {"duration": 0.3})
+    ours, drakes = (simulate(scenario, engine=e) for e in ("compiled", "drake"))
+    for name in ("tool_position", "joint_position", "joint_torque"):
+        np.testing.assert_allclose(ours[name][-1], drakes[name][-1], atol=1e-7)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    kinds = ("direct_force", "adaptive_backstepping")
+    scenarios = [LoadScenario(NAME, {"controller.kind": kind}) for kind in kinds]
+    return [simulate(scenario, engine="compiled") for scenario in scenarios]
+
+
+def test_the_adaptive_law_settles_earlier(runs):
+    direct, adaptive = (RunMetrics(run)["collision"]["settling_time"] for run in runs)
+    assert adaptive < 0.6 * direct
+
+
+def test_the_needle_keeps_its_direction(runs):
+    """To within a degree, though the law moves its tip only."""
+    plant = runs[0].scenario.robot.LoadPlant()
+    for run in runs:
+        first, *others = (ToolRotation(plant, q) for q in run["joint_position"][::10])
+        for R in others:
+            assert RotationMatrix(first.T @ R).ToAngleAxis().angle() < np.radians(1)
+
+
+@pytest.mark.slow
+def test_every_command_knows_it(tmp_path, capsys):
+    for command, *options in (
+        ("compare", "--engine", "compiled", "--out", str(tmp_path / "compare")),
+        ("sweep", "--delay", "0.05", "--jobs", "1", "--out", str(tmp_path / "sweep")),
+        ("analyze", "--json", str(tmp_path / "analysis.json")),
+        ("diagram", "-o", str(tmp_path / "loop.svg")),
+        ("replay", "--duration", "0.1", "--out", str(tmp_path / "scene.html")),
+    ):
+        assert main([command, NAME, *options]) == 0, command
+    capsys.readouterr()
+    assert "puma560" in json.loads((tmp_path / "analysis.json").read_text())["scenario"]
