@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.colors import to_rgb
+from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, Rgba
 from pydrake.math import RigidTransform
@@ -22,13 +23,15 @@ SPAN = 8.0
 
 _PATH = "/driving"
 
-# In the stage's units, of which the scene shows 2: the strips stand below the tool.
-_WIDTH, _HEIGHT = 1.6, 0.14
-_FORCE_Z, _SPEED_Z = -0.37, -0.53
+# In the stage's units, of which the scene shows 2: the strips stand above the ghost,
+# where no part of a robot comes to be in front of them.
+_WIDTH, _HEIGHT = 1.4, 0.12
+_FORCE_Z, _SPEED_Z = 0.83, 0.69
+_LETTERS = 0.03
 
 
 class View:
-    """Draws the scene and two strips below it: force and speed that the hand feels.
+    """Draws the scene and two strips above it: force and speed that the hand feels.
 
     A strip shows the last SPAN seconds, now at the right; of each task axis a line in
     its own colour, full scale up to the frame. The upper one is the force.
@@ -54,8 +57,11 @@ class View:
         """
         self._scene = MakeScene(scenario, self._meshcat)
         self._past.clear()
-        for name, z in (("force", _FORCE_Z), ("speed", _SPEED_Z)):
+        for name, z, unit in (("force", _FORCE_Z, "N"), ("speed", _SPEED_Z, "m/s")):
             path = f"{_PATH}/{name}"
+            text = f"{name} felt, ±{self._scales[name]:.2g} {unit}"
+            ends = _Letters(text)
+            self._meshcat.SetLineSegments(f"{path}/label", *ends, 1.0, Rgba(0, 0, 0, 1))
             self._meshcat.SetObject(
                 f"{path}/frame",
                 Box(_WIDTH, 0.002, _HEIGHT),
@@ -104,6 +110,16 @@ class View:
                 self._meshcat.SetLine(
                     f"{_PATH}/{name}/line_{axis}", vertices, 3.0, colour
                 )
+
+
+def _Letters(text: str) -> tuple[Array, Array]:
+    """Returns where the lines of a text in a strip begin and end (3, k each)."""
+    corner = 0.01 - _WIDTH / 2, _HEIGHT / 2 - _LETTERS
+    outlines = TextPath(corner, text, size=_LETTERS).to_polygons()
+    begins = np.vstack([outline[:-1] for outline in outlines])
+    ends = np.vstack([outline[1:] for outline in outlines])
+    begins, ends = (np.insert(a, 1, -0.01, axis=1).T for a in (begins, ends))
+    return begins, ends
 
 
 def MakeView(meshcat: Meshcat, scenario: Scenario) -> View:
