@@ -115,11 +115,11 @@ class View:
 def _Letters(text: str) -> tuple[Array, Array]:
     """Returns where the lines of a text in a strip begin and end (3, k each)."""
     corner = 0.01 - _WIDTH / 2, _HEIGHT / 2 - _LETTERS
-    outlines = TextPath(corner, text, size=_LETTERS).to_polygons()
+    polygons = TextPath(corner, text, size=_LETTERS).to_polygons()
+    outlines = [np.insert(np.asarray(x), 1, -0.01, axis=1) for x in polygons]
     begins = np.vstack([outline[:-1] for outline in outlines])
     ends = np.vstack([outline[1:] for outline in outlines])
-    begins, ends = (np.insert(a, 1, -0.01, axis=1).T for a in (begins, ends))
-    return begins, ends
+    return begins.T, ends.T
 
 
 def MakeView(meshcat: Meshcat, scenario: Scenario) -> View:
