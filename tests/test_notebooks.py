@@ -14,11 +14,14 @@ import shutil
 import sys
 from pathlib import Path
 
+import make_gallery
 import nbformat
+import numpy as np
 import pytest
 from grids import Slow
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
+from PIL import Image
 
 TESTS = Path(__file__).parent
 FAILING = TESTS / "failing_notebook.ipynb"
@@ -105,6 +108,11 @@ def test_runs(path, tmp_path):
     ]
     assert len(pictures) >= 4
     assert "image/png" in cells[-1].outputs[-1].data
+    # It is the one that the gallery shows, but for the colours of the palette.
+    now = make_gallery.PictureOf(notebook, path.stem)
+    shown = Image.open(make_gallery.PathOf(path.stem)).convert("RGB")
+    assert shown.size == now.size
+    assert np.abs(np.subtract(shown, now, dtype=float)).mean() < 2
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -170,6 +178,18 @@ def test_is_a_story_with_the_public_api(path):
         assert not re.search(r"(\.|import |, )_[a-zA-Z]", source), source
         # What runs here is Python: no magic, no shell.
         ast.parse(source)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_gallery_was_made_by_this_code(path):
+    """`python notebooks/make_gallery.py NAME` makes it anew."""
+    picture = Image.open(make_gallery.PathOf(path.stem))
+    assert picture.text["Code"] == make_gallery.CodeHash(Read(path))
+
+
+def test_the_page_of_the_gallery_is_current():
+    page = make_gallery.FOLDER / "README.md"
+    assert page.read_text("utf-8") == make_gallery.MakePage()
 
 
 def test_other_notebooks_that_they_name_are_there():
