@@ -127,6 +127,11 @@ _UNITS = {
     "contact_force": "N",
     "frequency": "rad/s",
     "phase": "rad",
+    "bandwidth": "rad/s",
+    "force_limit": "N",
+    "coulomb_friction": "N",
+    "friction_speed": "m/s",
+    "viscous_friction": "N s/m",
     "drift": "s/s",
     "burst_length": "packets",
 }

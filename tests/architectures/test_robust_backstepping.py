@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from documentation import TEXT
+from grids import Slow
 
 from teleop_drake.architectures.robust_backstepping import RobustBackstepping
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw
+from teleop_drake.tasks.metrics import RunMetrics
 
 
 def Load(name="two_dof_combined", **changes):
@@ -26,6 +30,30 @@ def test_bounds_derive_from_speed_and_gains():
     assert Bounds(Load(Lambda=2.0, P=3.0)) == pytest.approx((0.0, 0.3, 1.5, 0.05))
     given = {"acceleration_bound": 0.4, "force_width": 0.7}
     assert Bounds(Load(robust=given)) == pytest.approx((0.4, 0.1, 3.0, 0.7))
+
+
+SETTLES = [
+    ("as in the thesis", {}),
+    ("bone of 1500 N/m", {"environment.layers.bone.stiffness": 1500.0}),
+    ("0.5 s each way", {"forward_channel.delay": 0.5, "return_channel.delay": 0.5}),
+    ("`adaptation_rate` 1", {"controller.adaptation_rate": 1.0}),
+    ("`adaptation_rate` 10", {"controller.adaptation_rate": 10.0}),
+    ("`G2` 45", {"controller.G2": 45.0}),
+    ("`robust.acceleration_bound` 0.4", {"controller.robust.acceleration_bound": 0.4}),
+]
+
+
+@pytest.mark.parametrize(("name", "overrides"), Slow(SETTLES))
+def test_table_of_the_documentation(name, overrides):
+    """When the tool is at rest on the bone."""
+    cells = []
+    for task in ("two_dof_collision", "two_dof_combined"):
+        for kind in ("adaptive_backstepping", "robust_backstepping"):
+            scenario = LoadScenario(task, {"controller.kind": kind, **overrides})
+            collision = RunMetrics(simulate(scenario, engine="auto"))["collision"]
+            time = collision["settling_time"]
+            cells.append("-" if time is None else f"{time:.3g}")
+    assert f"| {name} | {' | '.join(cells)} |" in TEXT
 
 
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from documentation import TEXT
+from drive_bandwidth import BANDWIDTHS, CASES, Measure, TableLine
+from grids import Slow
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.systems.actuator import Actuator, ActuatorConfig
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -91,6 +94,12 @@ def test_analyze_knows_the_slope_of_friction():
     np.testing.assert_allclose(
         point.loop.frequency_response(s.imag)[:, 0, 0], expected, rtol=1e-5
     )
+
+
+@pytest.mark.parametrize("bandwidth", Slow(BANDWIDTHS, but=[2]))
+def test_table_of_the_documentation(bandwidth):
+    rows = [Measure(case, kind, bandwidth) for case in CASES for kind in CONTROLLERS]
+    assert TableLine(bandwidth, rows) in TEXT
 
 
 @pytest.mark.parametrize(
