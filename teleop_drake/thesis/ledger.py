@@ -1,5 +1,7 @@
 """The claims of chapters 3 to 6, each measured on runs and given a verdict.
 
+So are claims of our own on what section 6.3 leaves to future work.
+
 A claim with a number is `reproduced` if our number is within the tolerance,
 `reproduced in kind` if it is not but the statement that the number stands for holds,
 and `refuted` otherwise. A claim without a number is turned into a criterion that can
@@ -17,6 +19,7 @@ from teleop_drake.thesis.claims.chapter5 import Chapter5
 from teleop_drake.thesis.claims.claim import Row
 from teleop_drake.thesis.claims.conclusions import Conclusions
 from teleop_drake.thesis.claims.evidence import Evidence
+from teleop_drake.thesis.claims.future_work import LEARNING_REQUESTS, Learning
 from teleop_drake.thesis.claims.requests import REQUESTS
 from teleop_drake.thesis.runs import ThesisRuns
 
@@ -38,6 +41,16 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
         *Conclusions(evidence),
         *Alternatives(evidence),
     ]
+
+
+def FutureWork(runs: ThesisRuns) -> list[Row]:
+    """Returns a row for each claim on future work; their keys begin with "F-".
+
+    Args:
+        runs: Where the runs come from; they are started here.
+    """
+    runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS])
+    return Learning(Evidence(runs))
 
 
 _SHORT_KEYS = (

@@ -17,7 +17,7 @@ from teleop_drake.thesis.claims import requests
 from teleop_drake.thesis.claims.claim import VERDICTS, Row
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.figures.figure import ThesisFigure, WritePicture
-from teleop_drake.thesis.ledger import Ledger
+from teleop_drake.thesis.ledger import FutureWork, Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies import STUDIES
 from teleop_drake.thesis.studies.study import Study
@@ -31,11 +31,12 @@ _CHAPTERS = {
     "3": "A network that learns a disturbance",
     "4": "One degree of freedom",
     "5": "Two degrees of freedom",
+    "6": "Future work",
 }
 
 
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:
-    """Returns figures by their numbers, in the thesis's order.
+    """Returns figures by their numbers, in the thesis's order, then ours (6.1, ...).
 
     Args:
         only: Numbers such as "4.1"; None: all.
@@ -126,7 +127,7 @@ def WriteReport(
             paths += WritePicture(picture, out / f"study_{name}", formats)
         results.append(study)
         _Report(progress, study.title)
-    rows = Ledger(runs)
+    rows = [*Ledger(runs), *FutureWork(runs)]
     texts = {
         "ledger.json": _LedgerJson(rows),
         "ledger.csv": _LedgerCsv(rows),
@@ -217,10 +218,19 @@ criterion holds. <em>Reproduced in kind</em>: the number is another, but what it
 for holds. <em>Refuted</em>: neither. <em>Not determinable</em>: no run can decide.
 """
 
-_ALTERNATIVES_INTRODUCTION = """
-How much of that is owed to the adaptive controller: the same comparisons with a plain
-alternative. Here the claims are ours.
-"""
+_OWN_CLAIMS = {
+    "A-": (
+        "Plain alternatives",
+        "How much of that is owed to the adaptive controller: the same comparisons "
+        "with a plain alternative. Here the claims are ours.",
+    ),
+    "F-": (
+        "Future work",
+        "What section 6.3 leaves to future work, and what the rows above leave open. "
+        "Here too the claims are ours.",
+    ),
+}
+"""By the beginning of their keys: title and introduction of the rows that are ours."""
 
 
 def _Html(out: Path, rows: Sequence[Row], results: Sequence[Study], runs: str) -> str:
@@ -264,8 +274,7 @@ def _Html(out: Path, rows: Sequence[Row], results: Sequence[Study], runs: str) -
 
 
 def _LedgerHtml(rows: Sequence[Row]) -> str:
-    alternatives = [row for row in rows if row.key.startswith("A-")]
-    claims = [row for row in rows if row not in alternatives]
+    claims = [row for row in rows if not row.key.startswith(tuple(_OWN_CLAIMS))]
     counts = Counter(row.verdict for row in claims)
     summary = ", ".join(f"{counts[x]} {x}" for x in VERDICTS if counts[x])
     return "\n".join(
@@ -273,8 +282,11 @@ def _LedgerHtml(rows: Sequence[Row]) -> str:
             f"<p>{_LEDGER_INTRODUCTION}</p>",
             f"<p><strong>Of {len(claims)} claims: {summary}.</strong></p>",
             _ClaimsHtml(claims),
-            f"<h3>Plain alternatives</h3>\n<p>{_ALTERNATIVES_INTRODUCTION}</p>",
-            _ClaimsHtml(alternatives),
+            *(
+                f"<h3>{title}</h3>\n<p>{introduction}</p>\n"
+                + _ClaimsHtml(row for row in rows if row.key.startswith(beginning))
+                for beginning, (title, introduction) in _OWN_CLAIMS.items()
+            ),
         ]
     )
 

@@ -1,10 +1,11 @@
 """The figures of the thesis, made anew from simulations that run then and there.
 
 Each has the number that it has in the thesis and shows the same quantities. Units have
-SI prefixes where that makes them readable.
+SI prefixes where that makes them readable. Chapter 6 of the thesis has no figures;
+those with its number are ours.
 """
 
-from teleop_drake.thesis.figures import chapter2, chapter3
+from teleop_drake.thesis.figures import chapter2, chapter3, future_work
 from teleop_drake.thesis.figures.comparisons import ComparisonFigure
 from teleop_drake.thesis.figures.figure import ThesisFigure
 from teleop_drake.thesis.figures.learned import LearnedFigure
@@ -71,6 +72,7 @@ FIGURES: dict[str, ThesisFigure] = {
             for task, numbers in _NUMBERS.items()
             for quantity, number in numbers.items()
         ),
+        *future_work.FIGURES,
     ]
 }
 """All figures by their number, in the thesis's order."""

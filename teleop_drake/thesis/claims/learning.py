@@ -1,0 +1,113 @@
+"""What the networks of chapters 4 and 5 could learn, and what they have learned."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.tree import JacobianWrtVariable
+
+from teleop_drake.recording import Recording
+from teleop_drake.robots.base import PlantRobotConfig
+from teleop_drake.robots.inverse_kinematics import TOOL
+from teleop_drake.scenario import Scenario
+from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
+from teleop_drake.validation import GainMatrix
+
+
+def PathDistance(recording: Recording) -> np.ndarray:
+    """Returns how far the tool is from where the command has led it, in m (T,).
+
+    That is the integral of the velocity command as it arrives at the slave.
+
+    Args:
+        recording: A run of direct force or of the adaptive controller.
+    """
+    scenario = recording.teleoperation
+    v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
+    steps = np.diff(recording.time)[:, np.newaxis] * (v_dd[1:] + v_dd[:-1]) / 2
+    asked = scenario.robot.start + np.vstack([0 * v_dd[:1], np.cumsum(steps, axis=0)])
+    return np.asarray(np.linalg.norm(recording["tool_position"] - asked, axis=1))
+
+
+def UnrepresentedShare(recording: Recording, num_speeds: int = 1) -> float:
+    """Returns what the best constant weights leave of dF_e/dt along x, as rms share.
+
+    They are those of least squares over the whole run, chosen in hindsight: no rule of
+    adaptation finds constant weights that leave less of this run.
+
+    Args:
+        recording: A run of the adaptive controller in layers, see ForceRate.
+        num_speeds: 1: the basis functions of the run, which see the position. More:
+            each of them times as many Gaussians of v_x, equidistant over the speeds
+            of the run and as wide as their spacing.
+    """
+    rate, Phi = ForceRate(recording), BasisFunctions(recording)
+    if num_speeds > 1:
+        v = recording["tool_velocity"][:, :1]
+        centres, spacing = np.linspace(v.min(), v.max(), num_speeds, retstep=True)
+        speeds = np.exp(-(((v - centres) / spacing) ** 2))
+        Phi = (Phi[:, :, np.newaxis] * speeds[:, np.newaxis, :]).reshape(len(v), -1)
+    # The trapezoidal rule's weight of each sample.
+    steps = np.diff(recording.time)
+    root = np.sqrt(np.append(steps, 0.0) + np.append(0.0, steps))
+    weights = np.linalg.lstsq(root[:, np.newaxis] * Phi, root * rate, rcond=1e-6)[0]
+    left = np.linalg.norm(root * (rate - Phi @ weights))
+    return float(left / np.linalg.norm(root * rate))
+
+
+def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
+    """Returns what gravity adds to ds/dt at points, in m/s^2 (M, n).
+
+    That is (I + Lambda D_e) J M^-1 tau_g, which a law that knows nothing of gravity
+    leaves to its first network.
+
+    Args:
+        scenario: One with the adaptive controller and a robot that Drake simulates.
+        points: Positions of the tool in m (M, n).
+
+    Raises:
+        ScenarioError: If the robot does not reach a point.
+    """
+    robot, n = scenario.robot, scenario.num_axes
+    assert isinstance(robot, PlantRobotConfig)
+    Lambda = GainMatrix(scenario.controller.Lambda, n)
+    D_e = scenario.Facts().EnvironmentDamping("environment")
+    plant = robot.LoadPlant()
+    context = plant.CreateDefaultContext()
+    tool, world = plant.GetFrameByName(TOOL), plant.world_frame()
+    drifts = []
+    for p_WT in np.asarray(points, dtype=float):
+        plant.SetPositions(context, robot.JointPositions(p_WT))
+        J = plant.CalcJacobianTranslationalVelocity(
+            context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
+        )[:n]
+        tau_g = plant.CalcGravityGeneralizedForces(context)
+        drifts.append(J @ np.linalg.solve(plant.CalcMassMatrix(context), tau_g))
+    return np.array(drifts) @ (np.eye(n) + Lambda @ D_e).T
+
+
+def LearnedDrift(recording: Recording, points: ArrayLike) -> np.ndarray:
+    """Returns what the first network says at points, in m/s^2 (M, n).
+
+    Its weights are those at the end of the run.
+
+    Args:
+        recording: A run of the adaptive controller.
+        points: Positions of the tool in m (M, n).
+    """
+    scenario = recording.teleoperation
+    network = scenario.controller.network.MakeNetwork()
+    weights = recording["weights_1"][-1].reshape(scenario.num_axes, -1)
+    return np.array([weights @ network.evaluate(p) for p in np.asarray(points)])
+
+
+def UnlearnedWeight(recording: Recording, points: ArrayLike) -> float:
+    """Returns the rms of WeightDrift() less LearnedDrift() over that of WeightDrift().
+
+    Args:
+        recording: A run of the adaptive controller.
+        points: Positions of the tool in m (M, n).
+    """
+    drift = WeightDrift(recording.teleoperation, points)
+    error = LearnedDrift(recording, points) - drift
+    return math.sqrt(float((error**2).sum() / (drift**2).sum()))

@@ -1,0 +1,161 @@
+"""The chapter on future work: its verdicts, and what the documentation says of it."""
+
+import re
+
+import numpy as np
+import pytest
+from documentation import ROOT
+
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    BacksteppingState,
+    backstepping_rate,
+)
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.thesis.claims.evidence import Evidence
+from teleop_drake.thesis.claims.future_work import INSIDE, LEARNING, Learning
+from teleop_drake.thesis.claims.learning import (
+    PathDistance,
+    UnlearnedWeight,
+    WeightDrift,
+)
+from teleop_drake.thesis.claims.measures import Rms
+
+pytestmark = pytest.mark.xdist_group("thesis")
+
+PAGE = (ROOT / "teleop_drake/docs/learning.md").read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def learning(thesis_runs):
+    return {row.key: row for row in Learning(Evidence(thesis_runs))}
+
+
+def Cells(first):
+    """The cells behind the first of a row of the page, as text."""
+    (cells,) = re.findall(rf"^\| `?{first}`? \|(.*)\|$", PAGE, re.MULTILINE)
+    return [cell.strip() for cell in cells.split("|")]
+
+
+def Numbers(text):
+    return [float(x) for x in re.findall(r"\d+(?:\.\d+)?(?= ?(?:%|mm))", text)]
+
+
+def test_verdicts(learning):
+    refuted = {key for key, row in learning.items() if row.verdict == "refuted"}
+    assert refuted == {
+        "F-representation",
+        "F-faster-adaptation",
+        "F-network-over-integrator",
+    }
+    assert {row.verdict for row in learning.values()} == {"refuted", "reproduced"}
+
+
+def test_the_page_says_what_the_ledger_says(learning):
+    row = learning["F-representation"]
+    tasks = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+    said = [[float(x.rstrip("%")) for x in Cells(task)] for task in tasks]
+    by_place, by_speed = zip(*said, strict=True)
+    assert Numbers(row.ours) == list(by_place)
+    assert Numbers(row.reason) == list(by_speed)
+
+    names = ("these settings", "as in the thesis", "no adaptation", "direct force")
+    said = [Cells(name) for name in (*names, "integrator")]
+    beside = [float(distance) for distance, _ in said]
+    ours = Numbers(learning["F-learning-matters"].ours)
+    assert ours == pytest.approx(beside, rel=0.01)
+    unlearned = [float(said[i][1].rstrip("%")) for i in (0, 1)]
+    assert Numbers(learning["F-learns"].ours) == pytest.approx(unlearned, rel=0.01)
+    faster = learning["F-faster-adaptation"].ours
+    assert "impact force -2.1%" in faster and "time +4.5%" in faster
+    assert "grows by 4.5 %" in PAGE and "falls by 2.1 %" in PAGE
+
+
+def test_what_the_weight_adds_is_what_the_arm_does():
+    """At rest and without any force the tool falls as the closed form says."""
+    scenario = LoadScenario(LEARNING)
+    change = {
+        "controller.kind": "direct_force",
+        "duration": 1e-3,
+        "surgeon.velocity": [1e-9, 0.0],
+        "environment.layers.tissue.stiffness": 0.0,
+    }
+    recording = simulate(LoadScenario(LEARNING, change))
+    # D_e of the tissue acts along x alone.
+    factor = np.array([1.5, 1.0])
+    np.testing.assert_allclose(
+        WeightDrift(scenario, [scenario.robot.start])[0],
+        factor * recording["tool_acceleration"][0],
+        rtol=1e-6,
+    )
+
+
+def test_distance_from_the_path_is_how_far_the_rectangle_is_missed(thesis_runs):
+    """At the end the hand is where it began."""
+    recording = thesis_runs(LEARNING)
+    beside = PathDistance(recording)
+    missed = recording["tool_position"][-1] - recording.scenario.robot.start
+    assert beside[0] == pytest.approx(0.0, abs=1e-12)
+    assert beside[-1] == pytest.approx(np.linalg.norm(missed), abs=1e-5)
+
+
+@pytest.mark.parametrize("which", ["W1", "W3"])
+def test_what_leakage_leaves_and_how_long_it_takes(which):
+    """The formulas of the page, from the law with a constant unknown."""
+    G1, G2, nu, beta, active = 4.0, 30.0, 0.1, 0.1, 1.6
+    # Each network for itself, and so that s and z hardly move one another: an unknown
+    # of ds/dt moves z unless Psi = G1.
+    is_first = which == "W1"
+    gain, psi = (G1, G1) if is_first else (G2, 1e-3)
+    one = np.eye(1)
+    gains = BacksteppingGains(
+        Lambda=one, G1=G1 * one, G2=G2 * one, P=one,
+        beta1=beta * is_first, beta2=0.0, beta3=beta * (not is_first),
+        nu1=nu, nu3=nu, Upsilon=0.0, Psi0=psi * one, Psi_min=1e-4,
+    )  # fmt: skip
+    Phi, zero = np.array([np.sqrt(active)]), np.zeros(1)
+
+    def Rate(y, unknown=1.0):
+        """The rate of [s, F_c - F_e, w], which is affine in them."""
+        s, dF, w = y
+        W1, W3 = (w, 0.0) if is_first else (0.0, w)
+        state = BacksteppingState(
+            np.array([dF]), np.array([[W1]]), gains.Psi0, np.array([[W3]])
+        )
+        rate = backstepping_rate(
+            gains, state, Phi, zero, np.array([s]), zero, zero, zero
+        )
+        s_dot = psi * dF + unknown * is_first
+        F_e_dot = unknown * (not is_first)
+        w_dot = rate.W1 if is_first else rate.W3
+        return np.array([s_dot, rate.F_c[0] - F_e_dot, w_dot[0, 0]])
+
+    offset = Rate(np.zeros(3))
+    A = np.column_stack([Rate(e, 0.0) for e in np.eye(3)])
+    learned = np.sqrt(active) * np.linalg.solve(A, -offset)[2]
+    assert 1 - learned == pytest.approx(nu * gain / (nu * gain + active), rel=1e-3)
+    slowest = -np.linalg.eigvals(A).real.max()
+    assert slowest == pytest.approx(beta * (active / gain + nu), rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_price_of_learning():
+    """What the page says of faster rates and longer delays."""
+
+    def Run(**change):
+        overrides = {path.replace("__", "."): x for path, x in change.items()}
+        return simulate(LoadScenario(LEARNING, overrides), engine="compiled")
+
+    slow = {"forward_channel__delay": 0.3, "return_channel__delay": 0.3}
+    assert Run(**slow).termination == "diverged"
+    assert Run(**slow, controller__adaptation_rate=0.0).termination == "completed"
+    faster = Run(controller__adaptation_rate=2.0)
+    distance = 1e3 * Rms(faster, PathDistance(faster))
+    assert f"at 0.1 s, {distance:.1f} mm" in " ".join(PAGE.split())
+    slow = {"forward_channel__delay": 0.2, "return_channel__delay": 0.2}
+    assert Run(**slow).termination == "completed"
+    twice = Run(**slow, controller__adaptation_rate=2.0)
+    assert twice.termination == "diverged"
+    integrator = [float(x.rstrip("%")) for x in Cells("integrator")]
+    assert UnlearnedWeight(Run(), INSIDE) < integrator[1] / 100
