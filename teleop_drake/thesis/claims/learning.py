@@ -101,13 +101,15 @@ def LearnedDrift(recording: Recording, points: ArrayLike) -> np.ndarray:
     return np.array([weights @ network.evaluate(p) for p in np.asarray(points)])
 
 
-def UnlearnedWeight(recording: Recording, points: ArrayLike) -> float:
+def UnlearnedWeight(
+    recording: Recording, points: ArrayLike, drift: np.ndarray
+) -> float:
     """Returns the rms of WeightDrift() less LearnedDrift() over that of WeightDrift().
 
     Args:
         recording: A run of the adaptive controller.
         points: Positions of the tool in m (M, n).
+        drift: WeightDrift() of the run's scenario there (M, n).
     """
-    drift = WeightDrift(recording.teleoperation, points)
     error = LearnedDrift(recording, points) - drift
     return math.sqrt(float((error**2).sum() / (drift**2).sum()))
