@@ -32,6 +32,7 @@ from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
 SPACE = ["needle_insertion", "puma560_insertion", "wall_sliding"]
+LEARNING = ["two_dof_learning"]
 TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
 MINIMAL = """
@@ -50,7 +51,7 @@ def minimal(tmp_path: Path) -> Path:
 
 
 def test_names():
-    assert ScenarioNames() == sorted(TRACKING + BUILT_IN + SPACE)
+    assert ScenarioNames() == sorted(TRACKING + BUILT_IN + SPACE + LEARNING)
 
 
 # The thesis's table of tasks (section 2.5) and gains (sections 4.2, 5.2).
@@ -94,7 +95,7 @@ def test_gains(name):
     assert (controller.adaptation_rate, controller.leakage) == (0.1, 0.1)
 
 
-@pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE)
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING)
 def test_files_state_every_field_with_its_source(name):
     # Null is written out only where it means something.
     unused = {}
@@ -105,12 +106,15 @@ def test_files_state_every_field_with_its_source(name):
         unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
         unused["controller"] |= {"parameters", "robust"}
         unused["controller"] -= {"robust_backstepping"}  # It has no section.
-    if name in BUILT_IN:
+    if name in BUILT_IN + LEARNING:
         unused["environment"] = {"kind", "direction"}
+    # What an arm may carry and hold besides.
+    held = {field.name for field in dataclasses.fields(DrivenArmConfig)}
     if name in SPACE:
-        # The arm is light, and carries and holds nothing.
-        held = {field.name for field in dataclasses.fields(DrivenArmConfig)}
+        # It is light, and carries and holds nothing.
         unused["robot"] = held - {"start", "posture"}
+    if name in LEARNING:
+        unused["robot"] = held - {"start", "posture", "gravity"}
     unused[""] = {"name"} if name in TRACKING else {"name", "actuator", "sensor"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
@@ -126,7 +130,7 @@ def test_files_state_every_field_with_its_source(name):
     for layer in written.get("environment", {}).get("layers", []):
         known = {field.name for field in dataclasses.fields(dut.LayerConfig)}
         # Not the thesis's.
-        absent = {"lateral_stiffness"} if name in BUILT_IN else set()
+        absent = {"lateral_stiffness"} if name in BUILT_IN + LEARNING else set()
         assert set(layer) == known - absent
     for line in text.splitlines():
         # A value that is neither a section nor the two texts.
