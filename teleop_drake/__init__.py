@@ -93,4 +93,5 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Returns what there is, imported or not."""
-    return sorted({*globals(), *__all__})
+    hidden = {"Any", "TYPE_CHECKING", "import_module"}
+    return sorted({*globals(), *__all__} - hidden)

@@ -8,6 +8,7 @@ import difflib
 import math
 import reprlib
 from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,7 +40,7 @@ class FixedFields:
             AttributeError: If there is no such field.
         """
         if not name.startswith("_") and not hasattr(type(self), name):
-            known = getattr(self, "__dataclass_fields__", {})
+            known = [x.name for x in fields(self) if x.init]  # type: ignore[arg-type]
             if name not in known:
                 raise AttributeError(
                     f"{name} = {Show(value)}: {type(self).__name__} has no such field, "

@@ -59,6 +59,8 @@ def test_html_of_a_run_without_a_number_says_so():
 
 def test_plot_is_the_figure_of_the_run():
     figure = ShortRun().plot()
+    # A notebook shows it without pyplot.
+    assert figure._repr_png_().startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert any("velocity" in label for label in labels)
 

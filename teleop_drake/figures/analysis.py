@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from teleop_drake.figures.style import (
     WIDTH,
     AxisLabel,
     CellEdges,
+    Figure,
 )
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.validation import Refuse

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from teleop_drake.channels import NetworkChannelConfig
@@ -12,6 +11,7 @@ from teleop_drake.figures.style import (
     COLORS,
     FONT_SIZE,
     GREY,
+    Figure,
     FormatAxes,
     WidthOf,
 )

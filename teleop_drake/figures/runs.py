@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -28,6 +27,7 @@ from teleop_drake.figures.style import (
     WIDTH,
     EndStyle,
     EventStyle,
+    Figure,
     FormatAxes,
     RunStyle,
     ScaleAndUnit,

@@ -1,8 +1,10 @@
 """What the figures have in common: colours, sizes for print, names and units."""
 
+import io
 import math
 from typing import Any
 
+import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -28,6 +30,15 @@ BOUNDARY_STYLE: dict[str, Any] = {
 
 # Keys of a sweep that are delays.
 DELAYS = ("delay", "forward_delay", "return_delay")
+
+
+class Figure(matplotlib.figure.Figure):
+    """A figure that a notebook shows, also one that never imported pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
 
 
 def WidthOf(columns: int) -> float:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
@@ -16,6 +15,7 @@ from teleop_drake.figures.style import (
     SMALL_FONT_SIZE,
     WIDTH,
     AxisLabel,
+    Figure,
     LabelOfValue,
     RunStyle,
 )

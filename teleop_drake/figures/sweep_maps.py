@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -17,6 +16,7 @@ from teleop_drake.figures.style import (
     SMALL_FONT_SIZE,
     AxisLabel,
     CellEdges,
+    Figure,
     ScaleAndUnit,
 )
 from teleop_drake.figures.sweep_grid import SweepGrid

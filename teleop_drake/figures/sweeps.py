@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -14,6 +13,7 @@ from teleop_drake.figures.style import (
     GREY,
     SMALL_FONT_SIZE,
     WIDTH,
+    Figure,
     FormatAxes,
     RunStyle,
     ScaleAndUnit,
