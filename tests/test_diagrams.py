@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
+from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
@@ -85,6 +87,7 @@ def test_there_are_the_levels_of_building():
         "own_channel",
         "own_controller",
         "own_environment",
+        "puma560",
         "two_dof_arm",
     ]
 
@@ -111,6 +114,22 @@ def test_the_arm_by_hand_is_the_arm_of_the_scenario(run):
     recording = simulate(LoadScenario("two_dof_combined", {"duration": 1.0}))
     expected = recording.signals["tool_position"][-1]
     assert np.array(printed.groups(), dtype=float) == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_puma_by_hand_is_the_puma_of_its_kind(run):
+    _, lines = run(DIRECTORY / "puma560.py")
+    along, turned = map(float, re.findall(r"\d+\.\d+", *lines))
+    robot = MakeRobot(model="puma560", start=np.array([0.6, -0.15, 0.4]))
+    context = robot.CreateDefaultContext()
+    for name, force in (
+        ("control_force", [25.0, 0, 0]),
+        ("environment_force", [0] * 3),
+    ):
+        robot.GetInputPort(name).FixValue(context, force)
+    Simulator(robot, context).AdvanceTo(0.5)
+    moved = robot.GetOutputPort("tool_position").Eval(context)[0] - 0.6
+    assert along == pytest.approx(1000 * moved, rel=5e-3)  # Friction is rounded there.
+    assert turned < 5
 
 
 def test_the_own_controller_takes_the_place_of_the_other(run):
