@@ -11,7 +11,8 @@ What comes out of a delay is put into y before each evaluation.
   delays. The step before a break sees what is before it, the step after it what is
   after it.
 * A transition happens when its guard becomes positive, at an instant that is located
-  on the dense output.
+  on the dense output. A guard that comes near to 0 is looked at within the step as
+  well: it may have been positive for a moment.
 
 All functions here are in the part of Python that numba knows.
 """
@@ -32,9 +33,15 @@ from teleop_drake.numerics.delay_problem import (
     Delays,
     Memory,
     Problem,
-    Transitions,
 )
 from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.numerics.transitions import (
+    SAME,
+    change_modes,
+    is_due,
+    is_near,
+    note_guards,
+)
 
 Array = NDArray[np.float64]
 Evaluate = Callable[..., None]
@@ -45,9 +52,6 @@ _NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 # Each passage through an integrator makes a jump smoother by one derivative: echoes of
 # echoes beyond this are as smooth as the method needs.
 _MAX_ECHO = 4
-
-# Instants closer together than this, in s, are one.
-_SAME = 1e-12
 
 # How advance() ended.
 DONE, FULL, STUCK = 0, 1, 2
@@ -80,7 +84,7 @@ def _add_past(
     while low < high:
         middle = (low + high + 1) // 2
         begin = memory.steps[middle, 0]
-        if begin < s - _SAME or (is_after and begin <= s + _SAME):
+        if begin < s - SAME or (is_after and begin <= s + SAME):
             low = middle
         else:
             high = middle - 1
@@ -183,10 +187,10 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
             previous, slope = delays.packets[k, 2], 0.0
             if previous > -math.inf:
                 slope = (t - shown) / (sent - previous)
-                is_first = previous <= memory.clock[2] + _SAME
+                is_first = previous <= memory.clock[2] + SAME
                 _add_past(previous, is_first, -slope, d, column, delays, memory)
             # What was sent at an instant is what was there before its events.
-            is_first = sent <= memory.clock[2] + _SAME
+            is_first = sent <= memory.clock[2] + SAME
             _add_past(sent, is_first, 1.0 + slope, d, column, delays, memory)
         column += size
 
@@ -279,7 +283,7 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
     """Notes that no step must cross a time."""
     num = memory.counts[BREAKS]
     for i in range(num):
-        if abs(memory.breaks[i, 0] - t) <= _SAME:
+        if abs(memory.breaks[i, 0] - t) <= SAME:
             memory.breaks[i, 1] = min(memory.breaks[i, 1], float(order))
             return
     if num < len(memory.breaks):
@@ -310,7 +314,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
 def _take_break(t: float, memory: Memory) -> int:
     """Forgets a break at a time and returns its order, or -1."""
     for i in range(memory.counts[BREAKS]):
-        if abs(memory.breaks[i, 0] - t) <= _SAME:
+        if abs(memory.breaks[i, 0] - t) <= SAME:
             order = int(memory.breaks[i, 1])
             last = memory.counts[BREAKS] - 1
             memory.breaks[i, 0] = memory.breaks[last, 0]
@@ -318,36 +322,6 @@ def _take_break(t: float, memory: Memory) -> int:
             memory.counts[BREAKS] = last
             return order
     return -1
-
-
-def _is_due(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard is positive, by the signals in y."""
-    for k in range(len(transitions.guards)):
-        place = transitions.guards[k]
-        if place >= 0 and memory.y[place] > 0:
-            return True
-    return False
-
-
-def _change_modes(transitions: Transitions, memory: Memory) -> bool:
-    """Makes the transitions that are due; returns whether there were any."""
-    t = memory.clock[0]
-    has_changed = False
-    for k in range(len(transitions.guards)):
-        place = transitions.guards[k]
-        if place >= 0:
-            is_due = memory.y[place] > 0
-        else:
-            is_due = abs(memory.next_times[k] - t) <= _SAME
-            if is_due:
-                memory.next_times[k] += transitions.periods[k]
-        if is_due:
-            has_changed = True
-            for i in range(transitions.sizes[k]):
-                memory.m[transitions.targets[k] + i] = memory.y[
-                    transitions.sources[k] + i
-                ]
-    return has_changed
 
 
 def _settle(
@@ -360,14 +334,14 @@ def _settle(
     t = memory.clock[0]
     has_jumped = order >= 0
     for _ in range(10):  # One transition may bring about another one.
-        has_changed = _change_modes(problem.transitions, memory)
+        has_changed = change_modes(problem.transitions, memory)
         if not (has_changed or has_jumped):
             break
         if has_changed:
             order = 0
         _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
-        if not _is_due(problem.transitions, memory):
+        if not is_due(problem.transitions, memory):
             break
     if order >= 0:
         _record(t, memory)
@@ -379,7 +353,7 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
     has_shown = False
     for d in range(len(delays.times)):
         while memory.next_packets[d] < delays.packet_ranges[d, 1] and (
-            delays.packets[memory.next_packets[d], 0] <= t + _SAME
+            delays.packets[memory.next_packets[d], 0] <= t + SAME
         ):
             memory.next_packets[d] += 1
             has_shown = True
@@ -398,6 +372,7 @@ def _let_happen(
     if _show_packets(t, delays, memory) and order < 0:
         order = _MAX_ECHO  # A jump, but too many to follow their echoes.
     _settle(evaluate, order, problem, memory)
+    note_guards(True, problem.transitions, memory)
     _keep_node(0, delays, memory)
 
 
@@ -445,16 +420,37 @@ def _step(
     return error
 
 
-def _locate(
+def _find_moment(
     evaluate: Evaluate,
     h: float,
     problem: Problem,
     memory: Memory,
 ) -> float:
-    """Returns the share of the step after which a guard is positive."""
+    """Returns a share of the step at which a guard is positive, 1 if there is none."""
     t = memory.clock[0]
-    low, high = 0.0, 1.0
-    while (high - low) * h > _SAME:
+    for node in range(1, 2 * len(_NODES)):
+        share = node / (2 * len(_NODES))
+        _interpolate(share, h, memory)
+        _evaluate_all(
+            evaluate, t + share * h, memory.x_stage, problem, memory, memory.dx
+        )
+        if is_due(problem.transitions, memory):
+            return share
+    _evaluate_all(evaluate, t + h, memory.x_next, problem, memory, memory.dx)
+    return 1.0
+
+
+def _locate(
+    evaluate: Evaluate,
+    h: float,
+    high: float,
+    problem: Problem,
+    memory: Memory,
+) -> float:
+    """Returns the share of the step after which a guard is positive, at most `high`."""
+    t = memory.clock[0]
+    low = 0.0
+    while (high - low) * h > SAME:
         middle = (low + high) / 2
         if not low < middle < high:
             break
@@ -462,7 +458,7 @@ def _locate(
         _evaluate_all(
             evaluate, t + middle * h, memory.x_stage, problem, memory, memory.dx
         )
-        if _is_due(problem.transitions, memory):
+        if is_due(problem.transitions, memory):
             high = middle
         else:
             low = middle
@@ -478,6 +474,7 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     clock[2] = clock[0]
     _show_packets(clock[0], delays, memory)
     _settle(evaluate, 0, problem, memory)
+    note_guards(True, problem.transitions, memory)
     _keep_node(0, delays, memory)
 
 
@@ -537,12 +534,12 @@ def advance(
         longest = min(longest, delay)
     if not counts[IS_STARTED]:
         _start(evaluate, problem, memory)
-    while clock[0] < t_end - _SAME:
+    while clock[0] < t_end - SAME:
         if _is_full(delays, memory):
             return FULL
         t = clock[0]
         stop = _next_stop(t_end, delays, memory)
-        if stop - t <= _SAME:  # What the call before has left, at its very end.
+        if stop - t <= SAME:  # What the call before has left, at its very end.
             _let_happen(evaluate, problem, memory)
             continue
         h = _length_of_step(min(clock[1], longest), t, stop)
@@ -555,9 +552,12 @@ def advance(
             continue
         counts[STEPS] += 1
         is_at_stop, length = h == stop - t, h
-        is_due = _is_due(problem.transitions, memory)
-        if is_due:
-            length = h * _locate(evaluate, h, problem, memory)
+        has_come, share = is_due(problem.transitions, memory), 1.0
+        if not has_come and is_near(problem.transitions, memory):
+            share = _find_moment(evaluate, h, problem, memory)
+            has_come = share < 1.0
+        if has_come:
+            length = h * _locate(evaluate, h, share, problem, memory)
             is_at_stop = is_at_stop and length == h
             if length < h:
                 _interpolate(length / h, h, memory)
@@ -565,6 +565,7 @@ def advance(
             _evaluate_all(
                 evaluate, t + length, memory.x_next, problem, memory, memory.dx
             )
+        note_guards(False, problem.transitions, memory)
         end = stop if is_at_stop else t + length
         _record(end, memory)
         if len(delays.times) > 0:
@@ -574,7 +575,7 @@ def advance(
         if not is_at_stop or h * factor > clock[1]:
             clock[1] = h * factor
         clock[0] = end
-        if (is_due or is_at_stop) and end < t_end:
+        if (has_come or is_at_stop) and end < t_end:
             _let_happen(evaluate, problem, memory)
         else:
             _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])

@@ -92,6 +92,8 @@ class Memory(NamedTuple):
         dx: A rate that is not a stage's (n).
         next_packets: The next packet that will be shown of each delay (d).
         next_times: When each periodic transition happens next, s (k).
+        guards: What each guard was at the begin of the step, and of the one before if
+            nothing happened in between (k, 2).
         breaks: Time and order of the breaks ahead (b, 2).
         steps: Begin and end of each polynomial in s (c, 2).
         values: Delayed signals at the nodes (c, 5, w).
@@ -110,6 +112,7 @@ class Memory(NamedTuple):
     dx: Array
     next_packets: Indices
     next_times: Array
+    guards: Array
     breaks: Array
     steps: Array
     values: Array
@@ -159,6 +162,7 @@ def make_memory(
         dx=np.zeros(n),
         next_packets=problem.delays.packet_ranges[:, 0].copy(),
         next_times=next_times,
+        guards=np.zeros((len(next_times), 2)),
         breaks=np.zeros((room_for_breaks, 2)),
         steps=np.zeros((room, 2)),
         values=np.zeros((room, 5, width)),

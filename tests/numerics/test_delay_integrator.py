@@ -137,6 +137,33 @@ def relay(t, x, m, p, q, y, dx, everything):
     y[0], y[1] = (x[0] - 1.0 if m[0] == 0 else -1.0), 1.0
 
 
+def throw(t, x, m, p, q, y, dx, everything):
+    dx[0], dx[1] = x[1], -1.0
+    if everything:
+        y[0], y[1] = x[0] - 0.49 if m[0] == 0 else -1.0, 1.0
+
+
+def test_a_moment_within_a_step_is_found():
+    """A ball flies above 0.49 m for 0.28 s, within a step of 1 s."""
+    one = np.array([1])
+    transitions = Transitions(
+        guards=np.array([0]),
+        sources=one,
+        targets=np.array([0]),
+        sizes=one,
+        periods=np.array([np.inf]),
+    )
+    problem = MakeProblem(transitions=transitions)
+    memory = MakeMemory([0.0, 1.0], m=[0.0], num_signals=2, problem=problem)
+    memory.clock[1] = 0.1  # The step after that is five times as long, then 1 s.
+    assert advance(throw, problem, memory, 3.0, 1e-3, 1.0) == DONE
+    times = memory.row_times[: memory.counts[4]]
+    assert times[np.flatnonzero(np.diff(times) == 0)[-1]] == pytest.approx(
+        1 - math.sqrt(0.02), abs=1e-9
+    )
+    assert memory.m[0] == 1
+
+
 def test_a_transition_is_located():
     transitions = Transitions(
         guards=np.array([0]),

@@ -1,0 +1,66 @@
+"""Guards and modes of what delay_integrator integrates.
+
+All functions here are in the part of Python that numba knows.
+"""
+
+from teleop_drake.numerics.delay_problem import Memory, Transitions
+
+SAME = 1e-12
+"""Instants closer together than this, in s, are one."""
+
+
+def is_due(transitions: Transitions, memory: Memory) -> bool:
+    """Returns whether a guard is positive, by the signals in y."""
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0 and memory.y[place] > 0:
+            return True
+    return False
+
+
+def change_modes(transitions: Transitions, memory: Memory) -> bool:
+    """Makes the transitions that are due; returns whether there were any."""
+    t = memory.clock[0]
+    has_changed = False
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0:
+            is_due = memory.y[place] > 0
+        else:
+            is_due = abs(memory.next_times[k] - t) <= SAME
+            if is_due:
+                memory.next_times[k] += transitions.periods[k]
+        if is_due:
+            has_changed = True
+            for i in range(transitions.sizes[k]):
+                memory.m[transitions.targets[k] + i] = memory.y[
+                    transitions.sources[k] + i
+                ]
+    return has_changed
+
+
+def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
+    """Notes the guards at the begin of a step; before a jump they do not count."""
+    guards = memory.guards
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0:
+            guards[k, 1] = memory.y[place] if has_jumped else guards[k, 0]
+            guards[k, 0] = memory.y[place]
+
+
+def is_near(transitions: Transitions, memory: Memory) -> bool:
+    """Returns whether a guard may have been positive within the step.
+
+    Then it is as near to 0 at the end as it has changed in this step and the last one.
+    A guard on its way back has changed in the one or in the other.
+    """
+    guards = memory.guards
+    for k in range(len(transitions.guards)):
+        place = transitions.guards[k]
+        if place >= 0:
+            change = abs(memory.y[place] - guards[k, 0])
+            change += abs(guards[k, 0] - guards[k, 1])
+            if memory.y[place] + change > 0:
+                return True
+    return False
