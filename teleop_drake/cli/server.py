@@ -94,17 +94,20 @@ class PageServer:
         self._server.server_close()
 
 
-def PortOf(text: str | None) -> int | None:
+def PortOf(text: str | None, lowest: int = 1) -> int | None:
     """Returns the port that an option has; None: any.
 
     Args:
         text: What was given.
+        lowest: The lowest that is allowed.
 
     Raises:
         BadInput: If it is no port.
     """
     if text is None:
         return None
-    if not text.isdecimal() or not 1 <= int(text) <= 65535:
-        raise BadInput(f"--port = {text!r}: must be a whole number from 1 to 65535")
+    if not text.isdecimal() or not lowest <= int(text) <= 65535:
+        raise BadInput(
+            f"--port = {text!r}: must be a whole number from {lowest} to 65535"
+        )
     return int(text)

@@ -17,11 +17,17 @@ def Headline(recording: "Recording") -> str:
     channels = TaskOf(scenario).Channels(scenario)
     if channels:
         line += (
-            f"delay {channels['forward_channel'].delay:g} s forward, "
-            f"{channels['return_channel'].delay:g} s back, "
+            f"delay {_Delay(channels['forward_channel'])} forward, "
+            f"{_Delay(channels['return_channel'])} back, "
         )
     line += f"{recording.time[-1]:g} s simulated, {recording.termination}"
     return f"{line} ({recording.reason})" if recording.reason else line
+
+
+def _Delay(channel: Any) -> str:
+    """Returns the delay of a channel in s, and the file that adds to it."""
+    trace = getattr(channel, "trace", None)
+    return f"{channel.delay:g} s" + (f" and {trace}" if trace else "")
 
 
 def Table(records: Mapping[str, Mapping[str, Any]]) -> str:

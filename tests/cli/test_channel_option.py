@@ -49,10 +49,21 @@ def test_a_measured_trace_is_run_over_packets(tmp_path, capsys):
             for k in (0, 1, 3)
         )
     )
-    options = ["one_dof", "--channel", "ping.txt", "--duration", "4", "--json", "-"]
+    options = [
+        "one_dof",
+        "--channel",
+        "ping.txt",
+        "--duration",
+        "4",
+        "--json",
+        "a.json",
+    ]
     options += ["--controller", "direct_force", "--accuracy", "1e-4", "--quiet"]
     assert main(["run", *options]) == 0
-    channel = json.loads(capsys.readouterr().out)["channels"]["forward_channel"]
+    headline = capsys.readouterr().out.splitlines()[0]
+    assert "delay 0 s and ping.txt forward, 0 s and ping.txt back" in headline
+    record = json.loads((tmp_path / "a.json").read_text("utf-8"))
+    channel = record["channels"]["forward_channel"]
     assert channel["sent"] == 400
     assert channel["lost"] == 100  # The third second.
     assert channel["delay_minimum"] == pytest.approx(0.02)

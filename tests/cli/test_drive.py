@@ -53,7 +53,7 @@ def test_writes_what_was_driven(tmp_path, capsys):
 def test_bad_input(taken_port, capsys):
     for options, message in (
         (["--port", str(taken_port)], f"--port = {taken_port}: must be free"),
-        (["--port", "0"], "--port = '0': must be a whole number from 1 to 65535"),
+        (["--port", "80"], "--port = '80': must be a whole number from 1024 to 65535"),
         (["--rate", "0"], "--rate = 0: must be > 0"),
         (["--wait", "-1"], "--wait = -1: must be >= 0 (s)"),
         (["--wait", "0.1"], "--wait = 0.1: must be a time in s in which a browser"),

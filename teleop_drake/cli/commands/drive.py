@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 _LOOK_PERIOD = 0.05
 
+# Meshcat takes none below.
+_LOWEST_PORT = 1024
+
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
@@ -116,7 +119,7 @@ def _MakeMeshcat(args: argparse.Namespace) -> "Meshcat":
     """
     from pydrake.geometry import Meshcat, MeshcatParams
 
-    port = PortOf(args.port)
+    port = PortOf(args.port, _LOWEST_PORT)
     # It would say where it listens, which comes later with more words.
     log = logging.getLogger("drake")
     level = log.level
