@@ -124,6 +124,7 @@ def test_list(capsys):
     assert "direct_force, adaptive_backstepping, network_tracking" in out
     assert ", ".join(ARCHITECTURES[2:]) in out
     assert "slider, two_link_arm" in out
+    assert "layers, hunt_crossley, friction_wall, standard_linear_solid" in out
 
 
 def test_show(capsys):

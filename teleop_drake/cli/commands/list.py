@@ -8,7 +8,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the scenarios, the controllers, the operators and the robots."""
+    """Prints the scenarios and the kinds of what they are made of."""
+    from teleop_drake.environments import ENVIRONMENT_KINDS
     from teleop_drake.operators import OPERATOR_KINDS
     from teleop_drake.robots import ROBOT_KINDS
     from teleop_drake.scenario import (
@@ -26,6 +27,7 @@ def Execute(args: argparse.Namespace) -> int:
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
     print("Other architectures\n  " + ", ".join(others))
+    print("Environments\n  " + ", ".join(ENVIRONMENT_KINDS.names))
     print("Operators\n  " + ", ".join(OPERATOR_KINDS.names))
     print("Robots\n  " + ", ".join(ROBOT_KINDS.names))
     return 0
