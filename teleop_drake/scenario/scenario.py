@@ -488,6 +488,7 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
             channel.Check(path, scenario.duration)
     with Within("environment"):
         scenario.environment.Check()
+    CheckStart(scenario.robot.start, scenario.Surfaces())
     scenario.actuator.Check("actuator")
     scenario.sensor.Check("sensor")
     controller = scenario.controller
@@ -497,7 +498,6 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
     ):
         controller.CheckInitialPsi(scenario.Facts())
     CheckSimulatorConfig(scenario.simulator)
-    CheckStart(scenario.robot.start, scenario.Surfaces())
 
 
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
