@@ -13,6 +13,7 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.evidence import Evidence
 from teleop_drake.thesis.claims.future_work import LEARNING, Learning
 from teleop_drake.thesis.claims.learning import (
@@ -98,7 +99,7 @@ def test_what_the_weight_adds_is_what_the_arm_does():
     )
 
 
-def test_distance_from_the_path_is_how_far_the_rectangle_is_missed(thesis_runs):
+def test_distance_from_the_path_is_how_far_the_start_is_missed(thesis_runs):
     """At the end the hand is where it began."""
     recording = thesis_runs(LEARNING)
     beside = PathDistance(recording)
@@ -164,3 +165,8 @@ def test_the_price_of_learning():
     assert Run(**slow).termination == "completed"
     twice = Run(**slow, controller__adaptation_rate=2.0)
     assert twice.termination == "diverged"
+    for rate, time in ((0.1, 1.3), (10.0, 2.9)):
+        change = {"controller.adaptation_rate": rate}
+        run = simulate(LoadScenario("two_dof_combined", change), engine="compiled")
+        settling = RunMetrics(run)["collision"]["settling_time"]
+        assert f"{settling:.1f}" == str(time) and f"{time} s" in PAGE

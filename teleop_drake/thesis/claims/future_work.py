@@ -46,7 +46,7 @@ _FASTER = {"controller.adaptation_rate": 1.0}
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
 ).reshape(-1, 2)
-"""Points in m (15, 2) inside of the rectangle of two_dof_learning, off its path."""
+"""Points in m (15, 2) inside of the way round of two_dof_learning."""
 
 _METRICS = (
     "puncture.velocity_overshoot",
@@ -145,7 +145,7 @@ def _UnknownWeight(evidence: Evidence) -> list[Row]:
             place=place,
             claim="The networks learn what is a function of the position.",
             criterion="after the way round less than a quarter of the weight's effect "
-            "on ds/dt (rms) is unlearned at 15 points inside, off the path",
+            "on ds/dt (rms) is unlearned at 15 points inside of it",
             holds=unlearned["these settings"] < 0.25,
             ours=f"{unlearned['these settings']:.1%} unlearned, with the thesis's "
             f"settings {unlearned['as in the thesis']:.1%}",

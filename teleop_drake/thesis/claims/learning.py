@@ -14,8 +14,8 @@ from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
 from teleop_drake.validation import GainMatrix
 
 
-def PathDistance(recording: Recording) -> np.ndarray:
-    """Returns how far the tool is from where the command has led it, in m (T,).
+def CommandedPath(recording: Recording) -> np.ndarray:
+    """Returns where the command has led the tool, in m (T, n).
 
     That is the integral of the velocity command as it arrives at the slave.
 
@@ -25,8 +25,18 @@ def PathDistance(recording: Recording) -> np.ndarray:
     scenario = recording.teleoperation
     v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
     steps = np.diff(recording.time)[:, np.newaxis] * (v_dd[1:] + v_dd[:-1]) / 2
-    asked = scenario.robot.start + np.vstack([0 * v_dd[:1], np.cumsum(steps, axis=0)])
-    return np.asarray(np.linalg.norm(recording["tool_position"] - asked, axis=1))
+    way = np.vstack([0 * v_dd[:1], np.cumsum(steps, axis=0)])
+    return np.asarray(scenario.robot.start + way)
+
+
+def PathDistance(recording: Recording) -> np.ndarray:
+    """Returns how far the tool is from where the command has led it, in m (T,).
+
+    Args:
+        recording: A run of direct force or of the adaptive controller.
+    """
+    error = recording["tool_position"] - CommandedPath(recording)
+    return np.asarray(np.linalg.norm(error, axis=1))
 
 
 def UnrepresentedShare(recording: Recording, num_speeds: int = 1) -> float:

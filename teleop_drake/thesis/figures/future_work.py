@@ -51,7 +51,7 @@ FIGURES = [
         number="6.1",
         title="A weight that the law does not know",
         caption="The motors of the planar arm leave a tenth of its weight, which acts "
-        "along y, while the hand goes round a rectangle. Above, how far the tool is "
+        "along y, while the hand goes round. Above, how far the tool is "
         "from where the command has led it. Below, what the first network says "
         "along y, and what the weight really adds to ds/dt.",
         requests=[(LEARNING, dict(x)) for x in _SETTINGS.values()],
