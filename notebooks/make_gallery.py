@@ -31,6 +31,7 @@ PICTURES = {
     "06_architectures": 1,
     "07_stability": 3,
     "08_drive": 1,
+    "09_arm_in_space": 2,
 }
 
 WIDTH = 900  # pixels
