@@ -4,8 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 from grids import Slow
-from runs import Simulated
+from runs import TASKS, Simulated
 
+from teleop_drake.scenario import LoadScenario, ScenarioToYaml
+from teleop_drake.simulation import simulate
 from teleop_drake.thesis import report, studies
 from teleop_drake.thesis.claims.requests import REQUESTS
 from teleop_drake.thesis.figures import FIGURES
@@ -20,10 +22,24 @@ def progress_lines():
 
 @pytest.fixture(scope="session")
 def thesis_runs(progress_lines):
-    """The runs of the thesis; its tasks as they stand are those of other tests too."""
+    """The runs of the thesis; its tasks as they stand are those of other tests too.
+
+    All others are machine code, which takes less than half of the time.
+    """
+    shared = {
+        ScenarioToYaml(LoadScenario(name, {"controller.kind": kind}))
+        for name in TASKS
+        for kind in ("direct_force", "adaptive_backstepping")
+    }
+
+    def Simulate(scenario, engine):
+        assert engine == "drake"
+        if ScenarioToYaml(scenario) in shared:
+            return Simulated(scenario)
+        return simulate(scenario, engine="auto")
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("teleop_drake.thesis.runs.simulate", Simulated)
-        # The runs are few, and compiling takes longer.
+        patch.setattr("teleop_drake.thesis.runs.simulate", Simulate)
         with ThesisRuns(1, progress_lines.append, engine="drake") as runs:
             # First what no other test simulates.
             for name, overrides in reversed(REQUESTS):
