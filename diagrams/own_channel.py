@@ -86,7 +86,7 @@ def main(picture: Path) -> None:
     scenario = LoadScenario("one_dof", ["controller.kind=direct_force", "duration=12"])
     for bandwidth in (1000.0, 100.0, 20.0):
         scenario.return_channel = BandLimitedChannel(delay=0.1, bandwidth=bandwidth)
-        puncture = RunMetrics(simulate(scenario))["puncture"]
+        puncture = RunMetrics(simulate(scenario, engine="auto"))["puncture"]
         overshoot = 1000 * puncture["velocity_overshoot"]
         print(f"{bandwidth:g} rad/s: overshoot {overshoot:.3f} mm/s")
 

@@ -227,7 +227,8 @@ def test_runs_on_either_side_of_the_margin(
                 "return_channel.delay": 0.7 * delay,
                 "simulator.max_step_size": min(0.02, 0.15 * delay),
             },
-        )
+        ),
+        engine="auto",
     )
     assert recording.termination == "completed"
     assert np.ptp(recording["environment_layer"]) == 0
@@ -248,11 +249,12 @@ def test_runs_in_the_second_window(delay, grows):
         "forward_channel.delay": delay / 2,
         "return_channel.delay": delay / 2,
         "duration": 8.0,
+        "simulator.accuracy": 1e-11,
     }
     scenario = LoadScenario("one_dof", overrides)
     point = OperatingPointAt(scenario, 0.01)
     root = AnalyzeStability(scenario, points=[point]).points[0].RightmostRoot(delay)
-    rate, frequency = Growth(simulate(scenario), 4.0)
+    rate, frequency = Growth(simulate(scenario, engine="auto"), 4.0)
     assert (rate > 0) == grows
     assert rate == pytest.approx(root.real, rel=1e-2)
     assert frequency == pytest.approx(root.imag, rel=1e-2)
@@ -339,7 +341,7 @@ def test_runs_with_a_predictor_on_either_side_of_its_margin(share):
     # A run with a margin of its own: the predictor knows its delay.
     (own,) = AnalyzeStability(Scenario(delay, 60.0), points=[point]).points
     assert own.margin.delay == pytest.approx(stability.margin.delay, rel=1e-9)
-    rate, frequency = Growth(simulate(Scenario(delay, 60.0)), 30.0)
+    rate, frequency = Growth(simulate(Scenario(delay, 60.0), engine="auto"), 30.0)
     root = own.RightmostRoot(delay)
     pair = next(s for s in own.Roots(delay) if s.imag > 0)
     assert (rate > 0) == (share > 1) == (not own.is_stable)
@@ -376,7 +378,7 @@ def test_runs_of_other_architectures_on_either_side(kind, overrides, share):
         "forward_channel.delay": 0.3 * delay,
         "return_channel.delay": 0.7 * delay,
     }
-    recording = simulate(LoadScenario("one_dof", overrides | channels))
+    recording = simulate(LoadScenario("one_dof", overrides | channels), engine="auto")
     rate, frequency = Growth(recording, 25.0)
     pair = next(s for s in stability.Roots(delay) if s.imag > 0)
     assert (rate > 0) == (share > 1)
@@ -440,7 +442,7 @@ def test_runs_with_held_samples_on_either_side_of_the_margin(share):
     (stability,) = analysis.points
     assert stability.delay == pytest.approx(share * margin)
     assert len(analysis.notes) == 2 and "on average half" in analysis.notes[0]
-    rate, frequency = Growth(simulate(scenario), 12.0)
+    rate, frequency = Growth(simulate(scenario, engine="auto"), 12.0)
     root = stability.RightmostRoot(stability.delay)
     assert (rate > 0) == (share > 1) == (not stability.is_stable)
     assert rate == pytest.approx(root.real, rel=0.05)

@@ -124,7 +124,7 @@ def test_defaults_derive_from_the_delays_and_the_robot():
 def test_without_delay_the_tool_follows_the_command(variant, name):
     scenario = Scenario(f"variant={variant}", name=name, delay=0)
     scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="auto")
     assert recording.termination == "completed"
     v = recording["tool_velocity"][-1, 0]
     assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
@@ -137,7 +137,7 @@ def test_more_transparency_costs_stability():
     for variant in ("position_position", "position_force"):
         scenario = Scenario(f"variant={variant}")
         scenario.simulator.accuracy = 1e-6
-        collision[variant] = RunMetrics(simulate(scenario))
+        collision[variant] = RunMetrics(simulate(scenario, engine="auto"))
     assert collision["position_position"]["collision"]["settling_time"] < 2
     assert collision["position_force"]["diverged"]
 
@@ -146,7 +146,7 @@ def test_a_lasting_force_arrives_as_it_was_sent():
     """Position-position on the bone: 0.2 N along x and nothing along y."""
     scenario = Scenario("variant=position_position", name="two_dof_collision")
     scenario.duration, scenario.simulator.accuracy = 9.0, 1e-6
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="auto")
     assert recording["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.02)
     assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)
 

@@ -173,7 +173,7 @@ def test_thesis_tasks_are_stable(name, delay):
         assert pytest.approx((0.2 * K) ** 2 * 2) == 4 * B**2
     if delay == 0:
         assert pytest.approx(0.5 * 25**2) == K
-    metrics = RunMetrics(simulate(scenario))
+    metrics = RunMetrics(simulate(scenario, engine="auto"))
     assert not metrics["diverged"]
     assert metrics["start_velocity_overshoot"] < 0.1 * abs(scenario.surgeon.velocity[0])
 
@@ -215,4 +215,4 @@ def test_bad_parameters_of_the_blocks(make, message):
 def test_bad_input_is_named(override, message):
     overrides = ["duration=0.1", override, f"controller.kind={KIND}"]
     with pytest.raises(ScenarioError, match=message):
-        simulate(LoadScenario("one_dof", overrides))
+        simulate(LoadScenario("one_dof", overrides), engine="auto")

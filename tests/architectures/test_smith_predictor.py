@@ -48,7 +48,7 @@ def test_an_exact_model_gives_the_response_without_delay_only_later(forward, bac
 def test_without_the_predictor_it_would_not():
     delays = Delays(0.35, 0.25)
     direct = RunMetrics(Run("one_dof", "direct_force", "duration=6.0", *delays))
-    ours = RunMetrics(simulate(Scenario("duration=6.0", *delays)))
+    ours = RunMetrics(simulate(Scenario("duration=6.0", *delays), engine="auto"))
     free = RunMetrics(Run("one_dof", "direct_force", "duration=6.0", *Delays(0.0, 0.0)))
     name = "start_velocity_overshoot"
     assert ours[name] == pytest.approx(free[name], rel=1e-3)
@@ -91,9 +91,12 @@ def test_the_characteristic_equation_has_no_delay(is_exact):
 def test_a_wrong_model_costs_what_it_promises():
     name = "start_velocity_overshoot"
     delays = [*Delays(0.2, 0.2), "duration=7.0"]
-    exact = RunMetrics(simulate(Scenario(*delays)))[name]
+    exact = RunMetrics(simulate(Scenario(*delays), engine="auto"))[name]
     errors = [
-        abs(RunMetrics(simulate(Scenario(*delays, override)))[name] - exact)
+        abs(
+            RunMetrics(simulate(Scenario(*delays, override), engine="auto"))[name]
+            - exact
+        )
         for override in (
             f"controller.{KIND}.mass=1.0",
             f"controller.{KIND}.delay=0.2",
@@ -104,7 +107,9 @@ def test_a_wrong_model_costs_what_it_promises():
 
 @pytest.mark.slow  # As rows of the league table.
 def test_it_does_not_foresee_the_bone():
-    ours = RunMetrics(simulate(Scenario("simulator.accuracy=1e-6")))["collision"]
+    ours = RunMetrics(simulate(Scenario("simulator.accuracy=1e-6"), engine="auto"))[
+        "collision"
+    ]
     theirs = RunMetrics(Run("one_dof", "direct_force"))["collision"]
     assert ours["settling_time"] is None
     assert ours["peak_force"] == pytest.approx(theirs["peak_force"], rel=0.1)

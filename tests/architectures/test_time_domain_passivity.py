@@ -24,7 +24,7 @@ NETWORK = (
 
 def Passivity(name, *overrides):
     scenario = LoadScenario(name, [f"controller.kind={KIND}", LOOSE, *overrides])
-    return simulate(scenario)
+    return simulate(scenario, engine="auto")
 
 
 def Integral(time, y):

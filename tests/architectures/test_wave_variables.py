@@ -22,7 +22,8 @@ B, T = 0.92, 0.2
 
 
 def Wave(name, *overrides):
-    return simulate(LoadScenario(name, ["controller.kind=wave_variables", *overrides]))
+    scenario = LoadScenario(name, ["controller.kind=wave_variables", *overrides])
+    return simulate(scenario, engine="auto")
 
 
 def test_pushing_on_a_wall_through_the_blocks():
