@@ -149,6 +149,8 @@ def simulate(
     EndAtJointLimit(diagram, run)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run.times, run.signals)
+        # Between two samples, numbers near the largest one leave the finite.
+        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     recording = _MakeRecording(scenario, diagram, run)
     with interpreted() if is_compiled else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)

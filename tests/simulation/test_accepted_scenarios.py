@@ -6,7 +6,7 @@ import signal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from teleop_drake.scenario import (
@@ -28,6 +28,12 @@ TELEOPERATION = {
     "controller.G2": magnitudes,
     "controller.adaptation_rate": magnitudes,
     "controller.leakage": magnitudes,
+    "controller.robust.force_rate_bound": magnitudes,
+    "controller.robust.acceleration_bound": magnitudes,
+    "actuator.bandwidth": magnitudes,
+    "actuator.coulomb_friction": magnitudes,
+    "sensor.encoder": st.just({"sample_period": 0.003, "resolution": 1e-5}),
+    "sensor.force": st.just({"sample_period": 0.004, "noise": 1e-3}),
     "surgeon.velocity.0": magnitudes | magnitudes.map(lambda v: -v),
     "surgeon.stop_time": st.floats(0, 0.05),
     "haptic_device.numerator": st.lists(magnitudes, min_size=1, max_size=2),
@@ -78,7 +84,15 @@ def numbers(tree):
         yield tree
 
 
+OVERFLOWS = {
+    "disturbance.gain": 6.11e8,
+    "simulator.use_error_control": False,
+    "simulator.max_step_size": 0.002,
+}
+
+
 @given(odd_scenarios())
+@example(("network_tracking_coupled", OVERFLOWS))
 @settings(derandomize=True, deadline=None, max_examples=8)
 def test_accepted_scenarios_complete_or_diverge(case):
     check(*case)
