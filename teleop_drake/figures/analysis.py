@@ -355,8 +355,9 @@ def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
         text += f"\ndrop at {w[active[0]]:.2g} rad/s: a port alone is active"
     ax.annotate(
         text,
-        (0.03, 0.04),
+        (0.03, 0.96),
         xycoords="axes fraction",
+        va="top",
         fontsize=SMALL_FONT_SIZE,
         color="#404040",
     )
