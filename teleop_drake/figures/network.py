@@ -11,6 +11,7 @@ from teleop_drake.figures.style import (
     COLORS,
     FONT_SIZE,
     GREY,
+    SMALL_FONT_SIZE,
     Figure,
     FormatAxes,
     WidthOf,
@@ -80,6 +81,18 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     for ax, label in zip(axes[:, 0], labels, strict=True):
         ax.set_ylabel(label, fontsize=FONT_SIZE)
     figure.align_ylabels(axes[:, 0])
+    figure.legend(
+        handles=[
+            line
+            for ax in axes[:, 0]
+            for line in ax.get_lines()
+            if line.get_label() in ("lost packet", "lost in all")
+        ],
+        loc="outside upper center",
+        ncols=2,
+        fontsize=SMALL_FONT_SIZE,
+        frameon=False,
+    )
     return figure
 
 
@@ -109,6 +122,7 @@ def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
         transform=ax.get_xaxis_transform(),
         clip_on=False,
         in_layout=False,
+        label="lost packet",
     )
 
 
@@ -135,4 +149,10 @@ def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> No
     share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
     ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
     if len(sent):
-        ax.axhline(100.0 * is_lost.mean(), color=GREY, linewidth=0.9, linestyle="--")
+        ax.axhline(
+            100.0 * is_lost.mean(),
+            color=GREY,
+            linewidth=0.9,
+            linestyle="--",
+            label="lost in all",
+        )

@@ -33,7 +33,10 @@ def test_it_shows_what_the_statistics_say():
     assert max(ages) == pytest.approx(1e3 * statistics.age_maximum)
     (total,) = (x for x in loss.get_lines() if x.get_linestyle() == "--")
     assert total.get_ydata()[0] == pytest.approx(100 * statistics.loss_rate)
-    assert "age of information [ms]" in DescribeFigure(figure)
+    text = DescribeFigure(figure)
+    assert (
+        "age of information [ms]" in text and "Legend: lost packet, lost in all" in text
+    )
 
 
 def test_a_run_without_packets_has_no_such_figure():
