@@ -63,12 +63,13 @@ class ArmConfig(DrivenArmConfig):
         except (RuntimeError, ValueError, SystemExit) as e:
             Refuse("file", self.file, f"a model of one open chain ({_OneLine(e)})")
         nv, nu = plant.num_velocities(), plant.num_actuators()
-        if not np.array_equal(plant.MakeActuationMatrix(), np.eye(nv)):
+        B = plant.MakeActuationMatrix()
+        if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
             Refuse(
                 "file",
                 self.file,
-                "an arm with one actuator for each joint, in the order of the joints, "
-                f"not {nu} actuators for {nv} joint velocities",
+                f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
+                "joint velocities",
             )
         return plant
 

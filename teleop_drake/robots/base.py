@@ -96,7 +96,7 @@ class PlantRobotConfig(RobotConfig):
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns a continuous, finalized plant named `plant` with a body `tool`.
 
-        Its actuators are one for each joint, in the order of the velocities.
+        Its actuators are one for each joint, in any order.
 
         Args:
             gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Adder, Demultiplexer, Saturation
+from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Saturation
 
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.systems.tool_interface import ToolInterface
@@ -77,22 +77,31 @@ def MakeRobotDiagram(
 
     Args:
         plant: A finalized, continuous plant with a body `tool`; its actuators must be
-            one for each joint, in the order of the generalized velocities.
+            one for each joint, in any order.
         num_axes: n, 1 to 3; fewer than nv leave the rest of the joints to themselves,
             or to `drive`.
         joint_positions: q at the start (nq).
         drive: What else acts on the joints; None: nothing.
 
     Raises:
-        ValueError: If the plant's actuation is not the vector of its joint torques.
+        ValueError: If the plant's actuators are not one for each joint.
     """
     n, nq, nv = num_axes, plant.num_positions(), plant.num_velocities()
     plant.SetDefaultPositions(joint_positions)
     builder = DiagramBuilder()
     builder.AddNamedSystem("plant", plant)
+    B = plant.MakeActuationMatrix()
+    # As a permutation, u = B^T tau is what tau = B u asks of the motors.
+    is_ordered = B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv))
+    is_ordered |= np.array_equal(B, np.eye(nv))
     tool = builder.AddNamedSystem(
         "tool_interface",
-        ToolInterface(plant=plant, num_task_axes=n, tool_name=ToolBodyName(plant)),
+        ToolInterface(
+            plant=plant,
+            num_task_axes=n,
+            tool_name=ToolBodyName(plant),
+            is_wired_to_motors=is_ordered,
+        ),
     )
     motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))
     joints = builder.AddNamedSystem("joint_state", Demultiplexer([nq, nv]))
@@ -110,7 +119,12 @@ def MakeRobotDiagram(
         applied, reaction = _AddDrive(
             builder, plant, drive, applied, reaction, joints.get_output_port(1)
         )
-    builder.Connect(applied, plant.get_actuation_input_port())
+    if is_ordered:
+        builder.Connect(applied, plant.get_actuation_input_port())
+    else:
+        order = builder.AddNamedSystem("motor_order", MatrixGain(B.T))
+        builder.Connect(applied, order.get_input_port())
+        builder.Connect(order.get_output_port(), plant.get_actuation_input_port())
     builder.Connect(reaction, plant.get_applied_generalized_force_input_port())
     for name in ("control_force", "environment_force"):
         builder.ExportInput(tool.GetInputPort(name), name)
@@ -162,12 +176,10 @@ def _AddDrive(
         friction = builder.AddNamedSystem("joint_friction", drive.friction)
         builder.Connect(joint_velocity, friction.GetInputPort("joint_velocity"))
         others.append(friction.GetOutputPort("friction_torque"))
-    limits = np.array(
-        [
-            plant.get_joint_actuator(index).effort_limit()
-            for index in plant.GetJointActuatorIndices()
-        ]
-    )
+    limits = np.zeros(plant.num_velocities())
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        limits[actuator.joint().velocity_start()] = actuator.effort_limit()
     limited = builder.AddNamedSystem("torque_limits", Saturation(-limits, limits))
     wanted = _AddSum(builder, "motor_torques", motors)
     builder.Connect(wanted, limited.get_input_port())

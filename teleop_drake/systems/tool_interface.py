@@ -55,7 +55,12 @@ class ToolInterface(LeafSystem):
     """
 
     def __init__(
-        self, *, plant: MultibodyPlant, num_task_axes: int, tool_name: str = "tool"
+        self,
+        *,
+        plant: MultibodyPlant,
+        num_task_axes: int,
+        tool_name: str = "tool",
+        is_wired_to_motors: bool = True,
     ):
         """Constructs the interface.
 
@@ -64,6 +69,9 @@ class ToolInterface(LeafSystem):
                 order of the generalized velocities.
             num_task_axes: n, 1 to 3.
             tool_name: The body whose origin is T.
+            is_wired_to_motors: Whether tau goes to the plant's actuation as it is. If
+                something in between puts it into the order of the actuators, that may
+                be any.
 
         Raises:
             ValueError: If `num_task_axes` is out of range or the plant's actuation is
@@ -74,7 +82,8 @@ class ToolInterface(LeafSystem):
             Refuse("num_task_axes", num_task_axes, "1, 2 or 3")
         nv = plant.num_velocities()
         # Otherwise tau in the order of the velocities would drive the wrong motors.
-        if not np.array_equal(plant.MakeActuationMatrix(), np.eye(nv)):
+        B = plant.MakeActuationMatrix()
+        if is_wired_to_motors and not np.array_equal(B, np.eye(nv)):
             allowed = "one for each joint, in the order of its generalized velocities"
             Refuse("plant.num_actuators", plant.num_actuators(), allowed)
         self._plant = plant

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.cli import main
+from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.recording import LoadRecording
 from teleop_drake.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
 from teleop_drake.robots import __file__ as robots_file
@@ -163,6 +164,40 @@ def test_a_joint_without_a_motor(tmp_path):
     message = "one actuator for each joint.* not 2 actuators for 3 joint velocities"
     with pytest.raises(ScenarioError, match=message):
         arm(file=str(path)).Check("robot")
+
+
+def transmissions():
+    """The file before its motors, what is said of each of them, and the end."""
+    text = URDF.read_text()
+    begin = text.index('<transmission name="turn')
+    end = text.index("</robot>")
+    parts = text[begin:end].split("</transmission>")
+    return text[:begin], [f"{x}</transmission>" for x in parts[:-1]], text[end:]
+
+
+def test_two_motors_at_a_joint(tmp_path):
+    head, motors, tail = transmissions()
+    second = motors[0].replace("turn_", "second_")
+    path = tmp_path / "strong.urdf"
+    path.write_text(head + "".join([*motors, second]) + tail)
+    with pytest.raises(ScenarioError, match="not 4 actuators for 3 joint velocities"):
+        arm(file=str(path)).Check("robot")
+
+
+def test_motors_may_have_any_order(tmp_path):
+    """Each gets the torque of its own joint, by either engine."""
+    head, motors, tail = transmissions()
+    path = tmp_path / "shuffled.urdf"
+    path.write_text(head + "".join(motors[k] for k in (2, 0, 1)) + tail)
+    rates = []
+    for config in (arm(), arm(file=str(path)), arm(file=str(path), hold="posture")):
+        robot = config.MakeRobot()
+        context = robot.CreateDefaultContext()
+        robot.GetInputPort("control_force").FixValue(context, [1.0, 2.0, 3.0])
+        robot.GetInputPort("environment_force").FixValue(context, np.zeros(3))
+        rates.append(robot.EvalTimeDerivatives(context).CopyToVector())
+        CheckKernel(robot, num_states=2)
+    np.testing.assert_allclose(rates[1:], [rates[0]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import standard_dh
 from pydrake.math import RotationMatrix
 
 import teleop_drake
@@ -48,6 +49,24 @@ def test_the_needle_keeps_its_direction(runs):
         first, *others = (ToolRotation(plant, q) for q in run["joint_position"][::10])
         for R in others:
             assert RotationMatrix(first.T @ R).ToAngleAxis().angle() < np.radians(1)
+
+
+def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
+    """It comes nearer to a straight wrist than a start may be, and turns away."""
+    q = [0.0, 0.5, -2.2, 0.0, 0.1, 0.0]
+    changes = {
+        "robot.posture": q,
+        "robot.start": standard_dh.tool_pose(q)[1].tolist(),
+        "surgeon.velocity": [0.3, 0.0, 0.0],
+        "environment.layers": [],
+        "controller.kind": "direct_force",
+        "robot.hold_frequency": 2.0,
+        "duration": 6.0,
+    }
+    run = simulate(LoadScenario(NAME, changes), engine="compiled")
+    assert run.termination == "completed"
+    assert np.abs(run["joint_position"][:, 4]).min() < 0.05
+    assert all(np.isfinite(x).all() for x in run.signals.values())
 
 
 @pytest.mark.slow
