@@ -19,7 +19,12 @@ from teleop_drake.thesis.claims.chapter5 import Chapter5
 from teleop_drake.thesis.claims.claim import Row
 from teleop_drake.thesis.claims.conclusions import Conclusions
 from teleop_drake.thesis.claims.evidence import Evidence
-from teleop_drake.thesis.claims.future_work import LEARNING_REQUESTS, Learning
+from teleop_drake.thesis.claims.future_work import (
+    EXTENSION_REQUESTS,
+    LEARNING_REQUESTS,
+    Extensions,
+    Learning,
+)
 from teleop_drake.thesis.claims.requests import REQUESTS
 from teleop_drake.thesis.runs import ThesisRuns
 
@@ -50,7 +55,9 @@ def FutureWork(runs: ThesisRuns) -> list[Row]:
         runs: Where the runs come from; they are started here.
     """
     runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS])
-    return Learning(Evidence(runs))
+    runs.Prefetch(EXTENSION_REQUESTS, are_alike=True)
+    evidence = Evidence(runs)
+    return [*Learning(evidence), *Extensions(evidence)]
 
 
 _SHORT_KEYS = (
