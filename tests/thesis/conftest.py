@@ -9,8 +9,11 @@ from runs import TASKS, Simulated
 from teleop_drake.scenario import LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
 from teleop_drake.thesis import report, studies
+from teleop_drake.thesis.claims.evidence import Evidence
+from teleop_drake.thesis.claims.future_work import Learning
 from teleop_drake.thesis.claims.requests import REQUESTS
 from teleop_drake.thesis.figures import FIGURES
+from teleop_drake.thesis.ledger import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies.lyapunov import LyapunovTelemetry
 
@@ -47,12 +50,17 @@ def thesis_runs(progress_lines):
             yield runs
 
 
+def OnLearning(runs):
+    """The rows of future work that take no compiling of many diagrams."""
+    return Learning(Evidence(runs))
+
+
 @pytest.fixture(scope="session", params=Slow(["a few figures", "everything"]))
 def reproduced(request, thesis_runs, tmp_path_factory):
     """A folder with what `teleop-drake reproduce` writes.
 
-    The short run of the tests makes the whole ledger, but draws a few figures and
-    makes one of the studies.
+    The short run of the tests makes the whole ledger but for most of future work, draws
+    a few figures and makes one of the studies.
     """
     lines: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
@@ -61,7 +69,11 @@ def reproduced(request, thesis_runs, tmp_path_factory):
             patch.setattr(report, "FIGURES", figures)
             patch.setattr(report, "STUDIES", (LyapunovTelemetry,))
             patch.setattr(studies, "REQUESTS", [])
+            patch.setattr(report, "FutureWork", OnLearning)
         figures = list(report.FIGURES.values())
         folder = tmp_path_factory.mktemp("reproduced")
         paths = report.WriteReport(thesis_runs, folder, progress=lines.append)
-    return SimpleNamespace(folder=folder, paths=paths, figures=figures, lines=lines)
+        rows = [*Ledger(thesis_runs), *report.FutureWork(thesis_runs)]
+    return SimpleNamespace(
+        folder=folder, paths=paths, figures=figures, lines=lines, rows=rows
+    )

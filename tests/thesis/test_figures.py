@@ -17,6 +17,7 @@ NUMBERS = [
     *(f"4.{i}" for i in range(1, 7)),
     *(f"5.{i}" for i in range(1, 21)),
     "6.1",
+    "6.2",
 ]
 COMPARISONS = ["4.1", "4.2", "4.3", "5.1", "5.2", "5.3", "5.7", "5.8", "5.9", "5.10"]
 COMPARISONS += ["5.14", "5.15", "5.16", "5.17"]
@@ -39,7 +40,14 @@ def test_every_figure_of_the_thesis_is_there():
         assert figure.title and figure.caption.endswith(".")
 
 
-@pytest.mark.parametrize("number", [n for n in NUMBERS if n != "2.1"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        *(n for n in NUMBERS if n not in ("2.1", "6.2")),
+        # Many diagrams to compile.
+        pytest.param("6.2", marks=pytest.mark.slow),
+    ],
+)
 def test_axes_have_data_labels_and_units(thesis_runs, number):
     figure = FIGURES[number].make(thesis_runs)
     assert isinstance(figure, Figure)

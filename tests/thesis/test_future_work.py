@@ -15,15 +15,31 @@ from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.evidence import Evidence
-from teleop_drake.thesis.claims.future_work import LEARNING, Learning
+from teleop_drake.thesis.claims.future_work import (
+    EXTENSION_REQUESTS,
+    LEARNING,
+    Extensions,
+    Learning,
+)
 from teleop_drake.thesis.claims.learning import (
     PathDistance,
     WeightDrift,
 )
 from teleop_drake.thesis.claims.measures import Rms
+from teleop_drake.thesis.runs import ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
+# What the page of the thesis quotes of each row.
+EXTENSIONS = {
+    "F-puma-settles": "1.23 0.584 0.629",
+    "F-puma-first-impact": "4.44 4.65",
+    "F-puma-varying-delays": "3.3 0.4 20.7 15.1",
+    "F-drive-of-100": "",
+    "F-drive-of-20": "",
+    "F-robust-on-bone": "",
+    "F-robust-weight": "42.2 46.5 23.7",
+}
 PAGE = (ROOT / "teleop_drake/docs/learning.md").read_text("utf-8")
 
 
@@ -145,6 +161,26 @@ def test_what_leakage_leaves_and_how_long_it_takes(which):
     assert 1 - learned == pytest.approx(nu * gain / (nu * gain + active), rel=1e-3)
     slowest = -np.linalg.eigvals(A).real.max()
     assert slowest == pytest.approx(beta * (active / gain + nu), rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_extensions():
+    """The verdicts, and each number that the page of the thesis has of them."""
+    with ThesisRuns(1) as runs:
+        runs.Prefetch(EXTENSION_REQUESTS, are_alike=True)
+        rows = {row.key: row for row in Extensions(Evidence(runs))}
+    assert {key for key, row in rows.items() if row.verdict == "refuted"} == {
+        "F-puma-first-impact",
+        "F-drive-of-20",
+        "F-robust-on-bone",
+    }
+    assert list(rows) == list(EXTENSIONS)
+    page = (ROOT / "teleop_drake/docs/thesis.md").read_text("utf-8")
+    said = page[page.index("## Section 6.3") : page.index("## Where this model")]
+    for key, numbers in EXTENSIONS.items():
+        for number in numbers.split():
+            assert number in re.findall(r"[\d.]*\d", rows[key].ours), (key, number)
+            assert number in re.findall(r"[\d.]*\d", said), number
 
 
 @pytest.mark.slow

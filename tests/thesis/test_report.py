@@ -11,7 +11,6 @@ import pytest
 
 from teleop_drake.cli import main
 from teleop_drake.thesis.figures import FIGURES
-from teleop_drake.thesis.ledger import FutureWork, Ledger
 from teleop_drake.thesis.report import Reproduce, SelectFigures
 
 pytestmark = pytest.mark.xdist_group("thesis")
@@ -94,9 +93,8 @@ def test_report_has_every_figure(reproduced, page):
     assert sources == [path.read_bytes() for path in svgs]
 
 
-def test_ledger_files(reproduced, page, thesis_runs):
-    rows = [*Ledger(thesis_runs), *FutureWork(thesis_runs)]
-    rows = [dataclasses.asdict(row) for row in rows]
+def test_ledger_files(reproduced, page):
+    rows = [dataclasses.asdict(row) for row in reproduced.rows]
     text = (reproduced.folder / "ledger.json").read_text(encoding="utf-8")
     assert json.loads(text) == rows
     with open(reproduced.folder / "ledger.csv", encoding="utf-8", newline="") as file:

@@ -74,12 +74,14 @@ def Varying(frequency: float) -> dict[str, Any]:
         frequency: Of the swing in rad/s.
     """
     return {
-        f"{name}_channel": {
-            "kind": "variable",
-            "delay": 0.1,
-            "sinusoid": {"amplitude": 0.05, "frequency": frequency, "phase": phase},
-        }
+        f"{name}_channel.{key}": value
         for name, phase in (("forward", 0.0), ("return", 1.5))
+        for key, value in {
+            "kind": "variable",
+            "sinusoid.amplitude": 0.05,
+            "sinusoid.frequency": frequency,
+            "sinusoid.phase": phase,
+        }.items()
     }
 
 
