@@ -34,6 +34,9 @@ from teleop_drake.validation import (
 HOLDS = ("none", "posture", "orientation")
 """What an arm can do with the joints that the task leaves free."""
 
+MAX_FREQUENCY = 1000.0
+"""Highest natural frequency of what an arm holds, rad/s."""
+
 # The measure det A of laws.posture at which damping begins, and what it grows to;
 # assumed. The Puma's pose of the scenarios has 0.02.
 _NEAR, _DAMPING = 1e-3, 1e-2
@@ -66,9 +69,9 @@ class DrivenArmConfig(PlantRobotConfig):
     # nothing, hold the posture at the start, or hold the tool's orientation at
     # `posture`. Assumed.
     hold: str = "none"
-    # Natural frequency of what is held, rad/s, > 0. Assumed.
+    # Natural frequency of what is held, rad/s, 0 to MAX_FREQUENCY. Assumed.
     hold_frequency: float = 10.0
-    # Its damping ratio, >= 0. Assumed.
+    # Its damping ratio, 0 to 100. Assumed.
     hold_damping_ratio: float = 1.0
 
     def Check(self, path: str) -> None:
@@ -82,8 +85,16 @@ class DrivenArmConfig(PlantRobotConfig):
         """
         with Within(path):
             CheckChoice("hold", self.hold, HOLDS)
-            CheckNumber("hold_frequency", self.hold_frequency, "rad/s", above=0)
-            CheckNumber("hold_damping_ratio", self.hold_damping_ratio, minimum=0)
+            CheckNumber(
+                "hold_frequency",
+                self.hold_frequency,
+                "rad/s",
+                above=0,
+                maximum=MAX_FREQUENCY,
+            )
+            CheckNumber(
+                "hold_damping_ratio", self.hold_damping_ratio, minimum=0, maximum=100
+            )
             CheckNumber("payload", self.payload, "kg", minimum=0)
             CheckNumber(
                 "payload_error", self.payload_error, "kg", minimum=-self.payload

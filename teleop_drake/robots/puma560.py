@@ -26,6 +26,9 @@ _COULOMB_BACKWARD = (0.435, 0.071, 0.105, 16.9e-3, 14.5e-3, 10.5e-3)
 
 _STANDARD_GRAVITY = 9.80665
 
+# Friction that changes its sign about a lower speed takes steps of microseconds.
+_LEAST_SPEED = 1e-4
+
 
 def _Nominal() -> np.ndarray:
     # The pose `qn` of Corke's Robotics Toolbox; the needle points along x.
@@ -57,7 +60,7 @@ class Puma560Config(DrivenArmConfig):
     # Which share of the published friction acts, viscous and Coulomb, >= 0. Less than
     # 1: the motors compensate the rest, which is not counted in their torque.
     friction: float = 1.0
-    # Speed of a joint about which its Coulomb friction changes sign, rad/s, > 0.
+    # Speed of a joint about which its Coulomb friction changes sign, rad/s, >= 1e-4.
     # Assumed.
     friction_speed: float = 0.02
 
@@ -72,7 +75,9 @@ class Puma560Config(DrivenArmConfig):
         """
         with Within(path):
             CheckNumber("friction", self.friction, minimum=0)
-            CheckNumber("friction_speed", self.friction_speed, "rad/s", above=0)
+            CheckNumber(
+                "friction_speed", self.friction_speed, "rad/s", minimum=_LEAST_SPEED
+            )
         super().Check(path)
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:

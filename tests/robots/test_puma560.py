@@ -133,6 +133,7 @@ def test_its_torque_is_limited():
             {"hold_frequency": 0.0},
             "robot.hold_frequency = 0.0: must be a finite number",
         ),
+        ({"hold_frequency": 1e9}, "robot.hold_frequency = .* > 0 and <= 1000"),
         ({"hold_damping_ratio": -1.0}, "robot.hold_damping_ratio = -1.0: must be"),
         ({"payload": -1.0}, "robot.payload = -1.0: must be a finite number >= 0"),
         ({"payload_error": -1.0}, "robot.payload_error = -1.0: must be"),

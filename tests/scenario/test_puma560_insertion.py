@@ -20,7 +20,7 @@ NAME = "puma560_insertion"
 
 
 def test_both_engines_run_it():
-    scenario = LoadScenario(NAME, {"duration": 0.3})
+    scenario = LoadScenario(NAME, {"controller.kind": "direct_force", "duration": 0.3})
     ours, drakes = (simulate(scenario, engine=e) for e in ("compiled", "drake"))
     for name in ("tool_position", "joint_position", "joint_torque"):
         np.testing.assert_allclose(ours[name][-1], drakes[name][-1], atol=1e-7)
