@@ -33,6 +33,7 @@ from teleop_drake.figures.style import (
     AxisLabel,
     CellEdges,
     Figure,
+    MapLimits,
 )
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.validation import Refuse
@@ -312,7 +313,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
                     )
         delays = [analysis.points[0].delay for analysis in chart.analyses]
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
-        ax.set_xlim(edges[0], edges[-1])
+        ax.set_xlim(MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
         ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
         label = _PathLabel(chart) if is_path else AxisLabel(chart.key)

@@ -2,6 +2,7 @@
 
 import io
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.figure
@@ -193,3 +194,17 @@ def CellEdges(centres: np.ndarray) -> np.ndarray:
     inner = (centres[1:] + centres[:-1]) / 2
     first, last = 2 * centres[0] - inner[0], 2 * centres[-1] - inner[-1]
     return np.concatenate([[first], inner, [last]])
+
+
+def MapLimits(centres: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    """Returns where a map ends: at the outermost values, which halves their cells.
+
+    No cell then reaches to where nothing was looked at.
+
+    Args:
+        centres: The values, ascending; a single one has the whole of its cell.
+    """
+    if len(centres) == 1:
+        first, last = CellEdges(np.asarray(centres))
+        return float(first), float(last)
+    return float(centres[0]), float(centres[-1])

@@ -17,6 +17,7 @@ from teleop_drake.figures.style import (
     AxisLabel,
     CellEdges,
     Figure,
+    MapLimits,
     ScaleAndUnit,
 )
 from teleop_drake.figures.sweep_grid import SweepGrid
@@ -160,16 +161,17 @@ def _Finish(
         names |= dict.fromkeys(boundary.point for boundary in drawn)
     styles = {name: LINES[i % len(LINES)] for i, name in enumerate(names)}
     for index, ax in np.ndenumerate(axes):
-        limits = ax.get_xlim(), ax.get_ylim()
         for boundary in boundaries.get((index[0], index[1]), ()):
             style = {"linestyle": styles[boundary.point], "linewidth": 1.6}
             # Black on white is seen on every colour.
             ax.plot(boundary.ends, y, color="white", linewidth=2.8)
             ax.plot(boundary.ends, y, color="black", **style)
-        ax.set_xlim(limits[0])
-        ax.set_ylim(limits[1])
+        ax.set_xlim(MapLimits(grid.x))
+        ax.set_ylim(MapLimits(y) if y_labels is None else (-0.5, len(y) - 0.5))
         ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
-        if y_labels is not None:
+        if len(grid.x) <= _MOST_TICKS:
+            ax.set_xticks(grid.x)
+        if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
     for ax in axes[:, 0]:
         ax.set_ylabel(AxisLabel(grid.line_key), fontsize=FONT_SIZE)
@@ -189,6 +191,9 @@ def _Finish(
             frameon=False,
         )
 
+
+# So many values have a tick each.
+_MOST_TICKS = 8
 
 # Colour of cells with a run that was stopped.
 _ENDED = "#BBBBBB"

@@ -83,6 +83,8 @@ def test_maps_have_the_boundary_over_them():
     assert bar.get_ylabel() == "collision peak force [N]"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["diverges or fails", "end of stability, free"]
-    # The boundary does not widen the map.
+    # The map ends at the outermost values, and the boundary does not widen it.
+    assert ax.get_ylim() == (MASSES[0], MASSES[-1])
+    assert ax.get_yticks().tolist() == MASSES
     assert ax.get_xlim() == PlotStability(result).axes[0].get_xlim()
     assert len(PlotStability(result, boundaries).axes[0].lines) == 2
