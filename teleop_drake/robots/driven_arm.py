@@ -1,5 +1,6 @@
 """What an arm's own controller does beside the task: weight, posture, limits."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -103,6 +104,7 @@ class DrivenArmConfig(PlantRobotConfig):
                 Refuse("payload_error", self.payload_error, "0, as nothing compensates")
         super().Check(path)
 
+    @abstractmethod
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
         """Returns the plant with a payload; see LoadPlant.
 
@@ -113,7 +115,6 @@ class DrivenArmConfig(PlantRobotConfig):
         Raises:
             ScenarioError: If a parameter is not allowed.
         """
-        raise NotImplementedError
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant.
