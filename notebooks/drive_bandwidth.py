@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.style import FONT_SIZE, WIDTH, FormatAxes, RunStyle
@@ -115,11 +116,12 @@ def Plot(rows: dict[tuple[str, str, float | None], Row]) -> Figure:
         if j == 0:
             ax.set_ylabel(CASES[case], fontsize=FONT_SIZE)
     handles, labels = axes[0, 0].get_legend_handles_labels()
+    cross = Line2D([], [], linestyle="none", marker="x", markersize=4, color="black")
     figure.legend(
-        handles,
-        labels,
+        [*handles, cross],
+        [*labels, "runs away"],
         loc="outside upper center",
-        ncols=2,
+        ncols=3,
         frameon=False,
         fontsize=FONT_SIZE,
     )
