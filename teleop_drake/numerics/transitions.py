@@ -3,6 +3,8 @@
 All functions here are in the part of Python that numba knows.
 """
 
+import math
+
 from teleop_drake.numerics.delay_problem import Memory, Transitions
 
 SAME = 1e-12
@@ -58,7 +60,8 @@ def is_near(transitions: Transitions, memory: Memory) -> bool:
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
-        if place >= 0:
+        # A region without an end has a guard that is infinite.
+        if place >= 0 and memory.y[place] > -math.inf:
             change = abs(memory.y[place] - guards[k, 0])
             change += abs(guards[k, 0] - guards[k, 1])
             if memory.y[place] + change > 0:
