@@ -1,5 +1,6 @@
 """The chapter on future work: its verdicts, and what the documentation says of it."""
 
+import itertools
 import re
 
 import numpy as np
@@ -11,7 +12,7 @@ from teleop_drake.laws.backstepping import (
     BacksteppingState,
     backstepping_rate,
 )
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.thesis.claims.evidence import Evidence
@@ -206,3 +207,59 @@ def test_the_price_of_learning():
         run = simulate(LoadScenario("two_dof_combined", change), engine="compiled")
         settling = RunMetrics(run)["collision"]["settling_time"]
         assert f"{settling:.1f}" == str(time) and f"{time} s" in PAGE
+
+
+def test_both_engines_run_it():
+    overrides = {"duration": 0.5}
+    drake, compiled = (
+        simulate(LoadScenario(LEARNING, overrides), engine=engine)
+        for engine in ("drake", "compiled")
+    )
+    assert np.abs(compiled["weights_1"][-1]).max() > 0.01
+    for name in ("tool_position", "weights_1"):
+        np.testing.assert_allclose(drake[name][-1], compiled[name][-1], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_it_takes_a_network_where_the_unknown_changes_on_the_way():
+    square = [[0.5, 0.0], [0.5, 0.5], [0.0, 0.5], [0.0, 0.0]]
+    task = {
+        "robot.start": [0.55, -0.25],
+        "robot.posture": [-1.5, 2.2],
+        "surgeon.waypoints": square * 4,
+        "surgeon.velocity": [0.2, 0.0],
+        "duration": 64.0,
+        "controller.network.lower": [0.4, -0.4],
+        "controller.network.upper": [1.2, 0.4],
+    }
+    said = " ".join(PAGE.split())
+    for rate, count, width, ending in (
+        (2.0, 5, 1.5, "mm beside its path"),
+        (4.0, 1, 20.0, "mm. "),
+    ):
+        law = {"adaptation_rate": rate, "network.count": [count] * 2}
+        law["network.width"] = width
+        law = {f"controller.{name}": value for name, value in law.items()}
+        scenario = LoadScenario(LEARNING, task | law)
+        recording = simulate(scenario, engine="compiled")
+        distance, time = PathDistance(recording), recording.time
+        ends = np.linspace(0.0, scenario.surgeon.Path()[0][-1], 5)
+        rounds = []
+        for begin, end in itertools.pairwise(ends):
+            kept = (time >= begin) & (time <= end)
+            square_mean = np.trapezoid(distance[kept] ** 2, time[kept]) / (end - begin)
+            rounds.append(f"{1e3 * np.sqrt(square_mean):.0f}")
+        assert f"{', '.join(rounds[:3])} and {rounds[3]} {ending}" in said + " "
+
+
+@pytest.mark.slow
+def test_where_the_architectures_end():
+    ends = {}
+    for kind in ARCHITECTURES:
+        scenario = LoadScenario(LEARNING, {"controller.kind": kind})
+        position = simulate(scenario, engine="auto")["tool_position"][-1]
+        ends[kind] = 1e3 * np.linalg.norm(position - scenario.robot.start)
+    ours, robust = ends.pop("adaptive_backstepping"), ends.pop("robust_backstepping")
+    others = f"{min(ends.values()):.0f} mm or more"
+    for text in (f"is {ours:.1f} mm off", f"robust law {robust:.1f} mm", others):
+        assert text in " ".join(PAGE.split())
