@@ -7,15 +7,17 @@ does and keeps commanding a velocity. Surgeon, haptic device, robot, environment
 limits are the scenarios'; the gains are the architectures' defaults, which derive from
 the scenario by the rule that is stated in its file in teleop_drake/architectures.
 
-Runs are kept in --out as they end, and --resume goes on with what is there. When all
-have ended, league_table.csv, beside this file, has a row for each, and the summary is
-printed. --quick makes a few of the rows in a minute and leaves that file alone.
+Each network is run with several sequences of random numbers. Runs are kept in --out as
+they end, and --resume goes on with what is there. When all have ended,
+league_table.csv, beside this file, has a row for each case and architecture, and the
+summary is printed. --quick makes a few of the rows and leaves that file alone.
 """
 
 import argparse
 import csv
 import functools
 import itertools
+import math
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -48,8 +50,11 @@ bone the arm would run out of reach after the scenario's own 7 s."""
 ROUND_TRIPS = (0.0, 0.1, 0.2, 0.5, 1.0)
 """Of exact channels, s, half of it each way."""
 
-NETWORK_ROUND_TRIPS = (0.2, 1.0)
+NETWORK_ROUND_TRIPS = ROUND_TRIPS[1:]
 """Of networks, s, the mean. Without a delay there is nothing to jitter."""
+
+NUM_SEEDS = 5
+"""How many sequences of random numbers stand for each network."""
 
 CHANNELS = ("exact", "jitter", "loss", "both")
 
@@ -86,7 +91,13 @@ and N. `age` is how old on average is what a network's forward channel shows. On
 there is `felt_stiffness` besides, at STIFFNESS_FREQUENCY in N/m, of exact channels."""
 
 KEYS = ("task", "surgeon", "channel", "round_trip", "controller")
-COLUMNS = (*KEYS, "status", *METRICS, "felt_stiffness")
+COUNTS = ("runs", "bounded", "at_rest")
+INTERVAL = ("control_variation_low", "control_variation_high")
+COLUMNS = (*KEYS, "status", *COUNTS, *METRICS, *INTERVAL, "felt_stiffness")
+"""A row with several runs says how many there are, how many stay bounded and how many
+come to rest on the bone, and has medians of those runs that have such a number; of the
+settling time only if all come to rest. Its status is `diverged` if any run's is. The
+INTERVAL is from the smallest to the largest."""
 
 
 def Channel(kind: str, round_trip: float) -> dict[str, Any]:
@@ -128,9 +139,8 @@ def Overrides(task: str, surgeon: str, channel: str, round_trip: float) -> dict:
     """Returns what makes a configuration, as LoadScenario takes it.
 
     The solver is less accurate than by the scenarios' own settings, which moves no
-    number by more than 0.5 % in the rows that tests compare. An exception: time-domain
-    passivity control brakes and lets go so often that its control_variation is known
-    to 3 %.
+    number by more than 0.2 % in the rows that were compared, also where time-domain
+    passivity control brakes and lets go all the time.
 
     Args:
         task: One of DURATIONS.
@@ -144,13 +154,10 @@ def Overrides(task: str, surgeon: str, channel: str, round_trip: float) -> dict:
         "forward_channel": Channel(channel, round_trip),
         "return_channel": Channel(channel, round_trip),
     }
-    if channel == "exact":
-        if task == "one_dof":
-            # Its signals are small, and the error norm is absolute.
-            overrides["simulator.accuracy"] = 1e-10
-    else:
-        # Steps end at each packet, and are short without any error control.
-        overrides["simulator.integration_scheme"] = "runge_kutta3"
+    if channel == "exact" and task == "one_dof":
+        # Its signals are small, and the error norm is absolute. Over a network steps
+        # end at each packet, and are short without any error control.
+        overrides["simulator.accuracy"] = 1e-10
     if surgeon == "never":
         overrides["surgeon.contact_force"] = None
     return overrides
@@ -197,7 +204,7 @@ def MakeTable(
         engine: As Sweep takes it.
 
     Returns:
-        One row for each run, with COLUMNS; None where a run has no such number.
+        One row for each architecture, with COLUMNS; None where there is no such number.
     """
     rows = []
     said: set[str] = set()
@@ -207,17 +214,18 @@ def MakeTable(
             print(text, file=sys.stderr)
         said.add(text)
 
-    num_kinds = len(ARCHITECTURES)
-    for i, configuration in enumerate(configurations):
+    grids = [Grid(channel) for _, _, channel, _ in configurations]
+    sizes = [math.prod(map(len, grid.values())) for grid in grids]
+    for i, (configuration, grid) in enumerate(zip(configurations, grids, strict=True)):
         task, *others = configuration
 
-        def Report(done: int, total: int, before: int = i * num_kinds) -> None:
+        def Report(done: int, total: int, before: int = sum(sizes[:i])) -> None:
             if progress is not None:
-                progress(before + done, num_kinds * len(configurations))
+                progress(before + done, sum(sizes))
 
         result = Sweep(
             task,
-            {"controller": ARCHITECTURES},
+            grid,
             overrides=Overrides(*configuration),
             executor=executor,
             out=out and out / "-".join(map(str, configuration)),
@@ -230,16 +238,46 @@ def MakeTable(
     return rows
 
 
+def Grid(channel: str) -> dict[str, Sequence[Any]]:
+    """Returns what the runs of a configuration differ in, as Sweep takes it.
+
+    Args:
+        channel: One of CHANNELS.
+    """
+    grid: dict[str, Sequence[Any]] = {"controller": ARCHITECTURES}
+    return grid if channel == "exact" else grid | {"seed": range(NUM_SEEDS)}
+
+
 def _Rows(
     configuration: dict[str, Any], result: SweepResult
 ) -> Iterator[dict[str, Any]]:
-    for run in result.Table():
-        row = dict.fromkeys(COLUMNS) | configuration
-        row |= {"controller": run["controller"], "status": run["status"]}
-        row |= {column: run.get(metric) for column, metric in METRICS.items()}
+    table = result.Table()
+    for kind in ARCHITECTURES:
+        runs = [run for run in table if run["controller"] == kind]
+        row = dict.fromkeys(COLUMNS) | configuration | {"controller": kind}
+        row |= _Numbers(runs)
         if row["channel"] == "exact" and HasBone(row["task"]):
             row["felt_stiffness"] = _FeltStiffness(row)
         yield row
+
+
+def _Numbers(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Returns what a row says of its runs, see COLUMNS."""
+    values = {
+        column: [run[metric] for run in runs if run.get(metric) is not None]
+        for column, metric in METRICS.items()
+    }
+    bounded = sum(run["status"] == "completed" for run in runs)
+    at_rest = len(values["settling_time"])
+    if at_rest < len(runs):
+        values["settling_time"] = []
+    row: dict[str, Any] = {
+        column: statistics.median(x) if x else None for column, x in values.items()
+    }
+    ends = min(values["control_variation"]), max(values["control_variation"])
+    row |= dict(zip(COUNTS, (len(runs), bounded, at_rest), strict=True))
+    row |= dict(zip(INTERVAL, ends, strict=True))
+    return row | {"status": "completed" if bounded == len(runs) else "diverged"}
 
 
 def _FeltStiffness(row: dict[str, Any]) -> float:
@@ -287,12 +325,12 @@ def Select(rows: Iterable[dict[str, Any]], **values: Any) -> list[dict[str, Any]
 
 
 def IsBounded(row: dict[str, Any]) -> bool:
-    """Returns whether a run went on to its end, below five times the command."""
+    """Returns whether all runs went on to their end, below five times the command."""
     return bool(row["status"] == "completed")
 
 
 def Settles(row: dict[str, Any]) -> bool:
-    """Returns whether the tool came to rest on the bone before the end."""
+    """Returns whether the tool came to rest on the bone before the end, in all runs."""
     return row["settling_time"] is not None
 
 
@@ -459,26 +497,31 @@ def NetworkTable(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
         rows: The whole table.
 
     Returns:
-        Rows of cells, the head first. For each kind of network: how many more runs stay
-        bounded, how many more come to rest on the bone, and the median ratio of the
-        control efforts of those that are bounded with both.
+        Rows of cells, the head first. For each kind of network: how many more cases
+        stay bounded, how many more come to rest on the bone, each case counted by the
+        share of its runs, and the ratio of the control efforts where all are bounded:
+        median over the cases, of the runs' medians and of their INTERVAL.
     """
     networks = CHANNELS[1:]
     body = []
     for kind in ARCHITECTURES:
         cells = []
         for channel in networks:
-            ratios, bounded, at_rest = [], 0, 0
+            ratios, bounded, at_rest = [], 0.0, 0.0
             for row in Select(rows, controller=kind, channel=channel):
                 case = {key: row[key] for key in KEYS} | {"channel": "exact"}
                 (exact,) = Select(rows, **case)
-                bounded += IsBounded(row) - IsBounded(exact)
-                at_rest += Settles(row) - Settles(exact)
+                bounded += row["bounded"] / row["runs"] - IsBounded(exact)
+                at_rest += row["at_rest"] / row["runs"] - Settles(exact)
                 if IsBounded(row) and IsBounded(exact):
-                    effort = "control_variation"
-                    ratios.append(row[effort] / exact[effort])
-            ratio = f"{statistics.median(ratios):.3g}" if ratios else "-"
-            cells += [f"{bounded:+d}", f"{at_rest:+d}", ratio]
+                    effort = exact["control_variation"]
+                    columns = ("control_variation", *INTERVAL)
+                    ratios.append([row[column] / effort for column in columns])
+            ratio = "-"
+            if ratios:
+                middle, *ends = map(statistics.median, zip(*ratios, strict=True))
+                ratio = f"{middle:.3g} ({ends[0]:.3g} to {ends[1]:.3g})"
+            cells += [f"{bounded:+.1f}", f"{at_rest:+.1f}", ratio]
         body.append([kind, *cells])
     head = [
         f"{channel}: {what}"

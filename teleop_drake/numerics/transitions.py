@@ -12,7 +12,12 @@ SAME = 1e-12
 
 
 def is_due(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard is positive, by the signals in y."""
+    """Returns whether a guard is positive.
+
+    Args:
+        transitions: All of them.
+        memory: Its y has the guards.
+    """
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
         if place >= 0 and memory.y[place] > 0:
@@ -21,7 +26,12 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
 
 
 def change_modes(transitions: Transitions, memory: Memory) -> bool:
-    """Makes the transitions that are due; returns whether there were any."""
+    """Makes the transitions that are due; returns whether there were any.
+
+    Args:
+        transitions: All of them.
+        memory: Its y has the guards and the new modes.
+    """
     t = memory.clock[0]
     has_changed = False
     for k in range(len(transitions.guards)):
@@ -42,7 +52,13 @@ def change_modes(transitions: Transitions, memory: Memory) -> bool:
 
 
 def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
-    """Notes the guards at the begin of a step; before a jump they do not count."""
+    """Notes the guards at the begin of a step.
+
+    Args:
+        has_jumped: Whether what they were before does not count.
+        transitions: All of them.
+        memory: Its y has the guards.
+    """
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
@@ -56,6 +72,10 @@ def is_near(transitions: Transitions, memory: Memory) -> bool:
 
     Then it is as near to 0 at the end as it has changed in this step and the last one.
     A guard on its way back has changed in the one or in the other.
+
+    Args:
+        transitions: All of them.
+        memory: Its y has the guards at the end of the step.
     """
     guards = memory.guards
     for k in range(len(transitions.guards)):
