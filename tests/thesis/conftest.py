@@ -1,5 +1,6 @@
 """What several tests of the thesis look at is made once."""
 
+import functools
 from types import SimpleNamespace
 
 import pytest
@@ -23,31 +24,40 @@ def progress_lines():
     return []
 
 
-@pytest.fixture(scope="session")
-def thesis_runs(progress_lines):
-    """The runs of the thesis; its tasks as they stand are those of other tests too.
-
-    All others are machine code, which takes less than half of the time.
-    """
-    shared = {
+@functools.cache
+def SharedRuns():
+    return {
         ScenarioToYaml(LoadScenario(name, {"controller.kind": kind}))
         for name in TASKS
         for kind in ("direct_force", "adaptive_backstepping")
     }
 
-    def Simulate(scenario, engine):
-        assert engine == "drake"
-        if ScenarioToYaml(scenario) in shared:
-            return Simulated(scenario)
-        return simulate(scenario, engine="auto")
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("teleop_drake.thesis.runs.simulate", Simulate)
-        with ThesisRuns(1, progress_lines.append, engine="drake") as runs:
-            # First what no other test simulates.
-            for name, overrides in reversed(REQUESTS):
-                runs(name, **overrides)
-            yield runs
+def Simulate(scenario, engine):
+    if ScenarioToYaml(scenario) in SharedRuns():
+        return Simulated(scenario)
+    return simulate(scenario, engine="auto")
+
+
+class Runs(ThesisRuns):
+    """The runs of the thesis; its tasks as they stand are those of other tests too.
+
+    All others are machine code, which takes less than half of the time.
+    """
+
+    def __call__(self, name, /, **overrides):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("teleop_drake.thesis.runs.simulate", Simulate)
+            return super().__call__(name, **overrides)
+
+
+@pytest.fixture(scope="session")
+def thesis_runs(progress_lines):
+    with Runs(1, progress_lines.append) as runs:
+        # First what no other test simulates.
+        for name, overrides in reversed(REQUESTS):
+            runs(name, **overrides)
+        yield runs
 
 
 def OnLearning(runs):
