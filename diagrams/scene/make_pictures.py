@@ -81,6 +81,10 @@ class Browser:
             deviceScaleFactor=1,
             mobile=False,
         )
+        # Before the page there is an empty one, which is complete at once.
+        there = "location.href != 'about:blank' && document.readyState == 'complete'"
+        while not self.Evaluate(there):
+            pass
 
     def Call(self, method, **parameters):
         """Calls a method of the developer tools and returns what it returns."""

@@ -101,8 +101,6 @@ def seen(tmp_path_factory):
     page.write_text(text, encoding="utf-8")
     browser = module.Browser(page, (760, 360))
     try:
-        while browser.Evaluate("document.readyState") != "complete":
-            pass
         assert browser.Evaluate(ARRIVED) == "0.000 s"
         return browser.Evaluate(LOOK)
     finally:
