@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from documentation import TEXT
-from drive_bandwidth import BANDWIDTHS, CASES, Measure, TableLine
+from drive_bandwidth import BANDWIDTHS, CASES, PICTURE, Main, Measure, TableLine
 from grids import Slow
+from matplotlib.image import imread
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.analysis.stability import AnalyzeStability
@@ -117,3 +118,12 @@ def test_what_is_refused(field, allowed):
         LoadScenario("one_dof", {f"actuator.{field}": -1.0})
     expected = f"actuator.{field} = -1.0: must be a finite number {allowed}"
     assert str(error.value) == expected
+
+
+@pytest.mark.slow
+def test_the_committed_picture_is_that_of_the_runs(tmp_path):
+    """Pixel by pixel but for the rendering of fonts, which may differ."""
+    Main(tmp_path / "now.png")
+    committed, now = imread(PICTURE), imread(tmp_path / "now.png")
+    assert now.shape == committed.shape
+    assert np.mean(np.abs(now - committed)) < 0.002
