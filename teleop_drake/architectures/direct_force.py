@@ -2,15 +2,14 @@
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.validation import CheckNumber
 
 
-class DirectForce(LeafSystem):
+class DirectForce(KernelBlock):
     """Applies the haptic force as it arrives: no controller at the slave.
 
         F_c = F_hd = F_h(t - T_f)                                       (section 2.1)
@@ -41,23 +40,18 @@ class DirectForce(LeafSystem):
     """
 
     def __init__(self, *, num_axes: int):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("num_axes", num_axes, minimum=1)
         self.set_name("direct_force")
-        self._haptic_force = self.DeclareVectorInputPort("haptic_force", num_axes)
         for name in (
+            "haptic_force",
             "velocity_command",
             "tool_position",
             "tool_velocity",
             "environment_force",
         ):
             self.DeclareVectorInputPort(name, num_axes)
-        self.DeclareVectorOutputPort(
-            "control_force",
-            num_axes,
-            self._CalcControlForce,
-            prerequisites_of_calc={self._haptic_force.ticket()},
-        )
+        self.DeclareOutputs(control_force=num_axes)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -66,9 +60,6 @@ class DirectForce(LeafSystem):
             outputs={"control_force": "haptic_force"},
             unused=(*unused, "environment_force"),
         )
-
-    def _CalcControlForce(self, context: Context, control_force: BasicVector) -> None:
-        control_force.SetFromVector(self._haptic_force.Eval(context))
 
 
 @dataclass(kw_only=True, eq=False)

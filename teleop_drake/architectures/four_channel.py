@@ -8,17 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.four_channel import (
     filtered_acceleration,
     master_packet,
@@ -35,7 +31,7 @@ from teleop_drake.validation import (
 )
 
 
-class FourChannelMaster(LeafSystem):
+class FourChannelMaster(KernelBlock):
     """A handle with mass that sends and gets motion and force.
 
         Z_m V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
@@ -100,7 +96,7 @@ class FourChannelMaster(LeafSystem):
         start: ArrayLike,
         acceleration_bandwidth: float | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("four_channel_master")
         self._start = np.array(start, dtype=float)
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
@@ -116,30 +112,13 @@ class FourChannelMaster(LeafSystem):
         CheckFourChannel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
-        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)
-        self._packet = self.DeclareVectorInputPort("return_packet", width)
+        self.DeclareVectorInputPort("return_packet", width)
         num_zeros = width - 2 * n
         initial = np.concatenate([self._start, np.zeros(num_zeros)])
         self.DeclareContinuousState(BasicVector(initial))
-        self.DeclareVectorOutputPort(
-            "felt_position",
-            n,
-            self._CopyPosition,
-            prerequisites_of_calc={self._packet.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "felt_velocity",
-            n,
-            self._CopyVelocity,
-            prerequisites_of_calc={self.xc_ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "forward_packet",
-            width,
-            self._CalcForwardPacket,
-            prerequisites_of_calc={self.xc_ticket(), self._F_h.ticket()},
-        )
+        self.DeclareOutputs(felt_position=n, felt_velocity=n, forward_packet=width)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -167,44 +146,8 @@ class FourChannelMaster(LeafSystem):
             unused=("velocity_command",),
         )  # fmt: skip
 
-    def _GetState(self, context: Context) -> np.ndarray:
-        """Returns [x_m; v_m] or [x_m; v_m; v_f]."""
-        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        return state
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates d/dt [x_m; v_m] or d/dt [x_m; v_m; v_f]."""
-        derivatives.get_mutable_vector().SetFromVector(
-            master_rate(
-                self._GetState(context),
-                self._F_h.Eval(context),
-                self._packet.Eval(context),
-                self._start,
-                self._M,
-                self._B,
-                self._K,
-                self._factors,
-                self._bandwidth,
-            )
-        )
-
-    def _CopyPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._packet.Eval(context)[: self._n])
-
-    def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context)[self._n : 2 * self._n])
-
-    def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            master_packet(
-                self._GetState(context), self._F_h.Eval(context), self._bandwidth
-            )
-        )
-
-
-class FourChannelSlave(LeafSystem):
+class FourChannelSlave(KernelBlock):
     """Follows the motion and the force of the master.
 
         F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e
@@ -265,12 +208,12 @@ class FourChannelSlave(LeafSystem):
         start: ArrayLike,
         acceleration_bandwidth: float | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("four_channel_slave")
         self._start = np.array(start, dtype=float)
         if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
             Refuse("start", start, "finite numbers (m)")
-        n = self._n = self._start.size
+        n = self._start.size
         self._M = CheckGain("mass", mass, n, may_be_zero=True)
         self._B = CheckGain("damping", damping, n, may_be_zero=True)
         self._B_c = CheckGain("local_damping", local_damping, n, may_be_zero=True)
@@ -279,24 +222,12 @@ class FourChannelSlave(LeafSystem):
         CheckFourChannel(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
-        self._packet = self.DeclareVectorInputPort("forward_packet", width)
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self._F_e = self.DeclareVectorInputPort("environment_force", n)
-        own = {self._p.ticket(), self._v.ticket(), self._F_e.ticket()}
-        sent = set(own)
+        self.DeclareVectorInputPort("forward_packet", width)
+        for name in ("tool_position", "tool_velocity", "environment_force"):
+            self.DeclareVectorInputPort(name, n)
         if acceleration_bandwidth:
             self.DeclareContinuousState(n)
-            sent.add(self.xc_ticket())
-        self.DeclareVectorOutputPort(
-            "control_force",
-            n,
-            self._CalcControlForce,
-            prerequisites_of_calc={self._packet.ticket(), *own},
-        )
-        self.DeclareVectorOutputPort(
-            "return_packet", width, self._CalcReturnPacket, prerequisites_of_calc=sent
-        )
+        self.DeclareOutputs(control_force=n, return_packet=width)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -326,49 +257,6 @@ class FourChannelSlave(LeafSystem):
                 ),
             },
         )  # fmt: skip
-
-    def _GetState(self, context: Context) -> np.ndarray:
-        """Returns v_f, which is empty without accelerations."""
-        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        return state
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates dv_f/dt."""
-        v_f = self._GetState(context)
-        if v_f.size > 0:
-            v = self._v.Eval(context)
-            derivatives.get_mutable_vector().SetFromVector(
-                filtered_acceleration(v, v_f, self._bandwidth)
-            )
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            slave_force(
-                self._packet.Eval(context),
-                self._p.Eval(context),
-                self._v.Eval(context),
-                self._F_e.Eval(context),
-                self._start,
-                self._M,
-                self._B,
-                self._B_c,
-                self._K_c,
-                self._factors,
-            )
-        )
-
-    def _CalcReturnPacket(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            slave_packet(
-                self._GetState(context),
-                self._p.Eval(context),
-                self._v.Eval(context),
-                self._F_e.Eval(context),
-                self._bandwidth,
-            )
-        )
 
 
 Array = NDArray[np.float64]

@@ -5,21 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
 from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
 
 
-class ProportionalMaster(LeafSystem):
+class ProportionalMaster(KernelBlock):
     """A handle with mass, tied to where the tool was by a spring and braked.
 
         M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
@@ -68,7 +64,7 @@ class ProportionalMaster(LeafSystem):
         damping: ArrayLike,
         start: ArrayLike,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("proportional_master")
         start = np.array(start, dtype=float)
         if start.ndim != 1 or not np.all(np.isfinite(start)):
@@ -77,22 +73,14 @@ class ProportionalMaster(LeafSystem):
         self._M = CheckGain("mass", mass, n)
         self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
         self._B = CheckGain("damping", damping, n, may_be_zero=True)
-        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
-        self.DeclareVectorInputPort("velocity_command", n)
-        self._x_s = self.DeclareVectorInputPort("return_packet", n)
+        for name in ("haptic_force", "velocity_command", "return_packet"):
+            self.DeclareVectorInputPort(name, n)
         self.DeclareContinuousState(
             BasicVector(np.concatenate([start, np.zeros(n)])), n, n, 0
         )
-        packet, state = self._x_s.ticket(), self.xc_ticket()
-        for name, calc, prerequisites in (
-            ("felt_position", self._CopyPacket, {packet}),
-            ("felt_velocity", self._CopyVelocity, {state}),
-            ("forward_packet", self._CopyPosition, {state}),
-            ("coupling_force", self._CalcCouplingForce, {packet, state}),
-        ):
-            self.DeclareVectorOutputPort(
-                name, n, calc, prerequisites_of_calc=prerequisites
-            )
+        self.DeclareOutputs(
+            felt_position=n, felt_velocity=n, forward_packet=n, coupling_force=n
+        )
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -114,41 +102,8 @@ class ProportionalMaster(LeafSystem):
             unused=("velocity_command",),
         )  # fmt: skip
 
-    def _GetState(self, context: Context) -> np.ndarray:
-        """Returns [x_m; v_m]."""
-        state: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        return state
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates d/dt [x_m; v_m]."""
-        derivatives.get_mutable_vector().SetFromVector(
-            master_rate(
-                self._GetState(context),
-                self._F_h.Eval(context),
-                self._x_s.Eval(context),
-                self._M,
-                self._K,
-                self._B,
-            )
-        )
-
-    def _CopyPacket(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._x_s.Eval(context))
-
-    def _CopyVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context)[self._n :])
-
-    def _CopyPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetState(context)[: self._n])
-
-    def _CalcCouplingForce(self, context: Context, output: BasicVector) -> None:
-        x_m = self._GetState(context)[: self._n]
-        output.SetFromVector(coupling_force(x_m, self._x_s.Eval(context), self._K))
-
-
-class ProportionalSlave(LeafSystem):
+class ProportionalSlave(KernelBlock):
     """Ties the tool to where the master was by a spring, and brakes it.
 
         F_c = K (x_m - p_WT) - B v
@@ -181,31 +136,19 @@ class ProportionalSlave(LeafSystem):
     """
 
     def __init__(self, *, stiffness: ArrayLike, damping: ArrayLike):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("proportional_slave")
         n = np.atleast_2d(stiffness).shape[0]
         self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
         self._B = CheckGain("damping", damping, n, may_be_zero=True)
-        self._x_m = self.DeclareVectorInputPort("forward_packet", n)
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self.DeclareVectorInputPort("environment_force", n)
-        self.DeclareVectorOutputPort(
-            "control_force",
-            n,
-            self._CalcControlForce,
-            prerequisites_of_calc={
-                self._x_m.ticket(),
-                self._p.ticket(),
-                self._v.ticket(),
-            },
-        )
-        self.DeclareVectorOutputPort(
-            "return_packet",
-            n,
-            self._CopyPosition,
-            prerequisites_of_calc={self._p.ticket()},
-        )
+        for name in (
+            "forward_packet",
+            "tool_position",
+            "tool_velocity",
+            "environment_force",
+        ):
+            self.DeclareVectorInputPort(name, n)
+        self.DeclareOutputs(control_force=n, return_packet=n)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -220,20 +163,6 @@ class ProportionalSlave(LeafSystem):
             },
             unused=("environment_force",),
         )  # fmt: skip
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            slave_force(
-                self._x_m.Eval(context),
-                self._p.Eval(context),
-                self._v.Eval(context),
-                self._K,
-                self._B,
-            )
-        )
-
-    def _CopyPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._p.Eval(context))
 
 
 Array = NDArray[np.float64]

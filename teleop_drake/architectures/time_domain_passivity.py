@@ -3,21 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckPassivity
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel, Name, times
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.passivity import (
     damped_force,
     energy_budget,
-    energy_rates,
     injected_velocity,
     master_mobility,
     scaled_energy_rates,
@@ -40,7 +34,7 @@ def IdlePart(num_axes: int) -> LinearPart:
     return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
 
 
-class PassivityMaster(LeafSystem):
+class PassivityMaster(KernelBlock):
     """Lets the operator feel the tool's velocity as long as that is passive.
 
         v_m = v_ret + beta F_h,   0 <= beta <= maximum_mobility
@@ -96,7 +90,7 @@ class PassivityMaster(LeafSystem):
         maximum_mobility: float,
         energy_scale: float,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("passivity_master")
         CheckPassivity(
             num_axes,
@@ -107,23 +101,18 @@ class PassivityMaster(LeafSystem):
         n = self._n = num_axes
         self._horizon, self._maximum = horizon, maximum_mobility
         self._scale = energy_scale
-        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)
-        self._packet = self.DeclareVectorInputPort("return_packet", 3 * n)
+        self.DeclareVectorInputPort("return_packet", 3 * n)
         self.DeclareContinuousState(2 * n)
-        force, packet = self._F_h.ticket(), self._packet.ticket()
-        state = self.xc_ticket()
-        for name, size, calc, prerequisites in (
-            ("felt_position", n, self._CalcFeltPosition, {packet}),
-            ("felt_velocity", n, self._CalcFeltVelocity, {force, packet, state}),
-            ("forward_packet", 2 * n, self._CalcForwardPacket, {force, state}),
-            ("master_budget", n, self._CalcBudget, {packet, state}),
-            ("master_power", n, self._CalcPower, {force, packet, state}),
-            ("injected_mobility", n, self._CalcMobility, {force, packet, state}),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+        self.DeclareOutputs(
+            felt_position=n,
+            felt_velocity=n,
+            forward_packet=2 * n,
+            master_budget=n,
+            master_power=n,
+            injected_mobility=n,
+        )
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -166,60 +155,8 @@ class PassivityMaster(LeafSystem):
         """
         return IdlePart(self._n)
 
-    def _Energies(self, context: Context) -> np.ndarray:
-        """Returns [E_in, E_out] in J."""
-        state = context.get_continuous_state_vector().CopyToVector()
-        energies: np.ndarray = self._scale * state
-        return energies
 
-    def _Budget(self, context: Context) -> np.ndarray:
-        n = self._n
-        E_received = self._packet.Eval(context)[2 * n :]
-        E: np.ndarray = E_received - self._Energies(context)[n:]
-        return E
-
-    def _Mobility(self, context: Context) -> np.ndarray:
-        F_h = self._F_h.Eval(context)
-        v = self._packet.Eval(context)[self._n : 2 * self._n]
-        return master_mobility(
-            F_h, v, self._Budget(context), self._horizon, self._maximum
-        )
-
-    def _Velocity(self, context: Context) -> np.ndarray:
-        v = self._packet.Eval(context)[self._n : 2 * self._n]
-        v_m: np.ndarray = v + self._Mobility(context) * self._F_h.Eval(context)
-        return v_m
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates d/dt [E_in, E_out]."""
-        power = self._F_h.Eval(context) * self._Velocity(context)
-        derivatives.get_mutable_vector().SetFromVector(
-            energy_rates(power / self._scale)
-        )
-
-    def _CalcFeltPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._packet.Eval(context)[: self._n])
-
-    def _CalcFeltVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Velocity(context))
-
-    def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
-        E_in = self._Energies(context)[: self._n]
-        output.SetFromVector(np.concatenate([self._F_h.Eval(context), E_in]))
-
-    def _CalcBudget(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Budget(context))
-
-    def _CalcPower(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._F_h.Eval(context) * self._Velocity(context))
-
-    def _CalcMobility(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Mobility(context))
-
-
-class PassivitySlave(LeafSystem):
+class PassivitySlave(KernelBlock):
     """Applies the haptic force that arrives as long as that is passive.
 
         F_c = F_hd - alpha v,   0 <= alpha <= maximum_damping
@@ -276,7 +213,7 @@ class PassivitySlave(LeafSystem):
         maximum_damping: float,
         initial_energy: float,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("passivity_slave")
         CheckPassivity(
             num_axes,
@@ -287,23 +224,17 @@ class PassivitySlave(LeafSystem):
         n = self._n = num_axes
         self._horizon, self._maximum = horizon, maximum_damping
         self._E_0 = initial_energy
-        self._packet = self.DeclareVectorInputPort("forward_packet", 2 * n)
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self.DeclareVectorInputPort("environment_force", n)
+        self.DeclareVectorInputPort("forward_packet", 2 * n)
+        for name in ("tool_position", "tool_velocity", "environment_force"):
+            self.DeclareVectorInputPort(name, n)
         self.DeclareContinuousState(2 * n)
-        packet, state = self._packet.ticket(), self.xc_ticket()
-        p, v = self._p.ticket(), self._v.ticket()
-        for name, size, calc, prerequisites in (
-            ("control_force", n, self._CalcControlForce, {packet, v, state}),
-            ("return_packet", 3 * n, self._CalcReturnPacket, {p, v, state}),
-            ("slave_budget", n, self._CalcBudget, {packet, state}),
-            ("slave_power", n, self._CalcPower, {packet, v, state}),
-            ("injected_damping", n, self._CalcDamping, {packet, v, state}),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+        self.DeclareOutputs(
+            control_force=n,
+            return_packet=3 * n,
+            slave_budget=n,
+            slave_power=n,
+            injected_damping=n,
+        )
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -345,53 +276,6 @@ class PassivitySlave(LeafSystem):
             estimates: Has no effect.
         """
         return IdlePart(self._n)
-
-    def _Energies(self, context: Context) -> np.ndarray:
-        """Returns [E_in, E_out] in J."""
-        state = context.get_continuous_state_vector().CopyToVector()
-        energies: np.ndarray = self._E_0 * state
-        return energies
-
-    def _Budget(self, context: Context) -> np.ndarray:
-        n = self._n
-        E_received = self._packet.Eval(context)[n:]
-        E: np.ndarray = self._E_0 + E_received - self._Energies(context)[n:]
-        return E
-
-    def _Damping(self, context: Context) -> np.ndarray:
-        F = self._packet.Eval(context)[: self._n]
-        v = self._v.Eval(context)
-        return slave_damping(F, v, self._Budget(context), self._horizon, self._maximum)
-
-    def _Force(self, context: Context) -> np.ndarray:
-        F = self._packet.Eval(context)[: self._n]
-        F_c: np.ndarray = F - self._Damping(context) * self._v.Eval(context)
-        return F_c
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates d/dt [E_in, E_out]."""
-        power = -self._Force(context) * self._v.Eval(context)
-        derivatives.get_mutable_vector().SetFromVector(energy_rates(power / self._E_0))
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Force(context))
-
-    def _CalcReturnPacket(self, context: Context, output: BasicVector) -> None:
-        E_in = self._Energies(context)[: self._n]
-        output.SetFromVector(
-            np.concatenate([self._p.Eval(context), self._v.Eval(context), E_in])
-        )
-
-    def _CalcBudget(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Budget(context))
-
-    def _CalcPower(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Force(context) * self._v.Eval(context))
-
-    def _CalcDamping(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Damping(context))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,18 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.kernel import Kernel, Name, Term, times
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.wave_variables import (
     drift_correcting_wave,
     filtered_wave_rate,
@@ -30,7 +26,7 @@ from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
 
 
-class WaveMaster(LeafSystem):
+class WaveMaster(KernelBlock):
     """Turns the operator's force and the returning wave into velocity and a wave.
 
         v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
@@ -83,7 +79,7 @@ class WaveMaster(LeafSystem):
         scaling: float = 1.0,
         bandwidth: float | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("wave_master")
         b = np.array(impedance, dtype=float)
         start = np.array(start, dtype=float)
@@ -95,37 +91,17 @@ class WaveMaster(LeafSystem):
         CheckWavePath(scaling, bandwidth)
         self._f, self._bandwidth = scaling, bandwidth
         self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)
-        self._F_h = self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("velocity_command", n)
-        self._packet = self.DeclareVectorInputPort("return_packet", 2 * n)
+        self.DeclareVectorInputPort("return_packet", 2 * n)
         initial = np.append(start, [0.0] * (n if bandwidth else 0))
         self.DeclareContinuousState(BasicVector(initial))
-        received = self.xc_ticket() if bandwidth else self._packet.ticket()
-        both = {self._F_h.ticket(), received}
-        reflected = set() if self._is_matched else {received}
-        self.DeclareVectorOutputPort(
-            "felt_position",
-            n,
-            self._CalcFeltPosition,
-            prerequisites_of_calc={self._packet.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "felt_velocity", n, self._CalcFeltVelocity, prerequisites_of_calc=both
-        )
-        self.DeclareVectorOutputPort(
-            "forward_packet",
-            2 * n,
-            self._CalcForwardPacket,
-            prerequisites_of_calc={self._F_h.ticket(), self.xc_ticket(), *reflected},
-        )
-        self.DeclareVectorOutputPort(
-            "master_position",
-            n,
-            self._CalcMasterPosition,
-            prerequisites_of_calc={self.xc_ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "master_power", n, self._CalcMasterPower, prerequisites_of_calc=both
+        self.DeclareOutputs(
+            felt_position=n,
+            felt_velocity=n,
+            forward_packet=2 * n,
+            master_position=n,
+            master_power=n,
         )
 
     def Kernel(self) -> Kernel:
@@ -140,7 +116,8 @@ class WaveMaster(LeafSystem):
             "master_position": ("state", 0, n),
             "master_power": (line_power, "haptic_force", "velocity", "damping"),
         }
-        # Where nothing is reflected the arriving wave must not be looked at.
+        # Where nothing is reflected the arriving wave must not be looked at: without a
+        # delay it depends on this very output.
         seen: Name = "nothing" if self._is_matched else wave
         outputs |= {
             "own_velocity": (master_velocity, "haptic_force", seen, "root", "damping"),
@@ -167,58 +144,8 @@ class WaveMaster(LeafSystem):
             unused=("velocity_command",),
         )
 
-    def _Wave(self, context: Context) -> np.ndarray:
-        wave: np.ndarray
-        if self._bandwidth:
-            wave = context.get_continuous_state_vector().CopyToVector()[self._n :]
-        else:
-            wave = self._f * self._packet.Eval(context)[: self._n]
-        return wave
 
-    def _Velocity(self, context: Context) -> np.ndarray:
-        return master_velocity(
-            self._F_h.Eval(context),
-            self._Wave(context),
-            root=self._S,
-            damping=self._D,
-        )
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates d/dt [x_m, w]."""
-        rate = self._Velocity(context)
-        if self._bandwidth:
-            received = self._f * self._packet.Eval(context)[: self._n]
-            change = filtered_wave_rate(self._Wave(context), received, self._bandwidth)
-            rate = np.concatenate([rate, change])
-        derivatives.get_mutable_vector().SetFromVector(rate)
-
-    def _CalcFeltPosition(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._packet.Eval(context)[self._n :])
-
-    def _CalcFeltVelocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Velocity(context))
-
-    def _CalcForwardPacket(self, context: Context, output: BasicVector) -> None:
-        # Where nothing is reflected the arriving wave must not be looked at: without a
-        # delay it depends on this very output.
-        w = np.zeros(self._n) if self._is_matched else self._Wave(context)
-        v = master_velocity(self._F_h.Eval(context), w, root=self._S, damping=self._D)
-        u = reflected_wave(v, w, root=self._S)
-        x_m = context.get_continuous_state_vector().CopyToVector()[: self._n]
-        output.SetFromVector(np.concatenate([u, x_m]))
-
-    def _CalcMasterPosition(self, context: Context, output: BasicVector) -> None:
-        x = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(x[: self._n])
-
-    def _CalcMasterPower(self, context: Context, output: BasicVector) -> None:
-        F_h, v = self._F_h.Eval(context), self._Velocity(context)
-        output.SetFromVector(line_power(F_h, v, self._D))
-
-
-class WaveSlave(LeafSystem):
+class WaveSlave(KernelBlock):
     """Turns the arriving wave and the tool's velocity into a force and a wave.
 
         F_c = (2 b)^(1/2) u - b v
@@ -271,7 +198,7 @@ class WaveSlave(LeafSystem):
         bandwidth: float | None = None,
         drift_correction: float = 0.0,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self.set_name("wave_slave")
         self._S = wave_root(impedance)
         n = self._n = self._S.shape[0]
@@ -280,28 +207,12 @@ class WaveSlave(LeafSystem):
         if not 0 <= drift_correction < np.inf:
             Refuse("drift_correction", drift_correction, "a number >= 0 (1/s)")
         self._rate = drift_correction
-        self._packet = self.DeclareVectorInputPort("forward_packet", 2 * n)
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self.DeclareVectorInputPort("environment_force", n)
+        self.DeclareVectorInputPort("forward_packet", 2 * n)
+        for name in ("tool_position", "tool_velocity", "environment_force"):
+            self.DeclareVectorInputPort(name, n)
         if bandwidth:
             self.DeclareContinuousState(n)
-        wave = {self.xc_ticket() if bandwidth else self._packet.ticket()}
-        if drift_correction:
-            wave |= {self._packet.ticket(), self._p.ticket()}
-        wave.add(self._v.ticket())
-        self.DeclareVectorOutputPort(
-            "control_force", n, self._CalcControlForce, prerequisites_of_calc=wave
-        )
-        self.DeclareVectorOutputPort(
-            "return_packet",
-            2 * n,
-            self._CalcReturnPacket,
-            prerequisites_of_calc={*wave, self._p.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "slave_power", n, self._CalcSlavePower, prerequisites_of_calc=wave
-        )
+        self.DeclareOutputs(control_force=n, return_packet=2 * n, slave_power=n)
 
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
         """Returns that there is nothing special; refuses a correction of the drift.
@@ -354,40 +265,6 @@ class WaveSlave(LeafSystem):
             ),
             unused=("environment_force",),
         )
-
-    def _Wave(self, context: Context) -> np.ndarray:
-        if self._bandwidth:
-            u: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        else:
-            u = self._f * self._packet.Eval(context)[: self._n]
-        if self._rate == 0:
-            return u
-        x_m, p = self._packet.Eval(context)[self._n :], self._p.Eval(context)
-        return drift_correcting_wave(u, x_m, p, self._S, self._rate)
-
-    def _Force(self, context: Context) -> np.ndarray:
-        return slave_force(self._v.Eval(context), self._Wave(context), root=self._S)
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Calculates du/dt."""
-        if self._bandwidth:
-            received = self._f * self._packet.Eval(context)[: self._n]
-            u = context.get_continuous_state_vector().CopyToVector()
-            derivatives.get_mutable_vector().SetFromVector(
-                filtered_wave_rate(u, received, self._bandwidth)
-            )
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Force(context))
-
-    def _CalcReturnPacket(self, context: Context, output: BasicVector) -> None:
-        w = reflected_wave(self._v.Eval(context), self._Wave(context), root=self._S)
-        output.SetFromVector(np.concatenate([w, self._p.Eval(context)]))
-
-    def _CalcSlavePower(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Force(context) * self._v.Eval(context))
 
 
 Array = NDArray[np.float64]

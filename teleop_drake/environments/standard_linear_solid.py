@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, ContinuousState, LeafSystem
 
 from teleop_drake.environments.surface import Surface
 from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.relaxation import creep_rate, solid_force
 from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import REQUIRED, CheckNumber
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _SMALL_CREEP = 1e-5
 
 
-class RelaxingTissue(LeafSystem):
+class RelaxingTissue(KernelBlock):
     """Force of the tool on a standard linear solid, as the sensor reads it.
 
         F_e = (k d + k_1 (d - z)) n,    dz/dt = (d - z)/tau
@@ -60,7 +60,7 @@ class RelaxingTissue(LeafSystem):
         branch_stiffness: float,
         relaxation_time: float,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("stiffness", stiffness, "N/m", minimum=0)
         CheckNumber("branch_stiffness", branch_stiffness, "N/m", above=0)
         CheckNumber("relaxation_time", relaxation_time, "s", above=0)
@@ -68,15 +68,10 @@ class RelaxingTissue(LeafSystem):
         self._solid = np.array([stiffness, branch_stiffness, relaxation_time], float)
         self._plane = PlaneOf(surface)
         n = surface.normal_W.size
-        self._p = self.DeclareVectorInputPort("tool_position", n)
+        self.DeclareVectorInputPort("tool_position", n)
         self.DeclareVectorInputPort("tool_velocity", n)
         self.DeclareContinuousState(1)
-        self.DeclareVectorOutputPort(
-            "environment_force",
-            n,
-            self._CalcForce,
-            prerequisites_of_calc={self._p.ticket(), self.xc_ticket()},
-        )
+        self.DeclareOutputs(environment_force=n)
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the tissue at rest."""
@@ -99,19 +94,6 @@ class RelaxingTissue(LeafSystem):
             rate=(creep_rate, *inputs),
             unused=("tool_velocity",),
         )
-
-    def _GetLaw(self, context: Context) -> tuple[Array, ...]:
-        creep = context.get_continuous_state_vector().CopyToVector()
-        return self._solid, creep, self._plane, self._p.Eval(context)
-
-    def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(solid_force(*self._GetLaw(context)))
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Computes dz/dt."""
-        derivatives.SetFromVector(creep_rate(*self._GetLaw(context)))
 
 
 @dataclass(kw_only=True, eq=False)

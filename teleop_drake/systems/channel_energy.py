@@ -1,14 +1,7 @@
 """Energy that goes into the channels and does not come out."""
 
-import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
-
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.channel_energy import (
     difference,
     energy_rates,
@@ -17,7 +10,7 @@ from teleop_drake.laws.channel_energy import (
 from teleop_drake.validation import CheckNumber
 
 
-class ChannelEnergy(LeafSystem):
+class ChannelEnergy(KernelBlock):
     """Balances the energy at both ends of the communication.
 
         power_in = F_m . v_m           d(energy_in)/dt  = power_in
@@ -66,26 +59,16 @@ class ChannelEnergy(LeafSystem):
     """
 
     def __init__(self, *, num_axes: int):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("num_axes", num_axes, minimum=1)
         self.set_name("channel_energy")
-        self._master_force = self.DeclareVectorInputPort("master_force", num_axes)
-        self._master_velocity = self.DeclareVectorInputPort("master_velocity", num_axes)
-        self._slave_force = self.DeclareVectorInputPort("slave_force", num_axes)
-        self._slave_velocity = self.DeclareVectorInputPort("slave_velocity", num_axes)
+        for end in ("master", "slave"):
+            self.DeclareVectorInputPort(f"{end}_force", num_axes)
+            self.DeclareVectorInputPort(f"{end}_velocity", num_axes)
         self.DeclareContinuousState(2)
-        state = {self.xc_ticket()}
-        at_master = {self._master_force.ticket(), self._master_velocity.ticket()}
-        at_slave = {self._slave_force.ticket(), self._slave_velocity.ticket()}
-        for name, calc, prerequisites in (
-            ("energy", self._CalcEnergy, state),
-            ("power", self._CalcPower, at_master | at_slave),
-            ("power_in", self._CalcPowerIn, at_master),
-            ("power_out", self._CalcPowerOut, at_slave),
-            ("energy_in", self._CalcEnergyIn, state),
-            ("energy_out", self._CalcEnergyOut, state),
-        ):
-            self.DeclareVectorOutputPort(name, 1, calc, prerequisites)
+        self.DeclareOutputs(
+            energy=1, power=1, power_in=1, power_out=1, energy_in=1, energy_out=1
+        )
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -102,39 +85,3 @@ class ChannelEnergy(LeafSystem):
                 "energy_out": ("state", 1, 2),
             },
         )
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the powers; called by Drake several times in every step."""
-        derivatives.SetFromVector(self._Powers(context))
-
-    def _Powers(self, context: Context) -> np.ndarray:
-        """Returns [power_in, power_out] in W."""
-        return energy_rates(
-            self._master_force.Eval(context),
-            self._master_velocity.Eval(context),
-            self._slave_force.Eval(context),
-            self._slave_velocity.Eval(context),
-        )
-
-    def _CalcPower(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(difference(self._Powers(context)))
-
-    def _CalcPowerIn(self, context: Context, output: BasicVector) -> None:
-        F, v = self._master_force.Eval(context), self._master_velocity.Eval(context)
-        output.SetFromVector(port_power_vector(F, v))
-
-    def _CalcPowerOut(self, context: Context, output: BasicVector) -> None:
-        F, v = self._slave_force.Eval(context), self._slave_velocity.Eval(context)
-        output.SetFromVector(port_power_vector(F, v))
-
-    def _CalcEnergy(self, context: Context, output: BasicVector) -> None:
-        energies = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(difference(energies))
-
-    def _CalcEnergyIn(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_continuous_state_vector().GetAtIndex(0))
-
-    def _CalcEnergyOut(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, context.get_continuous_state_vector().GetAtIndex(1))

@@ -2,15 +2,15 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.actuators import delivered_force
 from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckNumber
 
 
-class GearFriction(LeafSystem):
+class GearFriction(KernelBlock):
     """Takes the friction of gears from a force.
 
         F_out = F_in - F_C v/sqrt(v^2 + v_s^2) - B v          on each axis
@@ -41,19 +41,14 @@ class GearFriction(LeafSystem):
     """
 
     def __init__(self, *, num_axes: int, coulomb: float, speed: float, viscous: float):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("coulomb", coulomb, "N", minimum=0)
         CheckNumber("speed", speed, "m/s", above=0)
         CheckNumber("viscous", viscous, "N s/m", minimum=0)
         self._friction = np.array([coulomb, speed, viscous], dtype=float)
-        self._F = self.DeclareVectorInputPort("drive_force", num_axes)
-        self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
-        self.DeclareVectorOutputPort(
-            "control_force",
-            num_axes,
-            self._CalcForce,
-            {self._F.ticket(), self._v.ticket()},
-        )
+        self.DeclareVectorInputPort("drive_force", num_axes)
+        self.DeclareVectorInputPort("tool_velocity", num_axes)
+        self.DeclareOutputs(control_force=num_axes)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -75,10 +70,3 @@ class GearFriction(LeafSystem):
         if self._friction[0] == 0:
             return LinearPart()
         return LinearPart(speed_scale=float(self._friction[1]))
-
-    def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            delivered_force(
-                self._friction, self._F.Eval(context), self._v.Eval(context)
-            )
-        )

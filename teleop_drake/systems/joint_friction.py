@@ -2,9 +2,9 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.joint_friction import friction_torque
 from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckNumber, Refuse
@@ -14,7 +14,7 @@ from teleop_drake.validation import CheckNumber, Refuse
 _SPEED_SHARE = 0.025
 
 
-class JointFriction(LeafSystem):
+class JointFriction(KernelBlock):
     """Torque of Coulomb friction, regularised; see laws.joint_friction.
 
         tau = -s ((C_+ + C_-)/2 + (C_+ - C_-)/2 s),   s = v/sqrt(v^2 + v_s^2)
@@ -39,7 +39,7 @@ class JointFriction(LeafSystem):
     """
 
     def __init__(self, *, forward: ArrayLike, backward: ArrayLike, speed: float):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         for name, value in (("forward", forward), ("backward", backward)):
             if np.shape(value) != np.shape(forward) or not (
                 np.isfinite(value).all() and (np.asarray(value) >= 0).all()
@@ -50,8 +50,8 @@ class JointFriction(LeafSystem):
         self._backward = np.array(backward, dtype=float)
         self._speed = float(speed)
         nv = self._forward.size
-        self._velocity = self.DeclareVectorInputPort("joint_velocity", nv)
-        self.DeclareVectorOutputPort("friction_torque", nv, self._CalcTorque)
+        self.DeclareVectorInputPort("joint_velocity", nv)
+        self.DeclareOutputs(friction_torque=nv)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -70,9 +70,3 @@ class JointFriction(LeafSystem):
             estimates: Has no effect.
         """
         return LinearPart(speed_scale=_SPEED_SHARE * self._speed)
-
-    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
-        v = self._velocity.Eval(context)
-        output.SetFromVector(
-            friction_torque(self._forward, self._backward, self._speed, v)
-        )

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, State
 
 from teleop_drake.kernel import Kernel, Transition
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.actuators import next_sample
 from teleop_drake.validation import CheckNumber, FixedFields, Refuse
 
@@ -15,7 +16,7 @@ SHORTEST_PERIOD = 1e-6
 """Shortest time between samples in s. The simulation steps at least as often."""
 
 
-class SampledSensor(LeafSystem):
+class SampledSensor(KernelBlock):
     """Samples a signal, quantises it, and holds it until the next sample.
 
         sample_k = q floor((signal(k h) + noise_k)/q + 1/2)      held for
@@ -62,7 +63,7 @@ class SampledSensor(LeafSystem):
         seed: int = 0,
         stream: str = "",
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("sample_period", sample_period, "s", above=0)
         CheckNumber("resolution", resolution, minimum=0)
         CheckNumber("noise", noise, minimum=0)
@@ -74,12 +75,10 @@ class SampledSensor(LeafSystem):
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
         self._signal = self.DeclareVectorInputPort("signal", n)
-        state = self.DeclareDiscreteState(
+        self.DeclareDiscreteState(
             [0.0, *initial_value, *[0.0] * n, *generator.astype(float)]
         )
-        ticket = {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort("sample", n, self._CopySample, ticket)
-        self.DeclareVectorOutputPort("rate", n, self._CopyRate, ticket)
+        self.DeclareOutputs(sample=n, rate=n)
         self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Sample)
 
     def Kernel(self) -> Kernel:
@@ -113,14 +112,6 @@ class SampledSensor(LeafSystem):
         state.get_mutable_discrete_state(0).SetFromVector(
             next_sample(mode, self._signal.Eval(context), *self._law)
         )
-
-    def _CopySample(self, context: Context, output: BasicVector) -> None:
-        mode = context.get_discrete_state_vector().CopyToVector()
-        output.SetFromVector(mode[1 : 1 + self._n])
-
-    def _CopyRate(self, context: Context, output: BasicVector) -> None:
-        mode = context.get_discrete_state_vector().CopyToVector()
-        output.SetFromVector(mode[1 + self._n : 1 + 2 * self._n])
 
 
 @dataclass(kw_only=True, eq=False)

@@ -1,0 +1,84 @@
+"""Blocks that are their kernels."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector
+
+from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.kernel import Kernel, times
+from teleop_drake.kernel_block import KernelBlock
+
+
+def decay(x, bias, t):
+    return bias * t - x
+
+
+class Everything(KernelBlock):
+    """Has a term of each sort; `unused` is connected to nothing."""
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareVectorInputPort("u", 2)
+        self.DeclareVectorInputPort("unused", 1)
+        self.DeclareContinuousState(BasicVector([1.0, 2.0]))
+        self.DeclareDiscreteState([5.0])
+        self.DeclareOutputs(whole=2, last=1, mode=1, force=2, joined=3, slope=2)
+
+    def Kernel(self):
+        return Kernel(
+            parameters={"k": 3.0, "bias": np.array([1.0, 10.0])},
+            rate=(decay, "state", "bias", "time"),
+            outputs={
+                "whole": "u",
+                "last": ("state", 1, 2),
+                "mode": ("mode", 0, 1),
+                "force": (times, "stretch", "k"),
+                "stretch": (times, "u", 2),
+                "joined": ["force", ("bias", 1, 2)],
+                "slope": "rate",
+            },
+            sizes={"stretch": 2},
+            unused=("unused",),
+        )
+
+
+def test_callbacks_evaluate_the_terms():
+    block = Everything()
+    context = block.CreateDefaultContext()
+    context.SetTime(0.5)
+    block.GetInputPort("u").FixValue(context, [1.0, -1.0])
+    values = {
+        block.get_output_port(i).get_name(): block.get_output_port(i).Eval(context)
+        for i in range(block.num_output_ports())
+    }
+    assert {name: value.tolist() for name, value in values.items()} == {
+        "whole": [1.0, -1.0],
+        "last": [2.0],
+        "mode": [5.0],
+        "force": [6.0, -6.0],
+        "joined": [6.0, -6.0, 10.0],
+        "slope": [-0.5, 3.0],
+    }
+    rate = block.EvalTimeDerivatives(context).CopyToVector()
+    assert rate.tolist() == [-0.5, 3.0]
+    # What is cached is renewed when time, state or mode change.
+    context.SetTime(0.0)
+    context.SetContinuousState([7.0, 8.0])
+    context.SetDiscreteState([9.0])
+    assert block.GetOutputPort("slope").Eval(context).tolist() == [-7.0, -8.0]
+    assert block.GetOutputPort("last").Eval(context).tolist() == [8.0]
+    assert block.GetOutputPort("mode").Eval(context).tolist() == [9.0]
+
+
+def test_an_output_feeds_through_what_its_term_takes():
+    block = Everything()
+    fed = [
+        (i, block.get_output_port(j).get_name())
+        for i in range(block.num_input_ports())
+        for j in range(block.num_output_ports())
+        if block.HasDirectFeedthrough(i, j)
+    ]
+    assert fed == [(0, "whole"), (0, "force"), (0, "joined")]
+
+
+def test_the_kernel_is_that_of_the_compiler():
+    assert CheckKernel(Everything(), num_states=3) == []
