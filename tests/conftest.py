@@ -1,9 +1,14 @@
 """What the tests of every folder share."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import runs
+
+# Byte code that one process has made of the package is there for all that the tests
+# start: without it each takes twice as long to start.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -11,3 +16,20 @@ def _SharedRuns(tmp_path_factory):
     """Lets the processes of pytest-xdist share what they simulate."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         runs.folder = tmp_path_factory.getbasetemp().parent
+
+
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Lets commands make and save their figures blank.
+
+    To draw them is most of what a command does. Each is drawn in figures/.
+    """
+    monkeypatch.setattr("matplotlib.figure.Figure.draw", lambda self, renderer: None)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Lets sweeps simulate here; sweep/test_sweep.py has them in other processes."""
+    monkeypatch.setattr(
+        "teleop_drake.sweep.run.WorkerProcesses", lambda jobs: ThreadPoolExecutor(1)
+    )

@@ -24,8 +24,9 @@ _recordings: dict[str, Recording] = {}
 
 
 def Simulated(scenario: AnyScenario, engine: str = "drake") -> Recording:
-    """Returns what simulate() returns, simulated by the first who asks for it."""
-    assert engine == "drake"
+    """Returns what simulate() returns; a run of Drake's is simulated only once."""
+    if engine != "drake":
+        return simulate(scenario, engine=engine)
     text = ScenarioToYaml(scenario)
     if text not in _recordings:
         _recordings[text] = _Load(scenario, text) or _Simulate(scenario, text)
@@ -33,10 +34,11 @@ def Simulated(scenario: AnyScenario, engine: str = "drake") -> Recording:
 
 
 @functools.cache
-def Run(name: str, kind: str, *overrides: str) -> Recording:
+def Run(name: str, kind: str, *overrides: str, engine: str = "drake") -> Recording:
     """Simulates a scenario with a controller; overrides are PATH=VALUE."""
     print("simulate", name, kind, *overrides, file=sys.stderr)
-    return Simulated(LoadScenario(name, [f"controller.kind={kind}", *overrides]))
+    scenario = LoadScenario(name, [f"controller.kind={kind}", *overrides])
+    return Simulated(scenario, engine)
 
 
 def _File(text: str) -> Path:

@@ -60,7 +60,8 @@ def test_commands(own, capsys):
     assert ("low_pass" in Path("loop.dot").read_text()) == (CHANNEL in own)
 
 
-def test_compare_and_sweep(capsys):
+@pytest.mark.xdist_group("sweep")  # In a process of its own.
+def test_compare_and_sweep(capsys, unrendered):
     table = Run(
         capsys,
         "compare",
@@ -101,7 +102,7 @@ def test_the_law_is_the_own_one():
 ONE_JOB = ("--jobs", "1", "--engine", "drake")
 
 
-def test_a_robot_without_a_plant(capsys):
+def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
     """It works wherever nothing derives from its inertia, which it does not tell."""
     direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)
     recording = simulate(LoadScenario("one_dof", direct[1::2]))

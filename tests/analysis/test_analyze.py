@@ -89,7 +89,7 @@ def test_json_on_stdout(capsys):
     assert record["forward_delay"] == 0.05
 
 
-def test_files(capsys):
+def test_files(capsys, unrendered):
     command = ["analyze", "one_dof", "--out", "here", "--max-delay", "0.5"]
     vary = ["--vary", "robot.mass=0.4:0.8:3", "--quiet"]
     assert main([*command, *vary, "--set", "controller.kind=direct_force"]) == 0

@@ -53,7 +53,7 @@ def RunWithTwoPortMeter(name, kind, **overrides):
     AddTeleoperator(builder, scenario)
     meter = AddTwoPortEnergy(builder)
     assert meter.get_name() == "two_port_energy"
-    return simulate(scenario, teleoperator=builder.Build())
+    return simulate(scenario, teleoperator=builder.Build(), engine="auto")
 
 
 @pytest.mark.parametrize(

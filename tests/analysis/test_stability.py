@@ -1,5 +1,6 @@
 """Tests of analysis.stability: closed forms, collocation, and runs of the diagram."""
 
+import functools
 import json
 import math
 
@@ -45,7 +46,16 @@ EVERYWHERE = {
 
 
 def Analyze(name, kind="direct_force", **overrides):
-    return AnalyzeStability(LoadScenario(name, {"controller.kind": kind} | overrides))
+    if overrides:
+        scenario = LoadScenario(name, {"controller.kind": kind} | overrides)
+        return AnalyzeStability(scenario)
+    return AnalysisOf(name, kind)
+
+
+@functools.cache
+def AnalysisOf(name, kind):
+    """Of the scenario as it stands, at which many tests look."""
+    return AnalyzeStability(LoadScenario(name, {"controller.kind": kind}))
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from grids import Slow
 from phasors import FeltImpedance
 
 from teleop_drake.analysis.linearization import LinearizeTwoPort
@@ -122,7 +123,7 @@ def test_an_ideal_four_channel_loop_is_transparent_without_delay():
     assert np.abs(result.transmitted - result.environment).max() > 0.5
 
 
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
+@pytest.mark.parametrize("name", Slow(["one_dof", "two_dof_combined"]))
 @pytest.mark.parametrize(
     ("kind", "is_stable"),
     [

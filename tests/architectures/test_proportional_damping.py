@@ -119,7 +119,7 @@ def Amplitude(K, B, T, duration):
     ApplySimulatorConfig(
         SimulatorConfig(
             integration_scheme="runge_kutta5",
-            accuracy=1e-9,
+            accuracy=1e-6,
             use_error_control=True,
             max_step_size=0.01,
         ),

@@ -30,7 +30,7 @@ def measure(task: str, controller: str, **channel: float | str) -> list[float | 
     overrides = {"controller.kind": controller}
     for way in ("forward", "return"):
         overrides |= {f"{way}_channel.{key}": value for key, value in channel.items()}
-    metrics = RunMetrics(simulate(LoadScenario(task, overrides)))
+    metrics = RunMetrics(simulate(LoadScenario(task, overrides), engine="auto"))
     values = []
     for path in METRICS.values():
         value = None if metrics["diverged"] else metrics

@@ -185,7 +185,7 @@ def test_run_prints_a_table(capsys):
     assert os.listdir() == []
 
 
-def test_tracking(capsys):
+def test_tracking(capsys, unrendered):
     name = "network_tracking_coupled"
     command = ["run", name, *SHORT]
     assert main([*command, "--out", "."]) == 0
@@ -248,7 +248,7 @@ def test_devices_and_links_stay_what_they_are():
     assert json.loads(Path("target.json").read_text())["scenario"] == "one_dof"
 
 
-def test_compare(capsys):
+def test_compare(capsys, unrendered):
     assert main(["compare", "one_dof", *SHORT, "--json", "a.json"]) == 0
     out = capsys.readouterr().out
     (header,) = [line for line in out.splitlines() if line.startswith(" ")]
@@ -268,7 +268,7 @@ def test_compare(capsys):
     ] + ["N"]
 
 
-def test_compare_chosen_controllers(capsys):
+def test_compare_chosen_controllers(capsys, unrendered):
     chosen = ["--controllers", "direct_force", "--out", "here", "--json", "-"]
     assert main(["compare", "one_dof", *SHORT, *chosen]) == 0
     (record,) = json.loads(capsys.readouterr().out)
@@ -279,7 +279,7 @@ def test_compare_chosen_controllers(capsys):
     ]
 
 
-def test_compare_all_architectures(capsys):
+def test_compare_all_architectures(capsys, unrendered):
     chosen = ["--controllers", "all", "--out", "here", "--json", "-"]
     assert main(["compare", "one_dof", *SHORT, *chosen]) == 0
     records = json.loads(capsys.readouterr().out)
@@ -387,20 +387,20 @@ def test_figures_of_sweeps_and_of_analyses_have_the_formats_asked_for():
     assert text.count("<title>") == 1
 
 
-def test_a_run_over_a_network_draws_it():
+def test_a_run_over_a_network_draws_it(unrendered):
     options = ["--channel", "lte", "--out", "here", "--controller", "direct_force"]
     assert main(["run", "one_dof", *SHORT, *options]) == 0
     assert "one_dof_direct_force_network.png" in os.listdir("here")
 
 
-def test_interrupted_run_keeps_what_there_is(interrupted, capsys):
+def test_interrupted_run_keeps_what_there_is(interrupted, capsys, unrendered):
     assert main(["run", "one_dof", *SHORT, "--out", "here", "--json", "a.json"]) == 130
     assert len(os.listdir("here")) == 3
     assert Path("a.json").exists()
     assert "interrupted by the user" in capsys.readouterr().out
 
 
-def test_interrupted_comparison_keeps_what_there_is(interrupted, capsys):
+def test_interrupted_comparison_keeps_what_there_is(interrupted, capsys, unrendered):
     assert main(["compare", "one_dof", *SHORT, "--json", "a.json"]) == 130
     written = "out/one_dof_comparison.png, out/one_dof_direct_force.npz\n"
     assert capsys.readouterr().out.endswith(f"Written: {written}")
@@ -633,7 +633,9 @@ def test_failed_write_leaves_nothing(monkeypatch, capsys):
     assert Path("a.json").read_text() == "old"
 
 
-def test_what_show_prints_can_be_compared_at_a_short_delay(tmp_path, capsys):
+def test_what_show_prints_can_be_compared_at_a_short_delay(
+    tmp_path, capsys, unrendered
+):
     assert main(["show", "one_dof"]) == 0
     shown = capsys.readouterr().out
     (tmp_path / "mine.yaml").write_text(shown)

@@ -102,7 +102,7 @@ def test_without_surfaces_the_metrics_are_left_out_and_that_is_said():
     assert "tells no surfaces" in note
 
 
-def test_commands(tmp_path, monkeypatch, capsys):
+def test_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
     monkeypatch.chdir(tmp_path)
     own = [
         x

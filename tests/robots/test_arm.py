@@ -261,12 +261,12 @@ def test_run(capsys):
     assert len(final["position"]) == 3
 
 
-def test_compare(capsys, tmp_path):
+def test_compare(capsys, tmp_path, unrendered):
     said = Run(capsys, "compare", "--out", str(tmp_path))
     assert "velocity rms error z" in said
 
 
-def test_sweep(capsys, tmp_path):
+def test_sweep(capsys, tmp_path, in_this_process, unrendered):
     Run(
         capsys,
         *("sweep", "--delay", "0.01,0.02", "--controllers", "direct_force"),

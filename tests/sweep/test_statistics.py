@@ -123,7 +123,7 @@ NETWORK = (
 )
 
 
-def test_the_commands(tmp_path, monkeypatch, capsys):
+def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
     """One random channel is enough, and `compare` takes seeds as well."""
     monkeypatch.chdir(tmp_path)
     channel = ["--set", f"forward_channel={NETWORK}", "--duration", "0.4", "--quiet"]

@@ -10,6 +10,9 @@ import pytest
 
 from teleop_drake.sweep.workers import WorkerProcesses
 
+# The server that forks them is started once.
+pytestmark = pytest.mark.xdist_group("sweep")
+
 
 @pytest.fixture(scope="module")
 def pool():

@@ -43,7 +43,10 @@ THESIS = {
 
 @functools.cache
 def Run(name, *overrides):
-    return simulate(LoadScenario(name, overrides))
+    """The coupled case as it stands is Drake's, the others are machine code."""
+    is_drakes = (name, *overrides) == CASES[1:]
+    engine = "drake" if is_drakes else "auto"
+    return simulate(LoadScenario(name, overrides), engine=engine)
 
 
 # A second solver, which shares no code with the package, not even Drake.
@@ -111,7 +114,7 @@ def Reference(name):
         atol=1e-9,
         dense_output=True,
     )
-    times = np.linspace(0, 6.3, 6301)
+    times = np.linspace(0, 6.3, 2101)
     rows = [Loop(t, solution.sol(t), name)[1] for t in times]
     return times, {key: np.array([row[key] for row in rows]) for key in rows[0]}
 

@@ -1,3 +1,4 @@
+import functools
 from xml.etree import ElementTree
 
 import numpy as np
@@ -29,6 +30,12 @@ def Curves(ax):
     return [line for line in ax.get_lines() if len(line.get_xdata()) > 2]
 
 
+@functools.cache
+def Made(number, runs):
+    """A figure of the thesis, at which several tests look."""
+    return FIGURES[number].make(runs)
+
+
 def Legend(figure):
     return [text.get_text() for box in figure.legends for text in box.get_texts()]
 
@@ -49,7 +56,7 @@ def test_every_figure_of_the_thesis_is_there():
     ],
 )
 def test_axes_have_data_labels_and_units(thesis_runs, number):
-    figure = FIGURES[number].make(thesis_runs)
+    figure = Made(number, thesis_runs)
     assert isinstance(figure, Figure)
     axes = [ax for ax in figure.axes if ax.get_visible()]
     assert axes
@@ -71,7 +78,7 @@ def test_axes_have_data_labels_and_units(thesis_runs, number):
 
 @pytest.mark.parametrize("number", COMPARISONS)
 def test_comparisons_show_both_controllers(thesis_runs, number):
-    figure = FIGURES[number].make(thesis_runs)
+    figure = Made(number, thesis_runs)
     legend = Legend(figure)
     assert legend[0].startswith("direct force") and legend[1].startswith("adaptive")
     for ax in figure.axes:
@@ -86,13 +93,13 @@ def test_comparisons_show_both_controllers(thesis_runs, number):
 
 def test_curves_are_those_of_the_runs(thesis_runs):
     recording = thesis_runs("one_dof", **{"controller.kind": "adaptive_backstepping"})
-    (ax,) = FIGURES["4.6"].make(thesis_runs).axes
+    (ax,) = Made("4.6", thesis_runs).axes
     curves = Curves(ax)
     assert len(curves) == recording["weights_3"].shape[1]
     for k, curve in enumerate(curves):
         np.testing.assert_array_equal(curve.get_xdata(), recording.time)
         np.testing.assert_array_equal(curve.get_ydata(), recording["weights_3"][:, k])
-    position, _ = FIGURES["5.9"].make(thesis_runs).axes
+    position, _ = Made("5.9", thesis_runs).axes
     recording = thesis_runs("two_dof_collision", **{"controller.kind": "direct_force"})
     x = Curves(position)[0].get_ydata()
     assert x.max() == pytest.approx(recording["tool_position"][:, 0].max(), rel=1e-4)
@@ -103,7 +110,7 @@ def test_weights_of_the_planar_arm_are_told_apart_by_axis_and_centre(thesis_runs
         "two_dof_combined", **{"controller.kind": "adaptive_backstepping"}
     )
     num_functions = recording["weights_1"].shape[1] // 2
-    for k, ax in enumerate(FIGURES["5.18"].make(thesis_runs).axes):
+    for k, ax in enumerate(Made("5.18", thesis_runs).axes):
         for i, curve in enumerate(Curves(ax)):
             np.testing.assert_array_equal(
                 curve.get_ydata(), recording["weights_1"][:, k * num_functions + i]

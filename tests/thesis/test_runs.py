@@ -11,6 +11,9 @@ from teleop_drake.thesis.runs import ThesisRuns
 
 SHORT = {"duration": 0.3}
 
+# The worker processes are forks of one server.
+pytestmark = pytest.mark.xdist_group("sweep")
+
 
 def test_each_run_is_simulated_once():
     lines = []
