@@ -8,8 +8,8 @@ import difflib
 import math
 import reprlib
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
-from typing import Any, NoReturn
+from dataclasses import field, fields
+from typing import Any, NoReturn, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +23,56 @@ class ScenarioError(ValueError):
     """Bad input. Its text is one line: the field, its value and what is allowed."""
 
 
+def Number(
+    default: float | None,
+    unit: str = "",
+    *,
+    above: float | None = None,
+    minimum: float | None = None,
+    maximum: float | None = None,
+) -> Any:
+    """Returns a field of a config that has limits; FixedFields.CheckNumbers() holds it.
+
+    Args:
+        default: Its default.
+        unit: Its unit, for the message.
+        above: Lower bound that is not allowed itself.
+        minimum: Least value allowed.
+        maximum: Largest value allowed.
+    """
+    limits = {"unit": unit, "above": above, "minimum": minimum, "maximum": maximum}
+    return field(default=default, metadata={_LIMITS: limits})
+
+
+_LIMITS = "limits"
+
+
 class FixedFields:
     """Base of config dataclasses: a field that none of them declares is refused.
 
     It would be set without effect. Names that begin with an underscore are free.
     """
+
+    def CheckNumbers(self, path: str = "") -> None:
+        """Checks every field that Number() made; null is allowed where its type has it.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        # A subclass that gives a field another default keeps its limits.
+        declared = [
+            item
+            for base in reversed(type(self).__mro__)
+            for item in getattr(base, "__dataclass_fields__", {}).values()
+        ]
+        for item in {x.name: x for x in declared if _LIMITS in x.metadata}.values():
+            value = getattr(self, item.name)
+            if value is not None or type(None) not in get_args(item.type):
+                place = f"{path}.{item.name}" if path else item.name
+                CheckNumber(place, value, **item.metadata[_LIMITS])
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field.

@@ -32,9 +32,9 @@ from teleop_drake.numerics.compiled import compiled
 from teleop_drake.validation import (
     REQUIRED,
     CheckGain,
-    CheckNumber,
     FixedFields,
     GainMatrix,
+    Number,
     Refuse,
     ScenarioError,
     Show,
@@ -234,16 +234,16 @@ class BacksteppingParameters(FixedFields):
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
     P: np.ndarray | float = 1.0
     # beta of every update law, >= 0 (eq. 5.51).
-    adaptation_rate: float = 0.1
+    adaptation_rate: float = Number(0.1, minimum=0)
     # nu of every update law, >= 0 (eq. 5.51).
-    leakage: float = 0.1
+    leakage: float = Number(0.1, minimum=0)
     # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
-    supervision: float = 1.0
+    supervision: float = Number(1.0, minimum=0, maximum=1)
     # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
     # the start pose (eq. 5.52); smallest singular value > minimum_psi.
     initial_psi: np.ndarray | float | str = "auto"
     # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 5.53).
-    minimum_psi: float = 0.1
+    minimum_psi: float = Number(0.1, "1/kg", above=0)
     # Lattice of both networks.
     network: NetworkConfig = field(default_factory=NetworkConfig)
 
@@ -275,10 +275,7 @@ class BacksteppingParameters(FixedFields):
             ):
                 allowed = "such that the symmetric part of P G1 is positive definite"
                 Refuse(f"{path}.P", self.P, allowed)
-        CheckNumber(f"{path}.adaptation_rate", self.adaptation_rate, minimum=0)
-        CheckNumber(f"{path}.leakage", self.leakage, minimum=0)
-        CheckNumber(f"{path}.supervision", self.supervision, minimum=0, maximum=1)
-        CheckNumber(f"{path}.minimum_psi", self.minimum_psi, "1/kg", above=0)
+        self.CheckNumbers(path)
         if is_needed or self.network.is_given:
             self.network.Check(f"{path}.network", num_axes)
 

@@ -24,9 +24,9 @@ from teleop_drake.laws.four_channel import (
 )
 from teleop_drake.validation import (
     CheckGain,
-    CheckNumber,
     FixedFields,
     GainMatrix,
+    Number,
     Refuse,
 )
 
@@ -344,23 +344,23 @@ class FourChannelConfig(ArchitectureConfig):
     slave_damping: np.ndarray | float | None = None
     # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
     # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
-    bandwidth: float | None = None
+    bandwidth: float | None = Number(None, "rad/s", above=0)
     # C_m and C_s.
     C_m: LocalController = field(default_factory=LocalController)
     C_s: LocalController = field(default_factory=LocalController)
     # Motion forward and back, in units of the ideal Z_s + C_s and -(Z_m + C_m).
-    C1: float | None = None
-    C4: float | None = None
+    C1: float | None = Number(None)
+    C4: float | None = Number(None)
     # Force back and forward.
-    C2: float | None = None
-    C3: float | None = None
+    C2: float | None = Number(None)
+    C3: float | None = Number(None)
     # Local force at the slave and at the master. Null: C3 - 1 and C2 - 1 where that
     # force is exchanged, which transparency needs, else 0.
-    C5: float | None = None
-    C6: float | None = None
+    C5: float | None = Number(None)
+    C6: float | None = Number(None)
     # Corner of the filters that measure accelerations for C1 and C4, rad/s, > 0. Null:
     # without accelerations, as Lawrence has it in practice.
-    acceleration_bandwidth: float | None = None
+    acceleration_bandwidth: float | None = Number(None, "rad/s", above=0)
 
     @property
     def has_gains_of_delay(self) -> bool:
@@ -392,12 +392,7 @@ class FourChannelConfig(ArchitectureConfig):
             CheckGain(
                 f"{path}.{key}", gain, num_axes, may_be_zero=True, may_be_null=True
             )
-        for key in ("bandwidth", "acceleration_bandwidth"):
-            if getattr(self, key) is not None:
-                CheckNumber(f"{path}.{key}", getattr(self, key), "rad/s", above=0)
-        for key in ("C1", "C2", "C3", "C4", "C5", "C6"):
-            if getattr(self, key) is not None:
-                CheckNumber(f"{path}.{key}", getattr(self, key), "")
+        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> FourChannel:
         """Returns the parameters with every default derived.

@@ -8,9 +8,9 @@ import numpy as np
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.validation import (
     REQUIRED,
-    CheckNumber,
     CheckVector,
     FixedFields,
+    Number,
     Refuse,
     Show,
 )
@@ -30,7 +30,7 @@ class NetworkConfig(FixedFields):
     # Means along each axis, n entries, >= 1.
     count: list[int] = REQUIRED
     # Width of the Gaussians in units of the lattice spacing, > 0.
-    width: float = 1.0
+    width: float = Number(1.0, "lattice spacings", above=0)
 
     @property
     def is_given(self) -> bool:
@@ -61,7 +61,7 @@ class NetworkConfig(FixedFields):
             Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
         if math.prod(count) > MAX_BASIS_FUNCTIONS:
             Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
-        CheckNumber(f"{path}.width", self.width, "lattice spacings", above=0)
+        self.CheckNumbers(path)
 
     def MakeNetwork(self) -> GaussianNetwork:
         """Makes the basis functions.

@@ -12,7 +12,7 @@ from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
+from teleop_drake.validation import CheckGain, GainMatrix, Number, Refuse
 
 
 class ProportionalMaster(KernelBlock):
@@ -193,7 +193,7 @@ class ProportionalDampingConfig(ArchitectureConfig):
     slave_damping: np.ndarray | float | None = None
     # By how much the dampings exceed what stability needs, > 1, for the null below:
     # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
-    margin: float = 2.0
+    margin: float = Number(2.0, above=1)
     # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
     # dampings, but at most what makes the handle as fast as the fastest pole p of the
     # haptic device, K = M |p|^2.
@@ -226,7 +226,7 @@ class ProportionalDampingConfig(ArchitectureConfig):
                 may_be_zero=True,
                 may_be_null=True,
             )
-        CheckNumber(f"{path}.margin", self.margin, "", above=1)
+        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> ProportionalDamping:
         """Returns the parameters with every default derived.

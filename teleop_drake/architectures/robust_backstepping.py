@@ -28,7 +28,7 @@ from teleop_drake.laws.robust_backstepping import (
 )
 from teleop_drake.linear_part import LinearPart
 from teleop_drake.numerics.compiled import compiled
-from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 Array = NDArray[np.float64]
 
@@ -154,34 +154,15 @@ class RobustTermsConfig(FixedFields):
 
     # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. 0 leaves its terms
     # out, which over a delay do harm, as a larger G1 does. Assumed.
-    acceleration_bound: float = 0.0
+    acceleration_bound: float = Number(0.0, "m/s^2", minimum=0)
     # eps1, of P s (with P = 1 in m/s), > 0. Null: |v_d| times the largest eigenvalue
     # of P. Assumed.
-    velocity_width: float | None = None
+    velocity_width: float | None = Number(None, "m/s", above=0)
     # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: what G2 answers
     # to a z of that size, its least eigenvalue times |v_d|/Lambda. Assumed.
-    force_rate_bound: float | None = None
+    force_rate_bound: float | None = Number(None, "N/s", minimum=0)
     # eps3, of z, N, > 0. Null: |v_d|/Lambda. Assumed.
-    force_width: float | None = None
-
-    def CheckTerms(self, path: str) -> None:
-        """Checks every field.
-
-        Args:
-            path: Their place in a scenario, for messages.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        for name, unit, allowed in (
-            ("acceleration_bound", "m/s^2", {"minimum": 0.0}),
-            ("velocity_width", "m/s", {"above": 0.0}),
-            ("force_rate_bound", "N/s", {"minimum": 0.0}),
-            ("force_width", "N", {"above": 0.0}),
-        ):
-            value = getattr(self, name)
-            if value is not None or name == "acceleration_bound":
-                CheckNumber(f"{path}.{name}", value, unit, **allowed)
+    force_width: float | None = Number(None, "N", above=0)
 
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
         """Returns the bounds with every default derived.
@@ -239,7 +220,7 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         super().Check(path, num_axes)
-        self.robust.CheckTerms(f"{path}.robust")
+        self.robust.CheckNumbers(f"{path}.robust")
 
     def MakeControlLaw(self, facts: Facts, path: str) -> RobustBackstepping:
         """Makes the law.

@@ -22,7 +22,7 @@ from teleop_drake.architectures.base import (
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix
+from teleop_drake.validation import CheckGain, GainMatrix, Number
 
 
 class SmithPredictorMaster(Diagram):
@@ -146,7 +146,7 @@ class SmithPredictorConfig(ArchitectureConfig):
     # K, N/m, >= 0. Null: that of the layer at the start, along x.
     stiffness: np.ndarray | float | None = None
     # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
-    delay: float | None = None
+    delay: float | None = Number(None, "s", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field for itself.
@@ -167,8 +167,7 @@ class SmithPredictorConfig(ArchitectureConfig):
                 may_be_zero=True,
                 may_be_null=True,
             )
-        if self.delay is not None:
-            CheckNumber(f"{path}.delay", self.delay, "s", minimum=0)
+        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> SmithPredictor:
         """Returns the parameters with every default derived.

@@ -18,7 +18,7 @@ from teleop_drake.laws.passivity import (
     slave_damping,
 )
 from teleop_drake.linear_part import IDLE_PASSIVITY, LinearPart
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import Number, Refuse
 
 # Energy that leaves a budget ample, in units of the scale or of E_0.
 _AMPLE = 1e9
@@ -297,38 +297,18 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # Time for which the energy must last at the present power, s, > 0. It plays the
     # part of the sample period of the customary controllers, 1 ms; the shorter, the
     # more exactly passive and the slower to simulate. Assumed.
-    horizon: float = 0.01
+    horizon: float = Number(0.01, "s", above=0)
     # Largest damping at the tool, N s/m, > 0. Null: m / horizon, with the smallest
     # apparent mass m at the start pose: the tool stops within a horizon at the fastest.
-    maximum_damping: float | None = None
+    maximum_damping: float | None = Number(None, "N s/m", above=0)
     # Largest mobility at the hand, m/(N s), > 0. Null: 1 / (h horizon), with h = s H(s)
     # for s to infinity: the haptic force falls within a horizon at the fastest.
-    maximum_mobility: float | None = None
+    maximum_mobility: float | None = Number(None, "m/(N s)", above=0)
     # E_0, energy that the tool may take on each axis before the operator has given any,
     # J, > 0. Null: what brings it to the commanded speed v_d and keeps it there for a
     # round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the largest apparent mass m at
     # the start pose and the damping d of rail and first layer.
-    initial_energy: float | None = None
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        CheckNumber(f"{path}.horizon", self.horizon, "s", above=0)
-        for key, unit in (
-            ("maximum_damping", "N s/m"),
-            ("maximum_mobility", "m/(N s)"),
-            ("initial_energy", "J"),
-        ):
-            value = getattr(self, key)
-            if value is not None:
-                CheckNumber(f"{path}.{key}", value, unit, above=0)
+    initial_energy: float | None = Number(None, "J", above=0)
 
     def Resolve(self, facts: Facts, path: str) -> TimeDomainPassivity:
         """Returns the parameters with every default derived.

@@ -23,7 +23,7 @@ from teleop_drake.laws.wave_variables import (
     wave_root,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.validation import CheckGain, CheckNumber, GainMatrix, Refuse
+from teleop_drake.validation import CheckGain, GainMatrix, Number, Refuse
 
 
 class WaveMaster(KernelBlock):
@@ -297,17 +297,17 @@ class WaveVariablesConfig(ArchitectureConfig):
     master_damping: np.ndarray | float | None = None
     # Corner of the low-pass through which the arriving forward wave goes, rad/s, > 0;
     # null: none.
-    forward_bandwidth: float | None = None
+    forward_bandwidth: float | None = Number(None, "rad/s", above=0)
     # The same for the returning wave.
-    return_bandwidth: float | None = None
+    return_bandwidth: float | None = Number(None, "rad/s", above=0)
     # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
     # variable channel that grows, which keeps it passive; 1 for all others.
-    forward_scaling: float | None = None
+    forward_scaling: float | None = Number(None, above=0, maximum=1)
     # The same for the returning wave.
-    return_scaling: float | None = None
+    return_scaling: float | None = Number(None, above=0, maximum=1)
     # Rate at which the tool is pulled to the master's position, 1/s, >= 0, as far as
     # that takes energy out of the line. 0: not at all.
-    drift_correction: float = 0.0
+    drift_correction: float = Number(0.0, "1/s", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field for itself.
@@ -327,15 +327,7 @@ class WaveVariablesConfig(ArchitectureConfig):
                 may_be_zero=may_be_zero,
                 may_be_null=True,
             )
-        for key in ("forward_bandwidth", "return_bandwidth"):
-            value = getattr(self, key)
-            if value is not None:
-                CheckNumber(f"{path}.{key}", value, "rad/s", above=0)
-        for key in ("forward_scaling", "return_scaling"):
-            value = getattr(self, key)
-            if value is not None:
-                CheckNumber(f"{path}.{key}", value, "", above=0, maximum=1)
-        CheckNumber(f"{path}.drift_correction", self.drift_correction, "1/s", minimum=0)
+        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> WaveVariables:
         """Returns the parameters with every default derived.

@@ -11,7 +11,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 
 @dataclass(kw_only=True)
@@ -19,11 +19,11 @@ class Sinusoid(FixedFields):
     """A periodic part of the delay, amplitude sin(frequency t + phase)."""
 
     # s, >= 0.
-    amplitude: float = 0.0
+    amplitude: float = Number(0.0, "s", minimum=0)
     # rad/s, >= 0.
-    frequency: float = 1.0
+    frequency: float = Number(1.0, "rad/s", minimum=0)
     # rad.
-    phase: float = 0.0
+    phase: float = Number(0.0, "rad")
 
 
 class DelayProfile:
@@ -60,9 +60,7 @@ class DelayProfile:
         sinusoid = sinusoid or Sinusoid()
         CheckNumber("delay", delay, "s", minimum=0)
         CheckNumber("drift", drift, "s/s")
-        CheckNumber("sinusoid.amplitude", sinusoid.amplitude, "s", minimum=0)
-        CheckNumber("sinusoid.frequency", sinusoid.frequency, "rad/s", minimum=0)
-        CheckNumber("sinusoid.phase", sinusoid.phase, "rad")
+        sinusoid.CheckNumbers("sinusoid")
         self._delay = float(delay)
         self._drift = float(drift)
         self._amplitude = float(sinusoid.amplitude)

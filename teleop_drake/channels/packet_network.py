@@ -19,7 +19,7 @@ import numpy as np
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 JITTERS = ("none", "uniform", "normal", "gamma")
 """Every kind of jitter."""
@@ -52,7 +52,7 @@ class Jitter(FixedFields):
     # One of JITTERS.
     kind: str = "none"
     # Standard deviation, s, >= 0.
-    std: float = 0.0
+    std: float = Number(0.0, "s", minimum=0)
     # Least delay, s, 0 to `delay`; normal and gamma only, else 0. What varies with
     # time comes on top.
     minimum: float = 0.0
@@ -76,13 +76,13 @@ class Loss(FixedFields):
     # One of LOSSES.
     kind: str = "none"
     # Share of packets lost in the long run, 0 to 1; below 1 for burst.
-    probability: float = 0.0
+    probability: float = Number(0.0, "1", minimum=0, maximum=1)
     # Mean length of the bad state, packets, >= 1; burst only.
-    burst_length: float = 1.0
+    burst_length: float = Number(1.0, "packets", minimum=1)
     # Share lost in the good state, 0 to `probability`; burst only.
-    good_loss: float = 0.0
+    good_loss: float = Number(0.0, "1", minimum=0, maximum=1)
     # Share lost in the bad state, more than good_loss, `probability` to 1; burst only.
-    bad_loss: float = 1.0
+    bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
 
 
 @dataclass
@@ -148,7 +148,7 @@ class PacketNetwork:
         jitter, mean = self._jitter, self._profile.delay
         if jitter.kind not in JITTERS:
             Refuse("jitter.kind", jitter.kind, f"one of {', '.join(JITTERS)}")
-        CheckNumber("jitter.std", jitter.std, "s", minimum=0)
+        jitter.CheckNumbers("jitter")
         if jitter.kind == "none" and jitter.std != 0:
             Refuse("jitter.std", jitter.std, "0 where jitter.kind is none")
         if jitter.kind in ("none", "uniform"):
@@ -189,7 +189,7 @@ class PacketNetwork:
         loss = self._loss
         if loss.kind not in LOSSES:
             Refuse("loss.kind", loss.kind, f"one of {', '.join(LOSSES)}")
-        CheckNumber("loss.probability", loss.probability, "1", minimum=0, maximum=1)
+        loss.CheckNumbers("loss")
         if loss.kind == "none" and loss.probability != 0:
             Refuse("loss.probability", loss.probability, "0 where loss.kind is none")
         if loss.kind != "burst":
@@ -206,9 +206,6 @@ class PacketNetwork:
                         f"{default:g} where loss.kind is {loss.kind}",
                     )
             return
-        CheckNumber("loss.burst_length", loss.burst_length, "packets", minimum=1)
-        CheckNumber("loss.good_loss", loss.good_loss, "1", minimum=0, maximum=1)
-        CheckNumber("loss.bad_loss", loss.bad_loss, "1", minimum=0, maximum=1)
         if not loss.good_loss < loss.bad_loss:
             Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
         # The chain enters the bad state with share / (1 - share) / burst_length.

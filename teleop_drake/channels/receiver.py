@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+from teleop_drake.validation import FixedFields, Number, Refuse
 
 RECEIVERS = ("newest", "playout", "extrapolate")
 """Every policy of a receiver."""
@@ -23,7 +23,7 @@ class Receiver(FixedFields):
     # One of RECEIVERS.
     policy: str = "newest"
     # How much longer than `delay` a packet waits, s, >= 0; playout only, else 0.
-    depth: float = 0.0
+    depth: float = Number(0.0, "s", minimum=0)
 
 
 def CheckReceiver(receiver: Receiver) -> None:
@@ -34,7 +34,7 @@ def CheckReceiver(receiver: Receiver) -> None:
     """
     if receiver.policy not in RECEIVERS:
         Refuse("receiver.policy", receiver.policy, f"one of {', '.join(RECEIVERS)}")
-    CheckNumber("receiver.depth", receiver.depth, "s", minimum=0)
+    receiver.CheckNumbers("receiver")
     if receiver.policy != "playout" and receiver.depth != 0:
         Refuse(
             "receiver.depth",

@@ -24,11 +24,12 @@ class EnvironmentConfig(KindConfig, ABC):
     """
 
     def Check(self) -> None:
-        """Checks every field; by default there is nothing to check.
+        """Checks every field; here those that Number() made.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
+        self.CheckNumbers()
 
     @abstractmethod
     def MakeEnvironment(self, start: ArrayLike) -> System:

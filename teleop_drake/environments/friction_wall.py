@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from teleop_drake.environments.hunt_crossley import ContactWall, HuntCrossleyConfig
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -20,20 +20,10 @@ class FrictionWallConfig(HuntCrossleyConfig):
     # As in hunt_crossley; 1 is a linear spring.
     exponent: float = 1.0
     # mu, >= 0; assumed: 0.3.
-    friction: float = 0.3
+    friction: float = Number(0.3, minimum=0)
     # v_s in m/s, > 0, below which friction grows with the speed; assumed: a hundredth
     # of the speeds of the tasks.
-    creep_speed: float = 1e-3
-
-    def Check(self) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        super().Check()
-        CheckNumber("friction", self.friction, minimum=0)
-        CheckNumber("creep_speed", self.creep_speed, "m/s", above=0)
+    creep_speed: float = Number(1e-3, "m/s", above=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> ContactWall:
         """Makes the block; see EnvironmentConfig.MakeEnvironment.

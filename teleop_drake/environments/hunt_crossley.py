@@ -13,7 +13,7 @@ from teleop_drake.kernel import Kernel
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.linear_part import LinearPart
 from teleop_drake.numerics.compiled import compiled
-from teleop_drake.validation import REQUIRED, CheckNumber
+from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
 
@@ -123,23 +123,12 @@ class HuntCrossleyConfig(WallConfig):
     kind = "hunt_crossley"
 
     # N/m^exponent, > 0.
-    stiffness: float = REQUIRED
+    stiffness: float = Number(REQUIRED, "N/m^exponent", above=0)
     # >= 1; assumed: 1.5, that of a sphere by Hertz.
-    exponent: float = 1.5
+    exponent: float = Number(1.5, minimum=1)
     # s/m, >= 0; a body that meets the wall slowly, with v, leaves it with
     # (1 - damping v) v.
-    damping: float = 0.0
-
-    def Check(self) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        super().Check()
-        CheckNumber("stiffness", self.stiffness, "N/m^exponent", above=0)
-        CheckNumber("exponent", self.exponent, minimum=1)
-        CheckNumber("damping", self.damping, "s/m", minimum=0)
+    damping: float = Number(0.0, "s/m", minimum=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> ContactWall:
         """Makes the block; see EnvironmentConfig.MakeEnvironment.

@@ -333,14 +333,27 @@ def _OwnName(layer: Layer) -> str:
     return f"layer {layer.name}" if is_special else layer.name
 
 
+def CheckLayerValues(path: str, layer: Layer) -> None:
+    """Checks what a layer is made of.
+
+    Args:
+        path: Its place in a scenario, for messages.
+        layer: The layer.
+
+    Raises:
+        ScenarioError: Naming the first bad field, its value and what is allowed.
+    """
+    CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
+    CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
+    CheckNumber(f"{path}.reference", layer.reference, "m")
+    lateral = f"{path}.lateral_stiffness"
+    CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)
+
+
 def _CheckLayers(layers: Sequence[Layer]) -> None:
     for i, layer in enumerate(layers):
         path = f"layers.{layer.name}"
-        CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
-        CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
-        CheckNumber(f"{path}.reference", layer.reference, "m")
-        lateral = f"{path}.lateral_stiffness"
-        CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)
+        CheckLayerValues(path, layer)
         if i > 0:
             CheckNumber(
                 f"{path}.start", layer.start, "m", above=float(layers[i - 1].start)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.layered_force_field import (
+    CheckLayerValues,
     LayeredForceField,
     LayerSurfaces,
 )
@@ -121,8 +122,4 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
                 f"{place}.start", layer.start, f"> {previous:g} m, the previous start"
             )
         previous = layer.start
-        CheckNumber(f"{place}.stiffness", layer.stiffness, "N/m", minimum=0)
-        CheckNumber(f"{place}.damping", layer.damping, "N s/m", minimum=0)
-        CheckNumber(f"{place}.reference", layer.reference, "m")
-        lateral = f"{place}.lateral_stiffness"
-        CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)
+        CheckLayerValues(place, layer)

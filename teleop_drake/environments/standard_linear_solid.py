@@ -11,7 +11,7 @@ from teleop_drake.kernel import Kernel
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.relaxation import creep_rate, solid_force
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.validation import REQUIRED, CheckNumber
+from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
 
@@ -107,22 +107,11 @@ class StandardLinearSolidConfig(WallConfig):
     kind = "standard_linear_solid"
 
     # What is left for good, N/m, >= 0; 0 is a Maxwell body.
-    stiffness: float = REQUIRED
+    stiffness: float = Number(REQUIRED, "N/m", minimum=0)
     # What relaxes, N/m, > 0.
-    branch_stiffness: float = REQUIRED
+    branch_stiffness: float = Number(REQUIRED, "N/m", above=0)
     # s, > 0; assumed: that of soft tissue is between a second and minutes.
-    relaxation_time: float = 1.0
-
-    def Check(self) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        super().Check()
-        CheckNumber("stiffness", self.stiffness, "N/m", minimum=0)
-        CheckNumber("branch_stiffness", self.branch_stiffness, "N/m", above=0)
-        CheckNumber("relaxation_time", self.relaxation_time, "s", above=0)
+    relaxation_time: float = Number(1.0, "s", above=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> RelaxingTissue:
         """Makes the block; see EnvironmentConfig.MakeEnvironment.

@@ -12,7 +12,7 @@ from teleop_drake.environments.surface import (
     Surface,
     UnitNormal,
 )
-from teleop_drake.validation import REQUIRED, CheckNumber
+from teleop_drake.validation import REQUIRED, Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -20,17 +20,17 @@ class WallConfig(EnvironmentConfig):
     """Base of the environments behind one plane, which is the surface `contact`."""
 
     # Where the plane is along its normal from the origin, m.
-    start: float = REQUIRED
+    start: float = Number(REQUIRED, "m")
     # Its normal, into the material, n entries, of any length but 0. Null: along x.
     direction: np.ndarray | None = None
 
     def Check(self) -> None:
-        """Checks where the plane is.
+        """Checks every field.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
-        CheckNumber("start", self.start, "m")
+        super().Check()
         if self.direction is not None:
             UnitNormal(self.direction, np.size(self.direction), "direction")
 

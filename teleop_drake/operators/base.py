@@ -10,7 +10,7 @@ from pydrake.systems.framework import System
 
 from teleop_drake.environments import Surface
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import REQUIRED, CheckNumber, CheckVector, Refuse
+from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
 
 
 @dataclass(kw_only=True, eq=False)
@@ -29,7 +29,7 @@ class OperatorConfig(KindConfig, ABC):
     # It has no effect where the environment has no contact surface.
     contact_force: np.ndarray | None = None
     # Time of the final stop, s, >= 0; null: never.
-    stop_time: float | None = None
+    stop_time: float | None = Number(None, "s", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field.
@@ -46,8 +46,7 @@ class OperatorConfig(KindConfig, ABC):
             Refuse(f"{path}.velocity", self.velocity, "non-zero on at least one axis")
         if self.contact_force is not None:
             CheckVector(f"{path}.contact_force", self.contact_force, num_axes, "N")
-        if self.stop_time is not None:
-            CheckNumber(f"{path}.stop_time", self.stop_time, "s", minimum=0)
+        self.CheckNumbers(path)
 
     @abstractmethod
     def MakeOperator(

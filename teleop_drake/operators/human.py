@@ -30,7 +30,7 @@ from teleop_drake.laws.human_operator import (
 from teleop_drake.numerics.transfer_function import all_pass_of_delay
 from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.modes import Array, ModalOperator
-from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
+from teleop_drake.validation import CheckChoice, Number, Refuse
 
 GOALS = ("position", "velocity")
 """What a human may keep to."""
@@ -184,17 +184,17 @@ class HumanConfig(OperatorConfig):
     # omega_c, rad/s, > 0. Assumed: McRuer and Jex 1967 have 3 to 5 without delay, and
     # a human who feels one lowers it; with 1 the adaptive controller is stable in the
     # thesis's tasks.
-    crossover_frequency: float = 1.0
+    crossover_frequency: float = Number(1.0, "rad/s", above=0)
     # tau, s, >= 0. Assumed: McRuer and Jex 1967 have 0.1 to 0.2.
     reaction_delay: float = 0.15
     # T_N, s, > 0. Assumed: McRuer and Jex 1967 have about 0.1.
-    neuromuscular_lag: float = 0.1
+    neuromuscular_lag: float = Number(0.1, "s", minimum=SHORTEST_TIME)
     # Of the arm, kg, > 0. Assumed: of the order of Tsuji et al. 1995.
-    arm_mass: float = 1.0
+    arm_mass: float = Number(1.0, "kg", above=0)
     # Of the arm, N s/m, >= 0. Assumed: likewise.
-    arm_damping: float = 20.0
+    arm_damping: float = Number(20.0, "N s/m", minimum=0)
     # Of the arm, N/m, >= 0. Assumed: likewise.
-    arm_stiffness: float = 200.0
+    arm_stiffness: float = Number(200.0, "N/m", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; see OperatorConfig.Check.
@@ -205,22 +205,10 @@ class HumanConfig(OperatorConfig):
         """
         super().Check(path, num_axes)
         CheckChoice(f"{path}.goal", self.goal, GOALS)
-        CheckNumber(
-            f"{path}.crossover_frequency", self.crossover_frequency, "rad/s", above=0
-        )
         delay = self.reaction_delay
         if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
             allowed = f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
             Refuse(f"{path}.reaction_delay", delay, allowed)
-        CheckNumber(
-            f"{path}.neuromuscular_lag",
-            self.neuromuscular_lag,
-            "s",
-            minimum=SHORTEST_TIME,
-        )
-        CheckNumber(f"{path}.arm_mass", self.arm_mass, "kg", above=0)
-        CheckNumber(f"{path}.arm_damping", self.arm_damping, "N s/m", minimum=0)
-        CheckNumber(f"{path}.arm_stiffness", self.arm_stiffness, "N/m", minimum=0)
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None

@@ -13,7 +13,7 @@ from teleop_drake.numerics.piecewise_polynomial import (
 )
 from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.profile import ProfileOperator
-from teleop_drake.validation import CheckVector, Refuse
+from teleop_drake.validation import CheckVector, Number, Refuse
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class MinimumJerkConfig(OperatorConfig):
     # where `velocity` would have come after `reach_time`.
     waypoints: list[list[float]] = field(default_factory=list)
     # Used without waypoints, s, > 0. Assumed.
-    reach_time: float = 1.0
+    reach_time: float = Number(1.0, "s", above=0)
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; see OperatorConfig.Check.
@@ -44,8 +44,6 @@ class MinimumJerkConfig(OperatorConfig):
             num_axes: Number n of task axes.
         """
         super().Check(path, num_axes)
-        if not 0 < self.reach_time < np.inf:
-            Refuse(f"{path}.reach_time", self.reach_time, "a finite number > 0 (s)")
         previous = np.zeros(num_axes)
         for i, point in enumerate(self.waypoints):
             CheckVector(f"{path}.waypoints.{i}", point, num_axes, "m")

@@ -13,7 +13,7 @@ from teleop_drake.environments import Surface
 from teleop_drake.kernel import Kernel, Term
 from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import CheckNumber, Number
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency in rad/s."""
@@ -96,19 +96,7 @@ class SineConfig(OperatorConfig):
     kind = "sine"
 
     # rad/s, > 0 to MAX_FREQUENCY. Assumed.
-    frequency: float = 1.0
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field; see OperatorConfig.Check.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-        """
-        super().Check(path, num_axes)
-        CheckNumber(
-            f"{path}.frequency", self.frequency, "rad/s", above=0, maximum=MAX_FREQUENCY
-        )
+    frequency: float = Number(1.0, "rad/s", above=0, maximum=MAX_FREQUENCY)
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None

@@ -10,7 +10,7 @@ from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.environments import Surface
 from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.profile import ProfileOperator
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -20,21 +20,9 @@ class TrapezoidConfig(OperatorConfig):
     kind = "trapezoid"
 
     # How long v_d rises, and falls, s, >= SHORTEST_TIME. Assumed.
-    rise_time: float = 0.5
+    rise_time: float = Number(0.5, "s", minimum=SHORTEST_TIME)
     # How long it stays at `velocity`, s, >= 0; null: from then on.
-    cruise_time: float | None = None
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field; see OperatorConfig.Check.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-        """
-        super().Check(path, num_axes)
-        CheckNumber(f"{path}.rise_time", self.rise_time, "s", minimum=SHORTEST_TIME)
-        if self.cruise_time is not None:
-            CheckNumber(f"{path}.cruise_time", self.cruise_time, "s", minimum=0)
+    cruise_time: float | None = Number(None, "s", minimum=0)
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None

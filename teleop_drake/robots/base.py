@@ -51,6 +51,7 @@ class RobotConfig(KindConfig, ABC):
                 or not np.isfinite(np.asarray(self.start, dtype=float)).all()
             ):
                 Refuse("start", self.start, "a list of 1, 2 or 3 finite numbers (m)")
+            self.CheckNumbers()
 
     @abstractmethod
     def MakeRobot(self) -> System:

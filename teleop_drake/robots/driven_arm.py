@@ -28,6 +28,7 @@ from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
     CheckVector,
+    Number,
     Refuse,
     Within,
 )
@@ -63,7 +64,7 @@ class DrivenArmConfig(PlantRobotConfig):
     # payload. Assumed.
     gravity_compensation: bool = False
     # Mass at the tool's origin, kg, >= 0.
-    payload: float = 0.0
+    payload: float = Number(0.0, "kg", minimum=0)
     # How much more than the payload the motors carry, kg; payload + payload_error >= 0.
     payload_error: float = 0.0
     # What is done with the joints that the n axes of the task leave free, one of HOLDS:
@@ -71,9 +72,9 @@ class DrivenArmConfig(PlantRobotConfig):
     # `posture`. Assumed.
     hold: str = "none"
     # Natural frequency of what is held, rad/s, 0 to MAX_FREQUENCY. Assumed.
-    hold_frequency: float = 10.0
+    hold_frequency: float = Number(10.0, "rad/s", above=0, maximum=MAX_FREQUENCY)
     # Its damping ratio, 0 to 100. Assumed.
-    hold_damping_ratio: float = 1.0
+    hold_damping_ratio: float = Number(1.0, minimum=0, maximum=100)
 
     def Check(self, path: str) -> None:
         """Checks every field; loads the plant and poses it.
@@ -86,17 +87,7 @@ class DrivenArmConfig(PlantRobotConfig):
         """
         with Within(path):
             CheckChoice("hold", self.hold, HOLDS)
-            CheckNumber(
-                "hold_frequency",
-                self.hold_frequency,
-                "rad/s",
-                above=0,
-                maximum=MAX_FREQUENCY,
-            )
-            CheckNumber(
-                "hold_damping_ratio", self.hold_damping_ratio, minimum=0, maximum=100
-            )
-            CheckNumber("payload", self.payload, "kg", minimum=0)
+            self.CheckNumbers()
             CheckNumber(
                 "payload_error", self.payload_error, "kg", minimum=-self.payload
             )

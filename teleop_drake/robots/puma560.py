@@ -14,7 +14,7 @@ from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.model_file import NewPlant
 from teleop_drake.robots.robot_diagram import JointDrive
 from teleop_drake.systems.joint_friction import JointFriction
-from teleop_drake.validation import CheckNumber, Within
+from teleop_drake.validation import Number
 
 # Coulomb friction at the motors while they turn forward and backward, N m: Corke and
 # Armstrong-Helouvry 1994, in the numbers of Corke's Robotics Toolbox. At the joints it
@@ -59,26 +59,10 @@ class Puma560Config(DrivenArmConfig):
     hold: str = "orientation"
     # Which share of the published friction acts, viscous and Coulomb, >= 0. Less than
     # 1: the motors compensate the rest, which is not counted in their torque.
-    friction: float = 1.0
+    friction: float = Number(1.0, minimum=0)
     # Speed of a joint about which its Coulomb friction changes sign, rad/s, >= 1e-4.
     # Assumed.
-    friction_speed: float = 0.02
-
-    def Check(self, path: str) -> None:
-        """Checks every field; poses the arm.
-
-        Args:
-            path: The robot's field in a scenario, for messages.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        with Within(path):
-            CheckNumber("friction", self.friction, minimum=0)
-            CheckNumber(
-                "friction_speed", self.friction_speed, "rad/s", minimum=_LEAST_SPEED
-            )
-        super().Check(path)
+    friction_speed: float = Number(0.02, "rad/s", minimum=_LEAST_SPEED)
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
         """Returns the plant with a payload; see DrivenArmConfig.LoadModel.

@@ -35,6 +35,7 @@ from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
     FixedFields,
+    Number,
     Refuse,
     Within,
 )
@@ -143,7 +144,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             num_axes,
             is_needed=isinstance(chosen, AdaptiveBacksteppingConfig),
         )
-        self.robust.CheckTerms("controller.robust")
+        self.robust.CheckNumbers("controller.robust")
         chosen.Check(self.path, num_axes)
 
 
@@ -156,9 +157,9 @@ class TrajectoryConfig(FixedFields):
     # m, n entries; the whole line is in reach of the robot.
     amplitude: np.ndarray = REQUIRED
     # rad/s, 0 to MAX_FREQUENCY.
-    frequency: float = 1.0
+    frequency: float = Number(1.0, "rad/s", minimum=0, maximum=MAX_FREQUENCY)
     # rad.
-    phase: float = 0.0
+    phase: float = Number(0.0, "rad")
 
 
 @dataclass(kw_only=True, eq=False)
@@ -182,9 +183,9 @@ class TrackingControllerConfig(FixedFields):
     # Gain on s, 1/s; symmetric positive definite (eq. 3.18).
     G1: np.ndarray | float = REQUIRED
     # beta, >= 0 (eq. 3.19); 0 switches the network off.
-    adaptation_rate: float = REQUIRED
+    adaptation_rate: float = Number(REQUIRED, minimum=0)
     # nu, >= 0 (eq. 3.27).
-    leakage: float = REQUIRED
+    leakage: float = Number(REQUIRED, minimum=0)
     network: NetworkConfig = field(default_factory=NetworkConfig)
 
 

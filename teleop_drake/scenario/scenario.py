@@ -41,7 +41,6 @@ from teleop_drake.operators import OperatorConfig, SurgeonConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
     DISTURBANCES,
-    MAX_FREQUENCY,
     TRACKING_CONTROLLERS,
     CheckSimulatorConfig,
     ControllerConfig,
@@ -489,7 +488,7 @@ def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
     with Within("environment"):
         scenario.environment.Check()
     CheckStart(scenario.robot.start, scenario.Surfaces())
-    scenario.actuator.Check("actuator")
+    scenario.actuator.CheckNumbers("actuator")
     scenario.sensor.Check("sensor")
     controller = scenario.controller
     controller.Check(n)
@@ -555,8 +554,7 @@ def _CheckTracking(scenario: TrackingScenario) -> None:
     CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
     CheckGain("controller.Lambda", controller.Lambda, n)
     CheckGain("controller.G1", controller.G1, n)
-    CheckNumber("controller.adaptation_rate", controller.adaptation_rate, minimum=0)
-    CheckNumber("controller.leakage", controller.leakage, minimum=0)
+    controller.CheckNumbers("controller")
     controller.network.Check("controller.network", n)
     CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
     CheckSimulatorConfig(scenario.simulator)
@@ -566,14 +564,7 @@ def _CheckTrajectory(scenario: TrackingScenario) -> None:
     trajectory, n = scenario.trajectory, scenario.num_axes
     CheckVector("trajectory.centre", trajectory.centre, n, "m")
     CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
-    CheckNumber(
-        "trajectory.frequency",
-        trajectory.frequency,
-        "rad/s",
-        minimum=0,
-        maximum=MAX_FREQUENCY,
-    )
-    CheckNumber("trajectory.phase", trajectory.phase, "rad")
+    trajectory.CheckNumbers("trajectory")
     # It runs along a line, whose farthest point is an end. The nearest may be inside.
     centre, amplitude = trajectory.centre, trajectory.amplitude
     with np.errstate(all="ignore"):

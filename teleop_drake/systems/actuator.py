@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, PassThrough, Saturation
 
 from teleop_drake.systems.gear_friction import GearFriction
-from teleop_drake.validation import CheckNumber, FixedFields
+from teleop_drake.validation import FixedFields, Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -20,15 +20,15 @@ class ActuatorConfig(FixedFields):
     """
 
     # Bandwidth w of the first-order lag of the force, rad/s, > 0. Null: no lag.
-    bandwidth: float | None = None
+    bandwidth: float | None = Number(None, "rad/s", above=0)
     # Largest force on each axis, N, > 0. Null: no limit.
-    force_limit: float | None = None
+    force_limit: float | None = Number(None, "N", above=0)
     # Coulomb's friction of the gears F_C, N, >= 0.
-    coulomb_friction: float = 0.0
+    coulomb_friction: float = Number(0.0, "N", minimum=0)
     # Speed v_s over which it changes its sign, m/s, > 0. Assumed.
-    friction_speed: float = 1e-3
+    friction_speed: float = Number(1e-3, "m/s", above=0)
     # Viscous friction of the gears B, N s/m, >= 0.
-    viscous_friction: float = 0.0
+    viscous_friction: float = Number(0.0, "N s/m", minimum=0)
 
     @property
     def is_ideal(self) -> bool:
@@ -39,23 +39,6 @@ class ActuatorConfig(FixedFields):
     def has_friction(self) -> bool:
         """Whether the gears have friction."""
         return self.coulomb_friction > 0 or self.viscous_friction > 0
-
-    def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        if self.bandwidth is not None:
-            CheckNumber(f"{path}.bandwidth", self.bandwidth, "rad/s", above=0)
-        if self.force_limit is not None:
-            CheckNumber(f"{path}.force_limit", self.force_limit, "N", above=0)
-        for name, unit in (("coulomb_friction", "N"), ("viscous_friction", "N s/m")):
-            CheckNumber(f"{path}.{name}", getattr(self, name), unit, minimum=0)
-        CheckNumber(f"{path}.friction_speed", self.friction_speed, "m/s", above=0)
 
 
 class Actuator(Diagram):
@@ -90,7 +73,7 @@ class Actuator(Diagram):
 
     def __init__(self, config: ActuatorConfig, *, num_axes: int):
         Diagram.__init__(self)
-        config.Check("actuator")
+        config.CheckNumbers("actuator")
         builder, n = DiagramBuilder(), num_axes
         limit = math.inf if config.force_limit is None else config.force_limit
         first = builder.AddNamedSystem(

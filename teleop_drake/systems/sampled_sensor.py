@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, State
 from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.actuators import next_sample
-from teleop_drake.validation import CheckNumber, FixedFields, Refuse
+from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 SHORTEST_PERIOD = 1e-6
 """Shortest time between samples in s. The simulation steps at least as often."""
@@ -119,11 +119,11 @@ class SamplingConfig(FixedFields):
     """How one sensor is read. The thesis has ideal ones."""
 
     # Time between samples, s, > 0. Null: the sensor is continuous and exact.
-    sample_period: float | None = None
+    sample_period: float | None = Number(None, "s", minimum=SHORTEST_PERIOD)
     # Of what it shows, in the unit of the signal, >= 0.
-    resolution: float = 0.0
+    resolution: float = Number(0.0, minimum=0)
     # Standard deviation of each sample, in the unit of the signal, >= 0.
-    noise: float = 0.0
+    noise: float = Number(0.0, minimum=0)
 
     def Check(self, path: str) -> None:
         """Checks every field.
@@ -134,16 +134,9 @@ class SamplingConfig(FixedFields):
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
-        if self.sample_period is not None:
-            CheckNumber(
-                f"{path}.sample_period",
-                self.sample_period,
-                "s",
-                minimum=SHORTEST_PERIOD,
-            )
+        self.CheckNumbers(path)
         for name in ("resolution", "noise"):
             value = getattr(self, name)
-            CheckNumber(f"{path}.{name}", value, minimum=0)
             if value > 0 and self.sample_period is None:
                 Refuse(f"{path}.{name}", value, "0 without a sample_period")
 
