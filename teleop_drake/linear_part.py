@@ -26,6 +26,19 @@ IDLE_PASSIVITY = "idle passivity"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class HeldForce:
+    """What an operator does once it has perceived contact.
+
+    Attributes:
+        state: The discrete state that the block has from then on.
+        force: The force that it holds, in N (n).
+    """
+
+    state: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LinearPart:
     """What is to be known of a block.
 
@@ -35,6 +48,8 @@ class LinearPart:
         state: The continuous state to begin with; None: that of the default Context.
         has_modes: Whether the discrete state tells which of several laws holds, and
             stays what it is near the operating point.
+        held_force: Of an operator that holds a force once it has perceived contact.
+            None: it does not, or it is no operator.
         delay: Of a block that delays its input by a constant time in s, which then has
             a method Deliver() as DelayBlock; None: it is no delay.
         scale: How far the continuous states may change, in their unit, before the
@@ -48,6 +63,7 @@ class LinearPart:
     num_states: int | None = None
     state: NDArray[np.float64] | None = None
     has_modes: bool = False
+    held_force: HeldForce | None = None
     delay: float | None = None
     scale: float | None = None
     speed_scale: float = math.inf

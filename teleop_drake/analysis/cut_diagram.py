@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.linear_part import DelayBlock, LinearPartOf
+from teleop_drake.linear_part import DelayBlock, HeldForce, LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
 Array = NDArray[np.float64]
@@ -105,6 +105,22 @@ def Leaves(system: System) -> Iterator[System]:
             yield from Leaves(child)
     else:
         yield system
+
+
+def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
+    """Returns the operator that holds a force after contact, and what it tells.
+
+    Args:
+        system: The master station.
+
+    Returns:
+        The block and its force; None: no block in it tells any.
+    """
+    for block in Leaves(system):
+        held = LinearPartOf(block).held_force
+        if held is not None:
+            return block, held
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -61,6 +61,20 @@ Array = NDArray[np.float64]
 _DRIFT_SHARES = (1 / 2, -1 / 2, 1 / 8, -1 / 8, 1 / 50, -1 / 50)
 
 
+def MakeLinearTeleoperator(scenario: Scenario) -> Diagram:
+    """Makes the scenario's diagram, with the operator of a linear analysis.
+
+    Args:
+        scenario: A valid one.
+    """
+    return MakeTeleoperator(
+        scenario,
+        operator=scenario.surgeon.MakeLinearOperator(
+            start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
+        ),
+    )
+
+
 def LinearizeLoop(
     scenario: Scenario,
     point: OperatingPoint,
@@ -69,10 +83,11 @@ def LinearizeLoop(
 ) -> LoopModel:
     """Linearises both ends of the loop at an operating point.
 
-    The operator is in velocity mode; one who closes the loop is part of it, as
-    OperatorConfig.MakeLinearOperator() says. Unless the point has a forward packet, the
-    forces in it, and the states of the controller that are not frozen, are chosen such
-    that the tool keeps its velocity: what the operator's device would have settled to.
+    The operator commands a velocity, or holds a force if the point says so; one who
+    closes the loop is part of it, as OperatorConfig.MakeLinearOperator() says. Unless
+    the point has a forward packet, the forces in it, and the states of the controller
+    that are not frozen, are chosen such that the tool keeps its velocity: what the
+    operator's device would have settled to.
 
     Args:
         scenario: A valid one.
@@ -82,16 +97,12 @@ def LinearizeLoop(
 
     Raises:
         ScenarioError: If the robot's state is not that of as many joints as there are
-            task axes or more, a system at either end has a state that is not
-            continuous (a filter of samples), a law bends at the point, the point is on
-            a surface, or the robot cannot be there.
+            task axes or more, the operator does not tell which force it would hold, a
+            system at either end has a state that is not continuous (a filter of
+            samples), a law bends at the point, the point is on a surface, or the robot
+            cannot be there.
     """
-    diagram = teleoperator or MakeTeleoperator(
-        scenario,
-        operator=scenario.surgeon.MakeLinearOperator(
-            start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
-        ),
-    )
+    diagram = teleoperator or MakeLinearTeleoperator(scenario)
     linearizer = Linearizer(scenario, point, diagram)
     model = linearizer.Linearize()
     speed = float(np.linalg.norm(point.velocity))

@@ -12,6 +12,7 @@ from teleop_drake.analysis.cut_diagram import (
     Concatenate,
     CutOpen,
     CutPart,
+    FindHeldForce,
     FixedInput,
     SetStates,
     States,
@@ -59,6 +60,8 @@ class Linearizer:
         self._contexts = ContextsIn(diagram, diagram.CreateDefaultContext())
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
         self._surfaces = SurfacesOf(self._systems["environment"]) or ()
+        if point.holds_force:
+            self._HoldForce()
         self._master, self._controller, self._environment, robot = (
             CutOpen(
                 self._systems[name],
@@ -180,6 +183,15 @@ class Linearizer:
         return IDLE_PASSIVITY in self._master.assumptions | self._controller.assumptions
 
     # The operating point.
+
+    def _HoldForce(self) -> None:
+        """Lets the operator have perceived contact."""
+        found = FindHeldForce(self._systems["master"])
+        if found is None:
+            allowed = "an operator that tells which force it holds after contact"
+            Refuse("surgeon", self._scenario.surgeon.kind, allowed)
+        block, held = found
+        self._contexts[block].SetDiscreteState(held.state)
 
     def _SettleAndLinearize(self) -> tuple[LinearSide, LinearSide, float]:
         """Returns master and slave, each with its error, and the rates that remain."""

@@ -1,11 +1,12 @@
 """Where on the tool's path the loop is linearised."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
 from teleop_drake.environments.slopes import ForceAt
@@ -47,6 +48,8 @@ class OperatingPoint:
             constant.
         estimates: State of an adaptive law, [F_c, W1, Psi, W3] as in
             AdaptiveBackstepping; None: its initial estimates.
+        holds_force: Whether the operator has perceived contact and holds a force; else
+            it commands a velocity.
     """
 
     name: str
@@ -55,6 +58,7 @@ class OperatingPoint:
     velocity: Array
     forward_packet: Array | None = None
     estimates: Array | None = None
+    holds_force: bool = False
 
 
 def OperatingPoints(
@@ -137,19 +141,65 @@ def _DepthOfImpact(
         ]
         return float(weights @ forces) * depth / 2
 
+    found = _DepthWhere(Work, energy)
+    if found is None:
+        raise ScenarioError(
+            f"environment.{surface.name} = a surface into which a tool of "
+            f"{energy:g} J comes deeper than {_DEEPEST_IMPACT:g} m: must be one "
+            "that stops it"
+        )
+    return found
+
+
+def _DepthWhere(Function: Callable[[float], float], value: float) -> float | None:
+    """Returns the depth in m at which a growing function has a value, if any."""
     low, high = 0.0, _SHORTEST_IMPACT
-    while Work(high) < energy:
+    while Function(high) < value:
         if high > _DEEPEST_IMPACT:
-            raise ScenarioError(
-                f"environment.{surface.name} = a surface into which a tool of "
-                f"{energy:g} J comes deeper than {_DEEPEST_IMPACT:g} m: must be one "
-                "that stops it"
-            )
+            return None
         low, high = high, 2 * high
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if Work(middle) < energy else (low, middle)
+        low, high = (middle, high) if Function(middle) < value else (low, middle)
     return high
+
+
+def PointOfRest(
+    point: OperatingPoint, environment: System, force: ArrayLike
+) -> OperatingPoint | None:
+    """Returns where a tool on the contact surface rests while a force is held.
+
+    The environment's force along the normal is that of the operator there.
+
+    Args:
+        point: One behind the contact surface; what it says across the normal stays.
+        environment: The block.
+        force: What the operator holds, in N (n).
+
+    Returns:
+        The point; None if there is no contact surface, the given one is not behind it,
+        or the force does not press the tool on to it.
+    """
+    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+    if contact is None or not contact.Depth(point.position) > 0:
+        return None
+    normal, at_rest = contact.normal_W, 0 * point.velocity
+    on_surface = point.position - float(contact.Depth(point.position)) * normal
+
+    def Reaction(depth: float) -> float:
+        F_e = ForceAt(environment, on_surface + depth * normal, at_rest)
+        return float(contact.Along(F_e))
+
+    push = float(contact.Along(np.asarray(force, dtype=float)))
+    depth = _DepthWhere(Reaction, push) if push > 0 else None
+    if depth is None:
+        return None
+    return replace(
+        point,
+        position=on_surface + depth * normal,
+        velocity=at_rest,
+        holds_force=True,
+    )
 
 
 def OperatingPointAt(
@@ -193,7 +243,8 @@ def OperatingPointAt(
 def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
     """Returns the operating point at an instant of a run, in whatever motion it is.
 
-    With what the forward channel delivers then, and what an adaptive law has learned.
+    With what the forward channel delivers then, what an adaptive law has learned, and
+    the force that the operator holds if it has perceived contact.
 
     Args:
         recording: A run of a teleoperation.
@@ -212,11 +263,14 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
 
     estimates = ("control_force", "weights_1", "psi", "weights_3")
     is_adaptive = all(name in recording.signals for name in estimates)
+    # An operator who has stopped was in force mode before, or never in contact.
+    mode = recording["surgeon_mode"][:, 0]
     point = _MakePoint(recording.surfaces, At("tool_position"), At("tool_velocity"))
     return replace(
         point,
         forward_packet=At("forward_packet_received"),
         estimates=At(*estimates) if is_adaptive else None,
+        holds_force=bool(np.any(mode[recording.time <= time] == 1)),
     )
 
 

@@ -28,27 +28,35 @@ Nor do roots count that are too slow to be told from neutral ones. A linear mode
 known only so well: its entries come from differences, and it is that of an instant,
 while the tool moves on (analysis.resolution). PointStability.unresolved says below
 which size nothing is known, RootError by how much a faster root may be off.
+
+An operator may close another loop on the contact surface than before it: the thesis's
+commands a velocity until it perceives contact, and holds a force from then on. The loop
+of an operating point is that of the velocity, which the tool meets first, and
+PointStability.force_mode the one that stays. The operator's block tells which force it
+holds (linear_part.HeldForce).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.analysis.cut_diagram import FindHeldForce
 from teleop_drake.analysis.linear_models import LoopModel
-from teleop_drake.analysis.linearization import LinearizeLoop
+from teleop_drake.analysis.linearization import LinearizeLoop, MakeLinearTeleoperator
 from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import (
     POSITION,
     OperatingPoint,
     OperatingPointAt,
     OperatingPoints,
+    PointOfRest,
 )
 from teleop_drake.analysis.resolution import RootError, UnresolvedRadius
-from teleop_drake.environments import ShownNormal
+from teleop_drake.environments import CONTACT, FindSurface, ShownNormal, SurfacesOf
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,
@@ -69,10 +77,19 @@ Array = NDArray[np.float64]
 MAX_DELAY = 2.0
 """Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
 
+COMMANDS_VELOCITY = "commands a velocity"
+"""What an operator does before contact, and who never holds a force after it."""
+
+HOLDS_FORCE = "holds a force"
+"""What an operator does who has perceived contact, if it has a contact force."""
+
 _NO_LOOP = "tracking has no loop with a delay"
 
 # How far behind a surface StabilityChart goes where a value is on one, in m.
 _BEHIND = 1e-6
+
+# A hidden mode this close to the imaginary axis, relative to its size, is on it.
+_ON_AXIS = 1e-9
 
 # A root this close to 0, relative to the fastest mode, may be a neutral one.
 _NEUTRAL = 1e-6
@@ -98,7 +115,12 @@ class PointStability:
         unresolved: The size in 1/s below which roots and crossings are not told from
             neutral ones, and do not count; see analysis.resolution.
         slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
-            the loop after the operator has switched to a force. None: it has no other.
+            the loop while nothing comes back to the slave. None: it has no other.
+        force_mode: The loop on the contact surface from when the operator has perceived
+            contact and holds a force, where the tool then rests. None: the operator
+            does not change there, or see `untold`.
+        untold: Why the loop that the operator closes there after contact is not known;
+            empty: it is, or nothing changes.
     """
 
     model: LoopModel
@@ -112,6 +134,19 @@ class PointStability:
     num_neutral: int
     unresolved: float
     slave_root: complex | None
+    force_mode: "PointStability | None" = None
+    untold: str = ""
+
+    @property
+    def operator(self) -> str:
+        """What the operator of this loop does: COMMANDS_VELOCITY or HOLDS_FORCE."""
+        return HOLDS_FORCE if self.model.point.holds_force else COMMANDS_VELOCITY
+
+    @property
+    def label(self) -> str:
+        """Name of the operating point, and whether a force is held there."""
+        name = self.model.point.name
+        return f"{name}, force held" if self.model.point.holds_force else name
 
     @property
     def is_stable(self) -> bool:
@@ -124,7 +159,7 @@ class PointStability:
         Args:
             delay: Round-trip delay in s.
         """
-        if np.any(self.hidden_modes.real >= 0):
+        if not _AllDecay(self.hidden_modes):
             return False
         if delay > 0 and not is_delay_robust(self.loop):
             return False
@@ -216,6 +251,7 @@ class PointStability:
             "position": point.position.tolist(),
             "velocity": point.velocity.tolist(),
             "layer": point.layer,
+            "operator": self.operator,
             "frozen_weights": self.model.frozen_weights,
             "idle_passivity": self.model.idle_passivity,
             "gain_crossovers": [crossing.frequency for crossing in self.crossings],
@@ -238,6 +274,7 @@ class PointStability:
             "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
             "linearization_error": self.model.error,
+            "force_mode": self.force_mode and self.force_mode.ToRecord(),
         }
 
 
@@ -273,6 +310,15 @@ class StabilityAnalysis:
                 return point
         raise KeyError(name)
 
+    def Loops(self) -> list[PointStability]:
+        """Returns the loops of all operating points, those of a held force too."""
+        return [
+            loop
+            for point in self.points
+            for loop in (point, point.force_mode)
+            if loop is not None
+        ]
+
     def ToRecord(self) -> dict[str, Any]:
         """Returns what `teleop-drake analyze` writes as JSON."""
         return {
@@ -307,7 +353,7 @@ def AnalyzeModel(
     crossings = [x for x in find_crossings(loop) if _IsResolved(model, x, unresolved)]
     intervals = stable_delays(loop, max_delay, crossings, unresolved)
     margin = delay_margin(loop, crossings, unresolved)
-    if np.any(modes.real >= 0):
+    if not _AllDecay(modes):
         intervals, margin = [], None
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
     slave_roots = slave_roots[np.abs(slave_roots) >= slow]
@@ -325,6 +371,11 @@ def AnalyzeModel(
         unresolved=unresolved,
         slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
     )
+
+
+def _AllDecay(modes: NDArray[np.complex128]) -> bool:
+    """Returns whether no mode lies right of the imaginary axis or on it."""
+    return bool(np.all(modes.real < -_ON_AXIS * np.abs(modes)))
 
 
 def _IsResolved(model: LoopModel, crossing: Crossing, unresolved: float) -> bool:
@@ -381,9 +432,8 @@ def AnalyzeStability(
                 else teleoperator.GetSubsystemByName("environment")
             ),
         )
-    models = [
-        LinearizeLoop(scenario, point, teleoperator=teleoperator) for point in points
-    ]
+    diagram = teleoperator or MakeLinearTeleoperator(scenario)
+    models = [LinearizeLoop(scenario, point, teleoperator=diagram) for point in points]
     notes = [note for note in (forward.note, back.note) if note]
     operator_note = scenario.surgeon.LinearNote()
     if teleoperator is None and operator_note is not None:
@@ -397,8 +447,12 @@ def AnalyzeStability(
             "whatever the delay."
         )
     results = [
-        AnalyzeModel(model, delay=delay, max_delay=max_delay) for model in models
+        _WithForceMode(
+            AnalyzeModel(model, delay=delay, max_delay=max_delay), scenario, diagram
+        )
+        for model in models
     ]
+    notes += [point.untold for point in results if point.untold]
     if not all(is_delay_robust(point.loop) for point in results):
         notes.append(
             "What goes round without any dynamics is not weakened on its way: with "
@@ -413,6 +467,38 @@ def AnalyzeStability(
         points=results,
         notes=notes,
     )
+
+
+def _WithForceMode(
+    velocity_mode: PointStability, scenario: Scenario, diagram: Diagram
+) -> PointStability:
+    """Adds the loop that the operator closes there after contact, if it is another."""
+    point = velocity_mode.model.point
+    environment = diagram.GetSubsystemByName("environment")
+    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+    is_behind = contact is not None and contact.Depth(point.position) > 0
+    if not is_behind or point.holds_force:
+        return velocity_mode
+    found = FindHeldForce(diagram.GetSubsystemByName("master"))
+    try:
+        if found is None:
+            if scenario.surgeon.contact_force is None:
+                return velocity_mode
+            raise ScenarioError(f"{scenario.surgeon.kind} does not tell it")
+        rest = PointOfRest(point, environment, found[1].force)
+        if rest is None:
+            raise ScenarioError("the force does not hold the tool on it")
+        model = LinearizeLoop(scenario, rest, teleoperator=diagram)
+    except ScenarioError as e:
+        untold = (
+            f"The loop in {point.name} after contact, when the operator holds a force, "
+            f"is not known: {e}."
+        )
+        return replace(velocity_mode, untold=untold)
+    force_mode = AnalyzeModel(
+        model, delay=velocity_mode.delay, max_delay=velocity_mode.max_delay
+    )
+    return replace(velocity_mode, force_mode=force_mode)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -431,22 +517,28 @@ class StabilityChart:
     analyses: list[StabilityAnalysis]
     max_delay: float
 
-    def PointNames(self) -> list[str]:
-        """Returns the names of the operating points that any of the analyses has."""
+    def PointNames(self, *, with_force_mode: bool = True) -> list[str]:
+        """Returns the labels of the loops that any of the analyses has.
+
+        Args:
+            with_force_mode: Whether those in which the operator holds a force count.
+        """
         names: dict[str, None] = {}
         for analysis in self.analyses:
-            names |= dict.fromkeys(point.model.point.name for point in analysis.points)
+            loops = analysis.Loops() if with_force_mode else analysis.points
+            names |= dict.fromkeys(loop.label for loop in loops)
         return list(names)
 
     def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
-        """Returns the stable intervals in s at each value; None: no such point.
+        """Returns the stable intervals in s at each value; None: no such loop.
 
         Args:
-            name: Name of an operating point.
+            name: Label of a loop, which is the name of its operating point unless a
+                force is held.
         """
         result: list[list[tuple[float, float]] | None] = []
         for analysis in self.analyses:
-            found = [p for p in analysis.points if p.model.point.name == name]
+            found = [loop for loop in analysis.Loops() if loop.label == name]
             result.append(found[0].stable_delays if found else None)
         return result
 

@@ -178,12 +178,14 @@ def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries",
 
     grid = SweepGrid(result)
     try:
-        return {
+        found = {
             (i, j): FindBoundaries(
                 plan, grid.x_key, grid.line_key, grid.line_values, others=others
             )
             for i, row in enumerate(grid.panel_points)
             for j, others in enumerate(row)
-        }, ""
+        }
     except ValueError as error:
         return {}, f"No boundary of stability in the maps ({error})"
+    notes = dict.fromkeys(x.note for drawn in found.values() for x in drawn if x.note)
+    return found, "\n".join(notes)

@@ -230,7 +230,7 @@ def PlotStableDelays(
     rows = [
         (analysis.scenario.controller.kind.replace("_", " "), point)
         for analysis in analyses
-        for point in analysis.points
+        for point in analysis.Loops()
     ]
     if not rows:
         Refuse("operating points", [], "one or more")
@@ -253,10 +253,7 @@ def PlotStableDelays(
     several = len({kind for kind, _ in rows}) > 1
     ax.set_yticks(
         range(len(rows)),
-        [
-            f"{kind}, {point.model.point.name}" if several else point.model.point.name
-            for kind, point in rows
-        ],
+        [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
     ax.set_xlabel("round-trip delay [s]", fontsize=FONT_SIZE)
     _Format(ax)
@@ -267,8 +264,8 @@ def PlotStableDelays(
 def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """Maps stable round-trip delays over the values of a key of the scenario.
 
-    A panel for each operating point; for POSITION one panel with all of them. The
-    line is the scenario's delay.
+    A panel for each loop; for POSITION one panel with those in which the operator
+    commands a velocity. The line is the scenario's delay.
 
     Args:
         chart: From ChartStability, with at least two values.
@@ -280,6 +277,8 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         Refuse(chart.key, chart.values, "a list of two values or more")
     names = chart.PointNames()
     is_path = chart.key == POSITION
+    if is_path:
+        names = chart.PointNames(with_force_mode=False)
     panels = [names] if is_path else [[name] for name in names]
     figure = Figure(figsize=(WIDTH, 1.4 * _ROW_HEIGHT + 0.4), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -444,14 +443,14 @@ def _AddStabilityLegend(figure: Figure, line: str) -> None:
 
 
 def _WithLoop(analysis: StabilityAnalysis) -> list[PointStability]:
-    points = [point for point in analysis.points if len(point.loop.D)]
+    points = [point for point in analysis.Loops() if len(point.loop.D)]
     if not points:
         Refuse("analysis", "without a loop", "of a master that hears the slave")
     return points
 
 
 def _Title(point: PointStability) -> str:
-    name = point.model.point.name
+    name = point.label
     return f"{name} (weights frozen)" if point.model.frozen_weights else name
 
 

@@ -156,10 +156,8 @@ def _Finish(
 ) -> None:
     """Draws the boundaries, and says what everything is."""
     y, y_labels = grid.LineCoordinates()
-    names: dict[str, None] = {}
-    for drawn in boundaries.values():
-        names |= dict.fromkeys(boundary.point for boundary in drawn)
-    styles = {name: LINES[i % len(LINES)] for i, name in enumerate(names)}
+    labels = _BoundaryLabels(boundaries, MapLimits(grid.x))
+    styles = {name: LINES[i % len(LINES)] for i, name in enumerate(labels)}
     for index, ax in np.ndenumerate(axes):
         for boundary in boundaries.get((index[0], index[1]), ()):
             style = {"linestyle": styles[boundary.point], "linewidth": 1.6}
@@ -178,9 +176,13 @@ def _Finish(
     grid.AddTitles(axes)
     handles += [
         Line2D(
-            [], [], color="black", linestyle=style, label=f"end of stability, {name}"
+            [],
+            [],
+            color="black",
+            linestyle=styles[name] if label.startswith(_END) else "none",
+            label=label,
         )
-        for name, style in styles.items()
+        for name, label in labels.items()
     ]
     if handles:
         figure.legend(
@@ -192,6 +194,32 @@ def _Finish(
         )
 
 
+def _BoundaryLabels(
+    boundaries: Boundaries, limits: tuple[float, float]
+) -> dict[str, str]:
+    """Returns what each boundary is called, also one that lies beyond the map."""
+    ends: dict[str, list[np.ndarray]] = {}
+    for drawn in boundaries.values():
+        for boundary in drawn:
+            ends.setdefault(boundary.point, []).append(boundary.ends)
+    labels = {}
+    for name, parts in ends.items():
+        known = np.concatenate(parts)
+        known = known[~np.isnan(known)]
+        what = _END
+        if not known.size:
+            what = "stability not known"
+        elif (known > limits[1]).all():
+            what = "stable throughout"
+        elif (known <= 0).all():
+            what = "not stable without delay"
+        labels[name] = f"{what}, {name}"
+    return labels
+
+
+# What a boundary is that crosses the map.
+_END = "end of stability"
+
 # So many values have a tick each.
 _MOST_TICKS = 8
 
@@ -202,7 +230,7 @@ _ENDED = "#BBBBBB"
 _OUTCOMES = (
     ("completes", "#56B4E9"),
     ("settles", "#009E73"),
-    ("never settles", "#E69F00"),
+    ("not at rest within the run", "#E69F00"),
     ("diverges", "#D55E00"),
     ("fails", GREY),
 )

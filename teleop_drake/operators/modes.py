@@ -25,7 +25,7 @@ from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
-from teleop_drake.linear_part import LinearPart
+from teleop_drake.linear_part import HeldForce, LinearPart
 from teleop_drake.validation import CheckNumber, CheckVector, Refuse
 
 Array = NDArray[np.float64]
@@ -162,12 +162,16 @@ class ModalOperator(LeafSystem):
         """
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that what has been perceived stays perceived.
+        """Returns that what has been perceived stays perceived, and what follows.
 
         Args:
             estimates: Has no effect.
         """
-        return LinearPart(has_modes=True)
+        if self._surface is None:
+            return LinearPart(has_modes=True)
+        perceived = with_contact(np.zeros(2))
+        held = HeldForce(state=perceived, force=self._contact_force)
+        return LinearPart(has_modes=True, held_force=held)
 
     def IntentionTickets(self) -> set[DependencyTicket]:
         """Returns what IntendedVelocity() depends on; by default on nothing."""

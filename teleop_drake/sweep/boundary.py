@@ -22,14 +22,19 @@ class Boundary:
     """Where a loop ceases to be stable at an operating point.
 
     Attributes:
-        point: Name of the operating point.
+        point: Label of the loop: the name of the operating point, and whether the
+            operator holds a force there. Of an operator who does so after contact there
+            is only that loop: runs stay in it.
         ends: Of the key that is a delay, where the loop that is stable without delay
             ceases to be, one for each value of the other key (k), in s. 0 if it is not
-            stable without delay, NaN if there is no such point.
+            stable without delay, NaN if there is no such point, or its loop is not
+            known.
+        note: Why the loop is not known, if it is not; see PointStability.untold.
     """
 
     point: str
     ends: NDArray[np.float64]
+    note: str = ""
 
 
 def FindBoundaries(
@@ -53,8 +58,8 @@ def FindBoundaries(
         A boundary for each operating point.
 
     Raises:
-        ValueError: If there is no linear model, too much to analyse, or the first key
-            is no delay.
+        ValueError: If there is no linear model, too much to analyse, gains derive from
+            the delay, or the first key is no delay.
     """
     if delay_key not in ("delay", "forward_delay", "return_delay"):
         Refuse(delay_key, "a key of the grid", "a delay of exact channels")
@@ -63,12 +68,15 @@ def FindBoundaries(
     largest = max(float(x) for x in plan.axes[delay_key])
     first = {name: axis[0] for name, axis in plan.axes.items()} | dict(others)
     ends: dict[str, dict[int, float]] = {}
+    reasons: dict[str, str] = {}
     for i, value in enumerate(values):
         point = first | {key: value, delay_key: largest}
         scenario = AsTeleoperation(
             plan.source.Load([*plan.overrides, *PointOverrides(point)]),
             "there is no loop to analyse",
         )
+        if scenario.controller.Chosen().has_gains_of_delay:
+            raise ValueError("gains derive from the delay: each run has its own loop")
         duration = scenario.duration
         notes = [
             channel.AsConstantDelay(path, duration).note
@@ -88,16 +96,20 @@ def FindBoundaries(
         share = len(ALIASES[delay_key])
         max_delay = 1.01 * (share * largest + fixed) + 1e-3
         for found in AnalyzeStability(scenario, max_delay=max_delay).points:
-            stable = [end for begin, end in found.stable_delays if begin == 0]
+            loop = found.force_mode or found
+            if loop.untold:
+                reasons[loop.label] = loop.untold
+            stable = [end for begin, end in loop.stable_delays if begin == 0]
             end = stable[0] if stable else 0.0
             if end >= max_delay:
                 end = math.inf
-            name = found.model.point.name
-            ends.setdefault(name, {})[i] = max((end - fixed) / share, 0.0)
+            end = math.nan if loop.untold else max((end - fixed) / share, 0.0)
+            ends.setdefault(loop.label, {})[i] = end
     return [
         Boundary(
             point=name,
             ends=np.array([known.get(i, math.nan) for i in range(len(values))]),
+            note=reasons.get(name, ""),
         )
         for name, known in ends.items()
     ]

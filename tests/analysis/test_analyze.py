@@ -21,16 +21,23 @@ def test_table(capsys):
     assert main(["analyze", "one_dof", "--controller", "direct_force"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    headline, head, *rows, first, now, passive = out.splitlines()
+    headline, head, *rows, held, first, now, passive = out.splitlines()
     assert headline == (
         "one_dof, direct_force: delay 0.1 s forward, 0.1 s back; "
         "round-trip delays up to 2 s"
     )
     assert head.split("  ")[-1] == "root at 0.2 s [1/s]"
-    tissue, free, bone = (row.split() for row in rows)
+    tissue, free, bone, force = (row.split() for row in rows)
     assert free[:5] == ["free", "0.01125", "2.529", "50.4", "0.34788"]
     assert tissue[-1] == free[-1] == "stable"
     assert bone[-1] == "UNSTABLE" and "..." in bone
+    assert " ".join(force) == (
+        "bone, force held 0.015033 - - - 0-2+ -0.1 ± 17.32j stable"
+    )
+    assert held == (
+        "In bone the operator commands a velocity until it perceives contact, and "
+        "holds a force from then on: bone, force held."
+    )
     assert first == (
         "It fails first in bone, at 0.05269 s: the delay turns the phase at 18.15 "
         "rad/s by all of its margin, 54.8 deg."
@@ -181,11 +188,12 @@ def test_stable_and_absent_are_told_apart(capsys):
     vary = ["--vary", "surgeon.velocity.0=0.0001,0.1"]
     lines = Chart(capsys, "--controller", "four_channel", *vary)
     assert [line.split() for line in lines[1:3]] == [
-        ["0.0001", "stable", "absent", "absent"],
-        ["0.1", "stable", "stable", "stable"],
+        ["0.0001", "stable", "absent", "absent", "absent"],
+        ["0.1", "stable", "stable", "stable", "windows"],
     ]
     assert lines[3:] == [
         "stable: at every delay",
+        "windows: unstable without delay, and stable at some larger ones",
         "absent: the tool does not come to this layer",
     ]
 
@@ -193,19 +201,34 @@ def test_stable_and_absent_are_told_apart(capsys):
 def test_unstable_at_every_delay_is_said(capsys):
     key = "controller.wave_variables.master_damping"
     lines = Chart(capsys, "--controller", "wave_variables", "--vary", f"{key}=0,2")
-    assert lines[1].split()[1:] == ["unstable"] * 3
-    assert lines[2].split()[1:] == ["stable"] * 3
+    assert lines[1].split()[1:] == ["unstable"] * 4
+    assert lines[2].split()[1:] == ["stable"] * 4
     assert lines[3:] == [
         "stable: at every delay",
         "unstable: at every delay that was looked at",
     ]
 
 
+def test_an_undamped_tool_under_a_held_force_is_said(capsys):
+    assert main(["analyze", "two_dof_collision", "--controller", "direct_force"]) == 0
+    out = capsys.readouterr().out
+    held = next(x for x in out.splitlines() if x.startswith("bone, force held"))
+    assert held.endswith("none           0 ± 24.23j  NOT DAMPED")
+    assert "in bone, force held, a motion of 24.23 rad/s neither grows nor dec" in out
+
+
+def test_operator_without_a_contact_force_is_said(capsys):
+    assert main(["analyze", "one_dof", "--set", "surgeon.contact_force=null"]) == 0
+    out = capsys.readouterr().out
+    assert "The operator commands a velocity at every point shown." in out
+    assert "force held" not in out
+
+
 def test_neutral_modes_are_said(capsys):
     slow = ["--set", "surgeon.velocity=[0.002, 0]"]
     command = ["analyze", "two_dof_collision", "--controller", "smith_predictor"]
     assert main([*command, *slow]) == 0
-    _, _, free, neutral, *_ = capsys.readouterr().out.splitlines()
+    _, _, free, _, neutral, *_ = capsys.readouterr().out.splitlines()
     assert free.endswith("stable") and "UNSTABLE" not in free
     assert re.fullmatch(
         r"Neutral, within the accuracy of the model there: what is slower than "

@@ -9,7 +9,11 @@ import pytest
 from grids import Slow
 
 from teleop_drake.analysis.loop_cut import CutLoop
-from teleop_drake.analysis.operating_point import POSITION, OperatingPointAt
+from teleop_drake.analysis.operating_point import (
+    POSITION,
+    OperatingPointAt,
+    OperatingPointOfRun,
+)
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
     ChartStability,
@@ -268,6 +272,84 @@ def test_runs_in_the_second_window(delay, grows):
     assert (rate > 0) == grows
     assert rate == pytest.approx(root.real, rel=1e-2)
     assert frequency == pytest.approx(root.imag, rel=1e-2)
+
+
+# No border bends it, and it is touched at 10 um.
+SPRING = [
+    {"name": "free", "start": -math.inf, "stiffness": 149.99, "reference": 0.0},
+    {"name": "bone", "start": 1e-5, "stiffness": 150.0, "reference": 0.0},
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "delay", "grows"),
+    [
+        ("direct_force", 0.02, False),
+        ("four_channel", 0.08, True),
+        ("four_channel", 0.1, False),
+        ("four_channel", 0.2, True),
+    ],
+)
+def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
+    """And not that of the commanded velocity."""
+    overrides = {
+        "controller.kind": kind,
+        "robot.mass": 0.2 if kind == "direct_force" else 0.5,
+        "environment.layers": SPRING,
+        "surgeon.contact_force": [0.3],
+        "forward_channel.delay": delay,
+        "return_channel.delay": delay,
+        "duration": 12.0 if kind == "direct_force" else 30.0,
+        "divergence_speed_ratio": 1000.0,
+        "simulator.accuracy": 1e-11,
+    }
+    scenario = LoadScenario("one_dof", overrides)
+    bone = AnalyzeStability(scenario)["bone"]
+    assert bone.operator == "commands a velocity"
+    assert bone.force_mode.operator == "holds a force"
+    assert bone.force_mode.model.point.position[0] == pytest.approx(0.002, rel=1e-9)
+    before, root = (x.RightmostRoot(2 * delay) for x in (bone, bone.force_mode))
+    recording = simulate(scenario, engine="auto")
+    rate, frequency = Growth(recording, 0.4 * scenario.duration)
+    assert (rate > 0) == grows == (not bone.force_mode.is_stable)
+    assert rate == pytest.approx(root.real, rel=2e-3)
+    assert rate != pytest.approx(before.real, rel=0.5)
+    assert frequency == pytest.approx(root.imag, rel=2e-4)
+    # The point of a run after contact is in the mode that the run is in.
+    point = OperatingPointOfRun(recording, scenario.duration / 2)
+    of_run = AnalyzeStability(scenario, points=[point]).points[0]
+    assert of_run.operator == "holds a force" and of_run.force_mode is None
+    assert of_run.RightmostRoot(2 * delay) == pytest.approx(root, rel=1e-6)
+
+
+def test_force_that_is_held_leaves_the_slider_alone():
+    """m s^2 + c s + k = 0, where the spring carries the force."""
+    held = Analyze("one_dof")["bone"].force_mode
+    expected = np.roots([0.5, 0.1, 150.0])[0]
+    assert held.RightmostRoot(0.2) == pytest.approx(expected, rel=1e-9)
+    assert held.model.point.position[0] == pytest.approx(0.015 + 0.005 / 150, rel=1e-9)
+    assert held.stable_delays == [(0.0, 2.0)] and held.margin is None
+
+
+@pytest.mark.parametrize(
+    ("overrides", "reason"),
+    [
+        ({"surgeon.contact_force": None}, ""),
+        ({"surgeon.contact_force": [-0.1]}, "the force does not hold the tool on it"),
+        (
+            {"surgeon.kind": "own_kinds:FadingConfig"},
+            "own_kinds:FadingConfig does not tell it",
+        ),
+    ],
+)
+def test_no_loop_of_a_held_force(overrides, reason):
+    analysis = Analyze("one_dof", **overrides)
+    bone = analysis.ToRecord()["operating_points"][2]
+    assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
+    assert [note for note in analysis.notes if "holds a force" in note] == (
+        [f"The loop in bone after contact, when the operator holds a force, is not "
+         f"known: {reason}."] if reason else []
+    )  # fmt: skip
 
 
 def PredictorDeterminant(s, T, model_mass, k, d):
@@ -582,7 +664,10 @@ def test_chart_of_a_scenario_key():
         [50.0, 150.0, 300.0],
         overrides=["controller.kind=direct_force"],
     )
-    assert chart.PointNames() == ["tissue", "free", "bone"]
+    names = ["tissue", "free", "bone"]
+    assert chart.PointNames() == [*names, "bone, force held"]
+    assert chart.PointNames(with_force_mode=False) == names
+    assert chart.StableDelays("bone, force held") == [[(0.0, 2.0)]] * 3
     one = Analyze("one_dof")["bone"].stable_delays
     np.testing.assert_allclose(chart.StableDelays("bone")[1], one)
     firsts = [intervals[0][1] for intervals in chart.StableDelays("bone")]
@@ -599,7 +684,7 @@ def test_chart_along_the_path():
         [0.9, 1.05, 1.101],
         overrides={"controller.kind": "direct_force"},
     )
-    assert chart.PointNames() == ["tissue", "free", "bone"]
+    assert chart.PointNames() == ["tissue", "free", "bone", "bone, force held"]
     assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
 
 

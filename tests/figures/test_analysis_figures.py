@@ -84,17 +84,17 @@ def test_bars_are_the_intervals():
         for patch in ax.patches
         if patch.get_zorder() == 2
     ]
-    expected = [x for point in analysis.points for x in point.stable_delays]
+    expected = [x for loop in analysis.Loops() for x in loop.stable_delays]
     np.testing.assert_allclose(bars, expected)
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert labels == ["tissue", "free", "bone"]
+    assert labels == ["tissue", "free", "bone", "bone, force held"]
 
 
 def test_bars_of_two_controllers_are_told_apart():
     both = [Analysis(), Analysis(kind="adaptive_backstepping")]
     (ax,) = PlotStableDelays(both).axes
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
-    assert labels[0] == "direct force, tissue" and len(set(labels)) == 6
+    assert labels[0] == "direct force, tissue" and len(set(labels)) == 8
 
 
 def test_chart_has_a_panel_for_each_point(tmp_path):
@@ -105,7 +105,8 @@ def test_chart_has_a_panel_for_each_point(tmp_path):
         overrides=["controller.kind=direct_force"],
     )
     figure = PlotStabilityChart(chart)
-    assert [ax.get_title() for ax in figure.axes] == ["tissue", "free", "bone"]
+    titles = [ax.get_title() for ax in figure.axes]
+    assert titles == ["tissue", "free", "bone", "bone, force held"]
     assert all(ax.get_xlabel() == "robot mass [kg]" for ax in figure.axes)
     SaveFigure(figure, tmp_path / "a.png")
     stable = [p for p in figure.axes[1].patches if p.get_zorder() == 2]

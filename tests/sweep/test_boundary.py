@@ -13,7 +13,10 @@ MASSES = [0.2, 0.5]
 KIND = {"controller": "direct_force"}
 
 
-def Find(delay_key="delay", overrides=(), largest=0.5):
+COMMANDING = ["surgeon.contact_force=null"]
+
+
+def Find(delay_key="delay", overrides=COMMANDING, largest=0.5):
     plan = PlanSweep(
         "one_dof",
         {"controller": ["direct_force"], "robot.mass": MASSES, delay_key: [0, largest]},
@@ -27,14 +30,18 @@ def test_the_ends_are_the_margins_of_the_analysis():
     each_way = Find()
     assert list(each_way) == ["tissue", "free", "bone"]
     for i, mass in enumerate(MASSES):
-        overrides = {"controller.kind": "direct_force", "robot.mass": mass}
+        overrides = {
+            "controller.kind": "direct_force",
+            "robot.mass": mass,
+            "surgeon.contact_force": None,
+        }
         for point in AnalyzeStability(LoadScenario("one_dof", overrides)).points:
             end = each_way[point.model.point.name][i]
             assert 2 * end == pytest.approx(point.margin.delay, rel=1e-6)
 
 
 def test_another_delay_counts_as_well():
-    forward = Find("forward_delay", ["return_channel.delay=0.1"])
+    forward = Find("forward_delay", [*COMMANDING, "return_channel.delay=0.1"])
     for name, ends in Find().items():
         expected = np.maximum(2 * ends - 0.1, 0)
         np.testing.assert_allclose(forward[name], expected, atol=1e-6)
@@ -42,6 +49,33 @@ def test_another_delay_counts_as_well():
 
 def test_what_lies_beyond_the_map_has_no_end():
     assert Find(largest=0.2)["tissue"].tolist()[1] == np.inf
+
+
+def test_on_the_bone_it_is_the_loop_of_the_runs():
+    """Who holds a force does not close the loop of direct force."""
+    commanding, holding = Find(), Find(overrides=())
+    assert np.all(commanding.pop("bone") < 0.05)
+    assert holding.pop("bone, force held").tolist() == [np.inf, np.inf]
+    assert list(holding) == list(commanding) == ["tissue", "free"]
+    for name, ends in commanding.items():
+        np.testing.assert_array_equal(holding[name], ends)
+
+
+def test_loop_that_is_not_known_has_no_boundary():
+    kind = "surgeon.kind=own_kinds:FadingConfig"
+    plan = PlanSweep("one_dof", {"robot.mass": [0.5], "delay": [0.1]}, overrides=[kind])
+    *_, bone = FindBoundaries(plan, "delay", "robot.mass", [0.5], others={})
+    assert bone.point == "bone" and np.isnan(bone.ends).all()
+    assert "FadingConfig does not tell it" in bone.note
+
+
+def test_gains_that_follow_the_delay_have_no_boundary():
+    others = {"controller": "four_channel"}
+    axes = {"controller": ["four_channel"], "robot.mass": MASSES, "delay": [0.1, 0.2]}
+    with pytest.raises(ValueError, match="gains derive from the delay"):
+        FindBoundaries(
+            PlanSweep("one_dof", axes), "delay", "robot.mass", MASSES, others=others
+        )
 
 
 def test_packets_are_no_exact_delay():
@@ -72,19 +106,33 @@ def Result(force):
 
 def test_maps_have_the_boundary_over_them():
     result = Result(lambda mass, delay: 10 * mass * (1 if delay == 0.1 else 0.8))
-    boundaries = {(0, 0): [Boundary(point="free", ends=np.array([0.12, np.inf]))]}
+    ends = {
+        "free": [0.12, np.inf],
+        "tissue": [0.5, np.inf],
+        "steel": [np.nan, 0.0],
+        "bone": [np.nan, np.nan],
+    }
+    boundaries = {
+        (0, 0): [Boundary(point=k, ends=np.array(x)) for k, x in ends.items()]
+    }
     figure = PlotMap(result, "collision.peak_force", boundaries)
     ax, bar = figure.axes
     shown, ended = (cells.get_array() for cells in ax.collections)
     np.testing.assert_allclose(shown.filled(np.nan), [[2.0, 1.6], [np.nan, np.nan]])
     assert ended.mask.tolist() == [[True, True], [False, False]]
-    assert ax.lines[-1].get_xdata().tolist() == [0.12, np.inf]
-    assert ax.lines[-1].get_ydata().tolist() == MASSES
+    assert ax.lines[1].get_xdata().tolist() == [0.12, np.inf]
+    assert ax.lines[1].get_ydata().tolist() == MASSES
     assert bar.get_ylabel() == "collision peak force [N]"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["diverges or fails", "end of stability, free"]
+    assert texts == [
+        "diverges or fails",
+        "end of stability, free",
+        "stable throughout, tissue",
+        "not stable without delay, steel",
+        "stability not known, bone",
+    ]
     # The map ends at the outermost values, and the boundary does not widen it.
     assert ax.get_ylim() == (MASSES[0], MASSES[-1])
     assert ax.get_yticks().tolist() == MASSES
     assert ax.get_xlim() == PlotStability(result).axes[0].get_xlim()
-    assert len(PlotStability(result, boundaries).axes[0].lines) == 2
+    assert len(PlotStability(result, boundaries).axes[0].lines) == 8

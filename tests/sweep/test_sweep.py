@@ -910,7 +910,7 @@ def test_more_that_varies():
     cells = [ax.collections[0].get_array().tolist() for ax in figure.axes]
     assert cells == [[[1, 2], [1, 2]]] * 4 + [[[1, 3], [1, 3]]] * 2
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["settles", "never settles", "diverges"]
+    assert labels == ["settles", "not at rest within the run", "diverges"]
 
     with pytest.raises(ValueError, match="needs 15 x 2 panels"):
         PlotStability(

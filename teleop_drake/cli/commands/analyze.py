@@ -36,6 +36,9 @@ _LEAST_UNRESOLVED = 1e-3
 # More stable intervals than this do not fit a table; JSON has all.
 _MAX_INTERVALS = 3
 
+# A root this close to the imaginary axis, relative to its size, is on it.
+_UNDAMPED = 1e-9
+
 # What stands in the place of a delay margin.
 _MARGIN_WORDS = {
     "stable": "at every delay",
@@ -217,7 +220,7 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
 
 def _AnalysisTable(record: Mapping[str, Any]) -> str:
     """Returns the margins of `analyze`: a row for each operating point."""
-    points = record["operating_points"]
+    points = _Loops(record)
     delay = record["forward_delay"] + record["return_delay"]
     places_across = {tuple(point["position"][1:]) for point in points}
     num_shown = 1 if len(places_across) == 1 else None  # Along x one is enough.
@@ -250,8 +253,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
                 Cell(point["delay_margin"]),
                 ", ".join(intervals) or "none",
                 "-" if root is None else _Root(*root),
-                ("stable" if point["stable"] else "UNSTABLE")
-                + ("" if point["certain"] else ", uncertain"),
+                _State(point),
             ]
         )
     text = [
@@ -260,11 +262,35 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
         f"back; round-trip delays up to {record['max_delay']:g} s",
         Align(lines),
     ]
+    text += _OperatorLine(record["operating_points"])
     text += _Verdict(points, delay)
     text += _Certainty(points)
     if all(point["absolutely_stable"] is not None for point in record["transparency"]):
         text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
+
+
+def _Loops(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Returns the operating points, each followed by the loop of a held force."""
+    loops: list[Mapping[str, Any]] = []
+    for point in record["operating_points"]:
+        loops.append(point)
+        force_mode = point["force_mode"]
+        if force_mode is not None:
+            loops.append(force_mode | {"name": f"{point['name']}, force held"})
+    return loops
+
+
+def _OperatorLine(points: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns a sentence: what the operator does behind the contact surface."""
+    names = [point["name"] for point in points if point["force_mode"] is not None]
+    if not names:
+        return ["The operator commands a velocity at every point shown."]
+    return [
+        f"In {name} the operator commands a velocity until it perceives contact, and "
+        f"holds a force from then on: {name}, force held."
+        for name in names
+    ]
 
 
 def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
@@ -296,12 +322,14 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
         )
     for point in points:
         root = point["rightmost_root"]
-        if not point["stable"] and root is not None and root[0] > 0:
+        if point["stable"] or root is None:
+            continue
+        if root[0] > 0 or _IsOnAxis(root):
             motion = f"a motion of {root[1]:.4g} rad/s" if root[1] else "a drift"
-            text.append(
-                f"At {delay:g} s, in {point['name']}, {motion} doubles every "
-                f"{math.log(2) / root[0]:.3g} s."
-            )
+            change = "neither grows nor decays"
+            if not _IsOnAxis(root):
+                change = f"doubles every {math.log(2) / root[0]:.3g} s"
+            text.append(f"At {delay:g} s, in {point['name']}, {motion} {change}.")
     return text
 
 
@@ -317,7 +345,9 @@ def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
         )
     for point in points:
         root, error = point["rightmost_root"], point["root_error"]
-        if root is not None and not point["certain"]:
+        if root is None or point["certain"]:
+            continue
+        if not _IsOnAxis(root):
             doubt = "not known" if error is None else f"known to ± {error:.2g}"
             text.append(
                 f"Uncertain in {point['name']}: the root's real part is {doubt} 1/s."
@@ -325,8 +355,23 @@ def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
     return text
 
 
+def _State(point: Mapping[str, Any]) -> str:
+    """Returns whether the loop is stable, and whether that is certain."""
+    root = point["rightmost_root"]
+    if root is not None and not point["stable"] and _IsOnAxis(root):
+        return "NOT DAMPED"
+    word = "stable" if point["stable"] else "UNSTABLE"
+    return word if point["certain"] else f"{word}, uncertain"
+
+
+def _IsOnAxis(root: Sequence[float]) -> bool:
+    """Returns whether a root (real, imaginary part) tells no growth and no decay."""
+    return abs(root[0]) < _UNDAMPED * abs(root[1])
+
+
 def _Root(real: float, imaginary: float) -> str:
     """Returns a characteristic root, or both of a pair."""
+    real = 0.0 if _IsOnAxis((real, imaginary)) else real
     return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
 
 
@@ -334,10 +379,10 @@ def _ChartTable(chart: Mapping[str, Any]) -> str:
     """Returns the delay margins of `analyze --vary`: a row for each value."""
     names: dict[str, None] = {}
     for analysis in chart["analyses"]:
-        names |= dict.fromkeys(p["name"] for p in analysis["operating_points"])
+        names |= dict.fromkeys(p["name"] for p in _Loops(analysis))
     lines = [[chart["key"], *(f"{name} [s]" for name in names), ""]]
     for value, analysis in zip(chart["values"], chart["analyses"], strict=True):
-        points = {p["name"]: p for p in analysis["operating_points"]}
+        points = {p["name"]: p for p in _Loops(analysis)}
         cells = [_Margin(points.get(name)) for name in names]
         lines.append([f"{value:g}", *cells, ""])
     shown = {cell for line in lines[1:] for cell in line[1:]}
