@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
-from teleop_drake.environments.slopes import ForceAt
+from teleop_drake.environments.slopes import ForceAt, StiffnessAndDamping
 from teleop_drake.environments.surface import (
     CONTACT,
     EMPTY,
@@ -32,6 +32,11 @@ POSITION = "position"
 # Where the depth of an impact is looked for, in m.
 _SHORTEST_IMPACT = 1e-9
 _DEEPEST_IMPACT = 10.0
+
+# Steps of Newton's method to where a tool rests, and which share of the force may be
+# left there.
+_REST_STEPS = 8
+_AT_REST = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,20 +174,23 @@ def PointOfRest(
 ) -> OperatingPoint | None:
     """Returns where a tool on the contact surface rests while a force is held.
 
-    The environment's force along the normal is that of the operator there.
+    The environment's force is that of the operator there. Across the normal the tool
+    stays where the given point is, unless something gives way there.
 
     Args:
-        point: One behind the contact surface; what it says across the normal stays.
+        point: One behind the contact surface.
         environment: The block.
         force: What the operator holds, in N (n).
 
     Returns:
         The point; None if there is no contact surface, the given one is not behind it,
-        or the force does not press the tool on to it.
+        or the tool does not rest under the force: it leaves the surface, or slides
+        along it.
     """
     contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
     if contact is None or not contact.Depth(point.position) > 0:
         return None
+    held = np.asarray(force, dtype=float)
     normal, at_rest = contact.normal_W, 0 * point.velocity
     on_surface = point.position - float(contact.Depth(point.position)) * normal
 
@@ -190,16 +198,19 @@ def PointOfRest(
         F_e = ForceAt(environment, on_surface + depth * normal, at_rest)
         return float(contact.Along(F_e))
 
-    push = float(contact.Along(np.asarray(force, dtype=float)))
+    push = float(contact.Along(held))
     depth = _DepthWhere(Reaction, push) if push > 0 else None
     if depth is None:
         return None
-    return replace(
-        point,
-        position=on_surface + depth * normal,
-        velocity=at_rest,
-        holds_force=True,
-    )
+    position = on_surface + depth * normal
+    for _ in range(_REST_STEPS):
+        stiffness, _ = StiffnessAndDamping(environment, position)
+        excess = held - ForceAt(environment, position, at_rest)
+        position = position + np.linalg.lstsq(stiffness, excess, rcond=1e-9)[0]
+    excess = held - ForceAt(environment, position, at_rest)
+    if np.abs(excess).max() > _AT_REST * np.abs(held).max():
+        return None
+    return replace(point, position=position, velocity=at_rest, holds_force=True)
 
 
 def OperatingPointAt(

@@ -487,12 +487,12 @@ def _WithForceMode(
             raise ScenarioError(f"{scenario.surgeon.kind} does not tell it")
         rest = PointOfRest(point, environment, found[1].force)
         if rest is None:
-            raise ScenarioError("the force does not hold the tool on it")
+            raise ScenarioError("the tool does not rest under it")
         model = LinearizeLoop(scenario, rest, teleoperator=diagram)
     except ScenarioError as e:
         untold = (
-            f"The loop in {point.name} after contact, when the operator holds a force, "
-            f"is not known: {e}."
+            f"The loop in {point.name} once the operator holds a force there is not "
+            f"known: {e}."
         )
         return replace(velocity_mode, untold=untold)
     force_mode = AnalyzeModel(

@@ -322,6 +322,24 @@ def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
     assert of_run.RightmostRoot(2 * delay) == pytest.approx(root, rel=1e-6)
 
 
+def test_a_tool_that_slides_has_no_place_of_rest():
+    (note,) = Analyze("wall_sliding").notes
+    assert note.endswith("is not known: the tool does not rest under it.")
+
+
+def test_what_gives_way_across_the_normal_moves_the_point_of_rest():
+    """K (p - p_rest) = F along three axes, of an oblique bone held by soft tissue."""
+    point = Analyze("needle_insertion")["contact"].force_mode.model.point
+    scenario = LoadScenario("needle_insertion")
+    normal = np.array([0.6, 0.48, -0.64])
+    across = np.eye(3) - np.outer(normal, normal)
+    force = np.array(scenario.surgeon.contact_force)
+    depth = 0.3 + normal @ force / 150.0
+    assert normal @ point.position == pytest.approx(depth, rel=1e-9)
+    way = across @ (point.position - np.array(scenario.robot.start))
+    np.testing.assert_allclose(5.0 * way, across @ force, atol=1e-9)
+
+
 def test_force_that_is_held_leaves_the_slider_alone():
     """m s^2 + c s + k = 0, where the spring carries the force."""
     held = Analyze("one_dof")["bone"].force_mode
@@ -335,7 +353,7 @@ def test_force_that_is_held_leaves_the_slider_alone():
     ("overrides", "reason"),
     [
         ({"surgeon.contact_force": None}, ""),
-        ({"surgeon.contact_force": [-0.1]}, "the force does not hold the tool on it"),
+        ({"surgeon.contact_force": [-0.1]}, "the tool does not rest under it"),
         (
             {"surgeon.kind": "own_kinds:FadingConfig"},
             "own_kinds:FadingConfig does not tell it",
@@ -346,10 +364,9 @@ def test_no_loop_of_a_held_force(overrides, reason):
     analysis = Analyze("one_dof", **overrides)
     bone = analysis.ToRecord()["operating_points"][2]
     assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
-    assert [note for note in analysis.notes if "holds a force" in note] == (
-        [f"The loop in bone after contact, when the operator holds a force, is not "
-         f"known: {reason}."] if reason else []
-    )  # fmt: skip
+    note = "The loop in bone once the operator holds a force there is not known: "
+    note += f"{reason}."
+    assert [x for x in analysis.notes if "holds a force" in x] == [note] * bool(reason)
 
 
 def PredictorDeterminant(s, T, model_mass, k, d):
