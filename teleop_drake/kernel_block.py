@@ -27,8 +27,13 @@ class KernelBlock(LeafSystem):
 
     Events are not made of transitions and delays: a block that has some declares them
     itself.
+
+    Attributes:
+        optional_inputs: Names of the inputs that are zero as long as nothing is
+            connected to them and they have no value.
     """
 
+    optional_inputs: tuple[str, ...] = ()
     _kernel_rate: _Value | None = None
 
     @abstractmethod
@@ -45,7 +50,8 @@ class KernelBlock(LeafSystem):
         self._kernel_outputs: dict[str, _Value] = {}
         for name, size in sizes.items():
             tickets: set[DependencyTicket] = set()
-            self._kernel_outputs[name] = _ValueOf(name, self, kernel, tickets)
+            term = kernel.outputs[name]
+            self._kernel_outputs[name] = _ValueOf(term, self, kernel, tickets)
             self.DeclareVectorOutputPort(name, size, self._Callback(name), tickets)
         if kernel.rate is not None:
             self._kernel_rate = _ValueOf(kernel.rate, self, kernel, set())
@@ -70,7 +76,7 @@ class KernelBlock(LeafSystem):
 
 
 def _ValueOf(
-    term: Term | int, block: LeafSystem, kernel: Kernel, tickets: set[DependencyTicket]
+    term: Term | int, block: KernelBlock, kernel: Kernel, tickets: set[DependencyTicket]
 ) -> _Value:
     """Returns a function that evaluates a term; adds what the term depends on."""
     if isinstance(term, int):
@@ -89,7 +95,7 @@ def _ValueOf(
 
 
 def _ValueOfName(
-    name: str, block: LeafSystem, kernel: Kernel, tickets: set[DependencyTicket]
+    name: str, block: KernelBlock, kernel: Kernel, tickets: set[DependencyTicket]
 ) -> _Value:
     if name == "time":
         tickets.add(block.time_ticket())
@@ -109,4 +115,7 @@ def _ValueOfName(
         return _ValueOf(kernel.outputs[name], block, kernel, tickets)
     port = block.GetInputPort(name)
     tickets.add(port.ticket())
+    if name in block.optional_inputs:
+        nothing = np.zeros(port.size())
+        return lambda context: port.Eval(context) if port.HasValue(context) else nothing
     return lambda context: port.Eval(context)

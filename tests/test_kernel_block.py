@@ -20,7 +20,7 @@ class Everything(KernelBlock):
         self.DeclareVectorInputPort("u", 2)
         self.DeclareVectorInputPort("unused", 1)
         self.DeclareContinuousState(BasicVector([1.0, 2.0]))
-        self.DeclareDiscreteState([5.0])
+        self.DeclareDiscreteState([5.0, 6.0])
         self.DeclareOutputs(whole=2, last=1, mode=1, force=2, joined=3, slope=2)
 
     def Kernel(self):
@@ -63,7 +63,7 @@ def test_callbacks_evaluate_the_terms():
     # What is cached is renewed when time, state or mode change.
     context.SetTime(0.0)
     context.SetContinuousState([7.0, 8.0])
-    context.SetDiscreteState([9.0])
+    context.SetDiscreteState([9.0, 6.0])
     assert block.GetOutputPort("slope").Eval(context).tolist() == [-7.0, -8.0]
     assert block.GetOutputPort("last").Eval(context).tolist() == [8.0]
     assert block.GetOutputPort("mode").Eval(context).tolist() == [9.0]

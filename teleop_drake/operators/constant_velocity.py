@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context
 
 from teleop_drake.environments import Surface
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Term
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
+from teleop_drake.operators.modes import CheckVelocity, ModalOperator
 
 
 class Surgeon(ModalOperator):
@@ -54,21 +53,9 @@ class Surgeon(ModalOperator):
             stop_time=stop_time,
         )
 
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n).
-
-        Args:
-            context: The Context of this block.
-        """
-        return self._velocity
-
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of the intended velocity, and its parameters; see kernel."""
         return "velocity", {"velocity": self._velocity}
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return self.MakeKernel()
 
 
 @dataclass(kw_only=True, eq=False)

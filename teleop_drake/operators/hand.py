@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DependencyTicket
 
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Term
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
 from teleop_drake.validation import Refuse
 
@@ -56,31 +55,13 @@ class HandOperator(ModalOperator):
             Refuse("end", end, f"> {begin} (s)")
         return np.array([begin, end, *CheckVelocity(before), *CheckVelocity(after)])
 
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n).
-
-        Args:
-            context: The Context of this block.
-        """
-        line = (
-            self._line.Eval(context)
-            if self._line.HasValue(context)
-            else np.zeros(self._line.size())
-        )
-        return velocity_on_line(context.get_time(), line)
-
-    def IntentionTickets(self) -> set[DependencyTicket]:
-        """Declares the input; the outputs that depend on it come next."""
-        self._line = self.DeclareVectorInputPort("line", 2 + 2 * self._num_axes)
-        return {self.time_ticket(), self._line.ticket()}
+    def DeclareMore(self) -> None:
+        """Declares the input of the hand."""
+        self.DeclareVectorInputPort("line", 2 + 2 * self._num_axes)
 
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of the intended velocity, and its parameters; see kernel."""
         return (velocity_on_line, "time", "line"), {}
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return self.MakeKernel()
 
 
 def velocity_on_line(time: float, line: Array) -> Array:

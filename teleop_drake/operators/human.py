@@ -2,15 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    DependencyTicket,
     Diagram,
     DiagramBuilder,
     System,
@@ -29,7 +26,7 @@ from teleop_drake.laws.human_operator import (
 )
 from teleop_drake.numerics.transfer_function import all_pass_of_delay
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.modes import Array, ModalOperator
+from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import CheckChoice, Number, Refuse
 
 GOALS = ("position", "velocity")
@@ -83,29 +80,19 @@ class HumanHand(ModalOperator):
         CheckChoice("goal", goal, GOALS)
         self._human = human
         self._follows_position = goal == "position"
-        n = human.velocity.size
         ModalOperator.__init__(
             self,
-            num_axes=n,
+            num_axes=human.velocity.size,
             contact_force=contact_force,
             contact_surface=contact_surface,
             stop_time=stop_time,
         )
-        self._perceived = self.DeclareVectorInputPort("perceived_motion", 2 * n)
+
+    def DeclareMore(self) -> None:
+        """Declares what is perceived, and the state."""
+        n = self._human.velocity.size
+        self.DeclareVectorInputPort("perceived_motion", 2 * n)
         self.DeclareContinuousState(3 * n if self._follows_position else 4 * n)
-
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n).
-
-        Args:
-            context: The Context of this block.
-        """
-        state = context.get_continuous_state_vector().CopyToVector()
-        return intended_velocity(state, self._human)
-
-    def IntentionTickets(self) -> set[DependencyTicket]:
-        """Returns that of the continuous state."""
-        return {self.xc_ticket()}
 
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of the intended velocity, and its parameters; see kernel."""
@@ -117,23 +104,7 @@ class HumanHand(ModalOperator):
         rate: Term = (rate_to_velocity, "state", *inputs)
         if self._follows_position:
             rate = (rate_to_position, "state", "time", *inputs)
-        return self.MakeKernel(rate=rate)
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Computes the rates of the state."""
-        state = context.get_continuous_state_vector().CopyToVector()
-        inputs = (
-            self._perceived.Eval(context),
-            self._haptic_force.Eval(context),
-            self._human,
-        )
-        if self._follows_position:
-            rate = rate_to_position(state, context.get_time(), *inputs)
-        else:
-            rate = rate_to_velocity(state, *inputs)
-        derivatives.SetFromVector(rate)
+        return replace(super().Kernel(), rate=rate)
 
 
 class HumanStation(Diagram):

@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
-    DependencyTicket,
     DiscreteValues,
     Event,
     EventStatus,
-    LeafSystem,
     State,
     UnrestrictedUpdateEvent,
     WitnessFunction,
@@ -24,6 +21,7 @@ from pydrake.systems.framework import (
 from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.linear_part import HeldForce, LinearPart
 from teleop_drake.validation import CheckNumber, CheckVector, Refuse
@@ -34,7 +32,7 @@ Array = NDArray[np.float64]
 _ONCE = 1e12
 
 
-class ModalOperator(LeafSystem):
+class ModalOperator(KernelBlock):
     """Base of the operators that command a velocity, then a force, then a stop.
 
         mode 0, velocity: v_d = intended, F_h = force of the haptic device
@@ -65,8 +63,7 @@ class ModalOperator(LeafSystem):
 
     It does not get tired, or let go when the tool bounces off.
 
-    A subclass says in IntendedVelocity() what it intends, and in IntentionTickets() on
-    what that depends. With IntentionTerm() it can be compiled.
+    A subclass says in IntentionTerm() what it intends.
 
     Attributes:
         jump_times: When the outputs jump or are not smooth in any case, s.
@@ -98,7 +95,7 @@ class ModalOperator(LeafSystem):
         ends: Sequence[tuple[float, float]] = (),
         longest_step: float = math.inf,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         n = num_axes
         self._num_axes = n
         self._contact_force = _CheckContactForce(contact_force, n)
@@ -113,27 +110,14 @@ class ModalOperator(LeafSystem):
             *([] if stop_time is None else [stop_time]),
         ]
         self.longest_step = longest_step
-        self._haptic_force = self.DeclareVectorInputPort("haptic_force", n)
+        self._ends = [*((time, math.inf) for time in self._nonsmooth_times), *ends]
+        self.DeclareVectorInputPort("haptic_force", n)
         self._p = self.DeclareVectorInputPort("felt_position", n)
         self._mode = self.DeclareDiscreteState(2)
-        self.DeclareVectorOutputPort(
-            "velocity_command",
-            n,
-            self._CalcVelocityCommand,
-            prerequisites_of_calc={self.xd_ticket(), *self.IntentionTickets()},
-        )
-        self.DeclareVectorOutputPort(
-            "force_command",
-            n,
-            self._CalcForceCommand,
-            prerequisites_of_calc={self.xd_ticket(), self._haptic_force.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "mode", 1, self._CalcMode, prerequisites_of_calc={self.xd_ticket()}
-        )
+        self.DeclareMore()
+        self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
-        self._ends = [*((time, math.inf) for time in self._nonsmooth_times), *ends]
         for first, period in self._ends:
             self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, _DoNothing)
         self._witnesses = []
@@ -153,40 +137,19 @@ class ModalOperator(LeafSystem):
         """Where the operator perceives contact; None: nowhere."""
         return self._surface
 
+    def DeclareMore(self) -> None:
+        """Declares what other inputs a subclass has, and its continuous state."""
+
     @abstractmethod
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n) before contact and before the stop.
-
-        Args:
-            context: The Context of this block.
-        """
-
-    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that what has been perceived stays perceived, and what follows.
-
-        Args:
-            estimates: Has no effect.
-        """
-        if self._surface is None:
-            return LinearPart(has_modes=True)
-        perceived = with_contact(np.zeros(2))
-        held = HeldForce(state=perceived, force=self._contact_force)
-        return LinearPart(has_modes=True, held_force=held)
-
-    def IntentionTickets(self) -> set[DependencyTicket]:
-        """Returns what IntendedVelocity() depends on; by default on nothing."""
-        return set()
-
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of the intended velocity, and its parameters; see kernel."""
-        raise NotImplementedError(f"{type(self).__name__} has no kernel")
+        """Returns the term of v_d before contact and before the stop; see kernel.
 
-    def MakeKernel(self, rate: Term | None = None) -> Kernel:
-        """Returns what the block computes, for the Kernel() of a subclass.
-
-        Args:
-            rate: The time derivatives of the continuous state; None without state.
+        Returns:
+            The term, of a velocity in m/s (n), and its parameters.
         """
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
         intention, parameters = self.IntentionTerm()
         transitions = {}
         parameters = {"contact_force": self._contact_force, **parameters}
@@ -206,7 +169,6 @@ class ModalOperator(LeafSystem):
                 mode=(same_mode, "mode"), offset=first, period=period
             )
         return Kernel(
-            rate=rate,
             parameters=parameters,
             outputs={
                 "intended_velocity": intention,
@@ -221,6 +183,18 @@ class ModalOperator(LeafSystem):
             unused=("felt_position",),
         )  # fmt: skip
 
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that what has been perceived stays perceived, and what follows.
+
+        Args:
+            estimates: Has no effect.
+        """
+        if self._surface is None:
+            return LinearPart(has_modes=True)
+        perceived = with_contact(np.zeros(2))
+        held = HeldForce(state=perceived, force=self._contact_force)
+        return LinearPart(has_modes=True, held_force=held)
+
     def _GetState(self, context: Context) -> np.ndarray:
         """Returns [contact perceived, stopped]."""
         state: np.ndarray = context.get_discrete_state(self._mode).CopyToVector()
@@ -228,23 +202,6 @@ class ModalOperator(LeafSystem):
 
     def _AwaitsContact(self, context: Context) -> bool:
         return operator_mode(self._GetState(context)) == 0
-
-    def _CalcVelocityCommand(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            velocity_command(self._GetState(context), self.IntendedVelocity(context))
-        )
-
-    def _CalcForceCommand(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            force_command(
-                self._GetState(context),
-                self._haptic_force.Eval(context),
-                self._contact_force,
-            )
-        )
-
-    def _CalcMode(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, operator_mode(self._GetState(context)))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the contact witness while contact is awaited and can be located."""

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DependencyTicket
 
 from teleop_drake.environments import Surface
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Term
 from teleop_drake.numerics.piecewise_polynomial import evaluate_pieces
-from teleop_drake.operators.modes import Array, ModalOperator
+from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import Refuse
 
 
@@ -77,26 +76,7 @@ class ProfileOperator(ModalOperator):
             longest_step=longest_step,
         )
 
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n).
-
-        Args:
-            context: The Context of this block.
-        """
-        value: Array = evaluate_pieces(
-            context.get_time(), self._breaks, self._coefficients
-        )
-        return value
-
-    def IntentionTickets(self) -> set[DependencyTicket]:
-        """Returns the time's."""
-        return {self.time_ticket()}
-
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of the intended velocity, and its parameters; see kernel."""
         parameters = {"breaks": self._breaks, "coefficients": self._coefficients}
         return (evaluate_pieces, "time", "breaks", "coefficients"), parameters
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return self.MakeKernel()

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DependencyTicket
 
 from teleop_drake.environments import Surface
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Term
 from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
 from teleop_drake.validation import CheckNumber, Number
@@ -61,26 +60,10 @@ class SineOperator(ModalOperator):
             longest_step=2 * math.pi / frequency / _STEPS_PER_PERIOD,
         )
 
-    def IntendedVelocity(self, context: Context) -> Array:
-        """Returns v_d in m/s (n).
-
-        Args:
-            context: The Context of this block.
-        """
-        return swinging_velocity(context.get_time(), self._velocity, self._frequency)
-
-    def IntentionTickets(self) -> set[DependencyTicket]:
-        """Returns the time's."""
-        return {self.time_ticket()}
-
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of the intended velocity, and its parameters; see kernel."""
         parameters = {"velocity": self._velocity, "frequency": self._frequency}
         return (swinging_velocity, "time", "velocity", "frequency"), parameters
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return self.MakeKernel()
 
 
 def swinging_velocity(time: float, velocity: Array, frequency: float) -> Array:
