@@ -166,7 +166,8 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """
     tree = ast.parse(source)
     floor = path.relative_to(PACKAGE).parts[0]
-    has_kernel = "Kernel(" in source or floor in ("kernel.py", "compiler")
+    offers_terms = "Kernel(" in source or "IntentionTerm(" in source
+    has_kernel = offers_terms or floor in ("kernel.py", "compiler")
     misnamed = []
     for node in ast.walk(tree):
         if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
