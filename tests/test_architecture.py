@@ -1,6 +1,7 @@
 """The package's data flows one way, and its files import accordingly."""
 
 import ast
+import functools
 import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -24,10 +25,16 @@ def Floor(module: str) -> str:
     return module.split(".")[1] if "." in module else module
 
 
+@functools.cache
+def Tree(path: Path) -> ast.Module:
+    """Returns the syntax of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def Imports(path: Path) -> set[str]:
     """Returns the modules that a file imports, anywhere in it."""
     imports = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(Tree(path)):
         if isinstance(node, ast.Import):
             imports.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -41,7 +48,12 @@ def Imports(path: Path) -> set[str]:
 
 
 MODULES = {Module(path) for path in FILES}
-IMPORTS = {Module(path): Imports(path) for path in FILES}
+
+
+@functools.cache
+def AllImports() -> dict[str, set[str]]:
+    """Returns what each module of the package imports."""
+    return {Module(path): Imports(path) for path in FILES}
 
 
 def AssertNoCircle(graph: dict[str, set[str]]) -> None:
@@ -54,7 +66,7 @@ def AssertNoCircle(graph: dict[str, set[str]]) -> None:
 def test_floors_stand_on_each_other():
     """A folder imports from folders that do not import from it, directly or not."""
     floors: dict[str, set[str]] = {}
-    for module, imports in IMPORTS.items():
+    for module, imports in AllImports().items():
         below = floors.setdefault(Floor(module), set())
         below |= {Floor(name) for name in imports & MODULES if "." in name}
         below.discard(Floor(module))
@@ -63,7 +75,10 @@ def test_floors_stand_on_each_other():
 
 def test_files_do_not_import_in_circles():
     AssertNoCircle(
-        {module: (imports & MODULES) - {module} for module, imports in IMPORTS.items()}
+        {
+            module: (imports & MODULES) - {module}
+            for module, imports in AllImports().items()
+        }
     )
 
 
@@ -72,21 +87,20 @@ def test_circles_are_found():
         AssertNoCircle({"a": {"b"}, "b": {"a"}})
 
 
-@pytest.mark.parametrize("module", sorted(MODULES))
-def test_imports_are_narrow(module):
-    assert not IMPORTS[module] & {"pydrake.all", "__future__"}
-    if Floor(module) in ("laws", "numerics", "validation", "kinds", "files"):
-        assert not any(name.startswith("pydrake") for name in IMPORTS[module])
+def test_imports_are_narrow():
+    for module, imports in AllImports().items():
+        assert not imports & {"pydrake.all", "__future__"}, module
+        if Floor(module) in ("laws", "numerics", "validation", "kinds", "files"):
+            assert not any(name.startswith("pydrake") for name in imports), module
 
 
 @pytest.mark.parametrize(
     "path", [p for p in FILES if p.parent.name == "systems"], ids=lambda path: path.stem
 )
 def test_one_system_a_file(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     public = [
         node.name
-        for node in tree.body
+        for node in Tree(path).body
         if isinstance(node, ast.ClassDef)
         and not node.name.startswith("_")
         and not node.name.endswith("Config")
@@ -184,9 +198,12 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     return misnamed
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_names_of_functions(path):
-    assert MisnamedFunctions(path, path.read_text(encoding="utf-8")) == []
+def test_names_of_functions():
+    misnamed = {
+        str(path.relative_to(PACKAGE)): MisnamedFunctions(path, path.read_text("utf-8"))
+        for path in FILES
+    }
+    assert {path: names for path, names in misnamed.items() if names} == {}
 
 
 def test_misnamed_functions_are_found():

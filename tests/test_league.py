@@ -151,8 +151,7 @@ def quick(request, tmp_path_factory):
     """The first configurations that --quick runs, where and how, and the rows."""
     configurations = Configurations(is_quick=True)[: request.param]
     out = tmp_path_factory.mktemp("league")
-    # A few runs of every architecture are not worth compiling; those of a network are.
-    engine = "drake" if request.param == 1 else "auto"
+    engine = "auto"
     with ThreadPoolExecutor(1) as executor:
         rows = MakeTable(configurations, out=out, executor=executor, engine=engine)
     return configurations, out, engine, rows

@@ -77,13 +77,13 @@ def test_frozen_weights_are_mentioned(capsys):
 
 
 def test_json_on_stdout(capsys):
-    command = ["analyze", "two_dof_combined", "--delay", "0.05", "--json", "-"]
+    command = ["analyze", "one_dof", "--delay", "0.05", "--json", "-"]
     assert main([*command, "--quiet"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     record = json.loads(out)
     scenario = LoadScenario(
-        "two_dof_combined",
+        "one_dof",
         {"forward_channel.delay": 0.05, "return_channel.delay": 0.05},
     )
     transparency = record.pop("transparency")

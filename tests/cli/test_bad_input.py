@@ -1,6 +1,7 @@
 """Random input: one line that says what is wrong, or a valid scenario; never more."""
 
 import contextlib
+import functools
 import io
 import string
 import tempfile
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from grids import Slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,9 +26,24 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
 )
 
-# The same examples in every run of the tests.
-settings.register_profile("fuzz", derandomize=True, deadline=None, max_examples=100)
-FUZZ = settings.get_profile("fuzz")
+
+def Fuzz(*args, **kwargs):
+    """Calls a function as a test with what these strategies make, as given() does.
+
+    The examples are the same in every run of the tests, and more in the long one.
+    """
+
+    def Decorate(check):
+        @pytest.mark.parametrize("max_examples", Slow([30, 100]))
+        def Test(max_examples):
+            settings(derandomize=True, deadline=None, max_examples=max_examples)(
+                given(*args, **kwargs)(check)
+            )()
+
+        return Test
+
+    return Decorate
+
 
 SCENARIOS = Path(teleop_drake.__file__).parent / "scenarios"
 
@@ -40,10 +57,11 @@ def Paths(tree, prefix=""):
             yield from Paths(value, f"{prefix}{key}.")
 
 
-PATHS = {
-    name: list(Paths(yaml.safe_load(ScenarioToYaml(LoadScenario(name)))))
-    for name in ScenarioNames()
-}
+@functools.cache
+def PathsOf(name):
+    """All dotted paths of a scenario."""
+    return list(Paths(yaml.safe_load(ScenarioToYaml(LoadScenario(name)))))
+
 
 numbers = (
     st.floats()
@@ -75,7 +93,7 @@ values = numbers | st.lists(st.floats(-2, 2), max_size=3) | matrices | values
 def overrides(draw):
     """Returns the name of a scenario and one to three paths and values."""
     name = draw(st.sampled_from(ScenarioNames()))
-    path = st.sampled_from(PATHS[name])
+    path = st.sampled_from(PathsOf(name))
     misspelt = st.builds(
         lambda path, i, c: path[:i] + c + path[i + 1 :],
         path,
@@ -92,8 +110,7 @@ def AssertOneLine(error: Exception) -> None:
     assert len(str(error)) < 1000
 
 
-@given(overrides())
-@settings(FUZZ)
+@Fuzz(overrides())
 def test_load_scenario(case):
     name, pairs = case
     with warnings.catch_warnings():
@@ -136,8 +153,7 @@ def AssertBadInput(exit_code, out, err):
     assert "Traceback" not in err
 
 
-@given(overrides())
-@settings(FUZZ)
+@Fuzz(overrides())
 def test_run(case):
     name, pairs = case
     options = [
@@ -160,7 +176,7 @@ def test_run(case):
         assert not is_valid
 
 
-@given(
+@Fuzz(
     command=st.sampled_from(["run", "show", "compare", "diagram", "list", "swap", ""]),
     scenario=st.sampled_from(["one_dof", "two_dof_puncture", "1dof", ".", "a.yaml"]),
     options=st.dictionaries(
@@ -175,7 +191,6 @@ def test_run(case):
         max_size=3,
     ),
 )
-@settings(FUZZ)
 def test_options(command, scenario, options):
     argv = [command, scenario, *(f"{key}={value}" for key, value in options.items())]
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
@@ -213,8 +228,7 @@ def files(draw):
     return "\n".join(lines)
 
 
-@given(files() | st.text(max_size=60))
-@settings(FUZZ)
+@Fuzz(files() | st.text(max_size=60))
 def test_files(content):
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -228,8 +242,7 @@ def test_files(content):
             scenario.Validate()
 
 
-@given(st.binary(max_size=60))
-@settings(FUZZ)
+@Fuzz(st.binary(max_size=60))
 def test_binary_files(content):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.yaml"

@@ -1,4 +1,4 @@
-"""Sweeps on a Dask cluster: a real scheduler and two worker processes."""
+"""Sweeps on a Dask cluster: a real scheduler and worker processes."""
 
 import json
 import os
@@ -7,7 +7,6 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import distributed
 import pytest
 from grids import Slow
 
@@ -17,6 +16,9 @@ from teleop_drake.sweep import Sweep
 OVERRIDES = {"duration": 0.5, "simulator.accuracy": 1e-5}
 GRID = {"delay": [0.01 * k for k in range(1, 13)]}
 
+# One cluster.
+pytestmark = pytest.mark.xdist_group("dask")
+
 
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch):
@@ -24,9 +26,15 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def distributed():
+    """The package, imported by the one process of the tests that needs it."""
+    return pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def cluster(distributed):
     with distributed.LocalCluster(
-        n_workers=2,
+        n_workers=1,
         threads_per_worker=1,
         processes=True,
         host="127.0.0.1",
@@ -44,8 +52,10 @@ def expected():
 
 
 @pytest.mark.slow  # test_sweep.py kills processes of its own.
-def test_a_killed_worker_costs_no_run(cluster, expected):
+def test_a_killed_worker_costs_no_run(distributed, cluster, expected):
+    cluster.scale(2)
     with distributed.Client(cluster) as client:
+        client.wait_for_workers(2, timeout=60)
         pids = client.run(os.getpid)
         assert len(set(pids.values())) == 2
         victim = next(iter(pids.values()))
@@ -82,13 +92,17 @@ def test_the_command(cluster, expected, capsys):
     assert [x["metrics"] for x in records] == [x["metrics"] for x in expected]
 
 
-def test_no_workers(capsys):
+def test_no_workers(distributed, capsys):
     """The runs wait, which the command says."""
     with distributed.LocalCluster(
-        n_workers=0, host="127.0.0.1", dashboard_address=":0"
+        n_workers=0,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=":0",
     ) as cluster:
         address = cluster.scheduler_address
-        threading.Timer(2.0, cluster.scale, [1]).start()
+        threading.Timer(1.0, cluster.scale, [1]).start()
         options = ["--duration", "0.01", "--controllers", "direct_force"]
         options += ["--engine", "drake"]
         assert main(["sweep", "one_dof", *options, "--dask", address]) == 0
@@ -96,7 +110,7 @@ def test_no_workers(capsys):
 
 
 @pytest.mark.parametrize("address", Slow(["x://y:1", "tcp://127.0.0.1:1", "nowhere"]))
-def test_no_scheduler(address, capsys, monkeypatch):
+def test_no_scheduler(distributed, address, capsys, monkeypatch):
     client = distributed.Client
     monkeypatch.setattr(
         distributed, "Client", lambda address, timeout: client(address, timeout=1)

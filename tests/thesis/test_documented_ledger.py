@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from teleop_drake.thesis.ledger import Ledger, ShortLedger
+from teleop_drake.thesis.ledger import ShortLedger
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -13,9 +13,9 @@ PAGE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "thesis.md"
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-def test_short_ledger_stands_in_the_documentation(thesis_runs):
+def test_short_ledger_stands_in_the_documentation(ledger):
     """Word for word, and each number within one per cent."""
-    now = ShortLedger(Ledger(thesis_runs)).strip()
+    now = ShortLedger(ledger).strip()
     header = now.splitlines()[0]
     text = PAGE.read_text("utf-8")
     committed = text[text.index(header) :][: len(now) + 200].split("\n\n")[0]

@@ -20,7 +20,6 @@ from teleop_drake.thesis.claims.future_work import (
     EXTENSION_REQUESTS,
     LEARNING,
     Extensions,
-    Learning,
 )
 from teleop_drake.thesis.claims.learning import (
     PathDistance,
@@ -45,8 +44,8 @@ PAGE = (ROOT / "teleop_drake/docs/learning.md").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
-def learning(thesis_runs):
-    return {row.key: row for row in Learning(Evidence(thesis_runs))}
+def learning(on_learning):
+    return {row.key: row for row in on_learning}
 
 
 def Cells(first):

@@ -11,7 +11,7 @@ from teleop_drake.thesis.claims.chapter5 import CaseI, CaseII
 from teleop_drake.thesis.claims.claim import VERDICTS, PrintedNumber, Row, Statement
 from teleop_drake.thesis.claims.evidence import Evidence
 from teleop_drake.thesis.claims.requests import SHORT
-from teleop_drake.thesis.ledger import Ledger, ShortLedger
+from teleop_drake.thesis.ledger import ShortLedger
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -52,8 +52,8 @@ UNKNOWN = {"6-guarantees-stability"}
 
 
 @pytest.fixture(scope="module")
-def rows(thesis_runs):
-    return {row.key: row for row in Ledger(thesis_runs)}
+def rows(ledger):
+    return {row.key: row for row in ledger}
 
 
 class Changed:
@@ -78,8 +78,8 @@ def Verdicts(section, runs):
     return {row.key: row.verdict for row in section(Evidence(runs))}
 
 
-def test_every_row_is_complete(rows, thesis_runs):
-    assert len(rows) == len(Ledger(thesis_runs)), "keys are unique"
+def test_every_row_is_complete(rows, ledger):
+    assert len(rows) == len(ledger), "keys are unique"
     for row in rows.values():
         fields = dataclasses.asdict(row)
         assert all(isinstance(value, str) for value in fields.values())

@@ -120,7 +120,7 @@ def test_reproduce_some(tmp_path):
     assert lines == ["figure 2.4"]
 
 
-def test_command(tmp_path, monkeypatch, capsys):
+def test_command(tmp_path, monkeypatch, capsys, unrendered):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "--only", "2.4, 2.1"]) == 0
     captured = capsys.readouterr()
