@@ -277,8 +277,11 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         Refuse(chart.key, chart.values, "a list of two values or more")
     names = chart.PointNames()
     is_path = chart.key == POSITION
+    along = "along the path"
     if is_path:
-        names = chart.PointNames(with_force_mode=False)
+        commanding = chart.PointNames(with_force_mode=False)
+        along += ", velocity commanded" * (names != commanding)
+        names = commanding
     panels = [names] if is_path else [[name] for name in names]
     figure = Figure(figsize=(WIDTH, 1.4 * _ROW_HEIGHT + 0.4), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -314,7 +317,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-        ax.set_title("along the path" if is_path else panel[0], fontsize=FONT_SIZE)
+        ax.set_title(along if is_path else panel[0], fontsize=FONT_SIZE)
         label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
         ax.set_xlabel(label, fontsize=FONT_SIZE)
         _Format(ax)

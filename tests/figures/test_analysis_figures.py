@@ -118,6 +118,7 @@ def test_chart_along_the_path_has_one_panel():
     chart = ChartStability("one_dof", POSITION, [0.002, 0.01, 0.0151])
     (ax,) = PlotStabilityChart(chart).axes
     assert ax.get_xlabel() == "tool position x [m]"
+    assert ax.get_title() == "along the path, velocity commanded"
     assert len([p for p in ax.patches if p.get_zorder() == 1]) == 3
 
 
