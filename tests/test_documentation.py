@@ -1,7 +1,9 @@
 """The README and the pages of the documentation keep what they promise."""
 
+import json
 import re
 import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,6 +158,14 @@ def test_delay_margins(task):
                 assert margins[layer] is None
             else:
                 assert margins[layer] == pytest.approx(float(cell), rel=3e-3)
+        name = ("direct force", "adaptive")[i]
+        (row,) = re.findall(rf"^\| `{task}`, {name} \|(.*)\|$", TEXT, re.MULTILINE)
+        bone = analysis["bone"]
+        for loop, cell in zip((bone, bone.force_mode), row.split("|"), strict=True):
+            root = loop.RightmostRoot(0.2)
+            parts = [float(x) for x in re.findall(r"-?[\d.]+", cell)]
+            expected = [root.real, root.imag][: len(parts)]
+            assert parts == pytest.approx(expected, rel=5e-3, abs=1e-3)
 
 
 LEAGUE = ReadTable()
@@ -281,6 +291,15 @@ def test_map_is_that_of_the_sweep(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (command,) = re.findall(r"`teleop-drake (sweep one_dof [^`]*)`", TEXT)
     assert main([*command.split(), "--metrics", "collision.time", "--quiet"]) == 0
+    lines = Path("out/runs.jsonl").read_text().splitlines()
+    runs = [json.loads(line) for line in lines]
+    ended = [run for run in runs if run["status"] == "completed"]
+    times = [run["metrics"]["collision"]["settling_time"] for run in ended]
+    assert f"of its {len(runs)} runs {len(runs) - len(ended)} diverge" in TEXT
+    shown = (
+        f"other {len(ended)} come to rest, {min(times):.1f} to {max(times):.0f} s after"
+    )
+    assert shown in TEXT
     committed = imread(ROOT / "diagrams" / "one_dof_map.png")
     now = imread("out/stability.png")
     assert now.shape == committed.shape
