@@ -41,10 +41,20 @@ def Number(
         maximum: Largest value allowed.
     """
     limits = {"unit": unit, "above": above, "minimum": minimum, "maximum": maximum}
-    return field(default=default, metadata={_LIMITS: limits})
+    return field(default=default, metadata={_NUMBER: limits})
 
 
-_LIMITS = "limits"
+def GainField(default: float | None, *, may_be_zero: bool = False) -> Any:
+    """Returns a field of a config that is a gain; FixedFields.CheckGains() holds it.
+
+    Args:
+        default: Its default.
+        may_be_zero: Whether the matrix may be semidefinite; else it is definite.
+    """
+    return field(default=default, metadata={_GAIN: {"may_be_zero": may_be_zero}})
+
+
+_NUMBER, _GAIN = "number", "gain"
 
 
 class FixedFields:
@@ -54,7 +64,7 @@ class FixedFields:
     """
 
     def CheckNumbers(self, path: str = "") -> None:
-        """Checks every field that Number() made; null is allowed where its type has it.
+        """Checks every field of Number(); null is allowed where its type has it.
 
         Args:
             path: The config's place in a scenario, for messages.
@@ -62,17 +72,44 @@ class FixedFields:
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
-        # A subclass that gives a field another default keeps its limits.
-        declared = [
-            item
+        for name, value, may_be_null, limits in self._FieldsOf(_NUMBER):
+            if value is not None or not may_be_null:
+                CheckNumber(f"{path}.{name}" if path else name, value, **limits)
+
+    def CheckGains(self, path: str, num_axes: int) -> None:
+        """Checks every field of GainField(); null is allowed where its type has it.
+
+        Args:
+            path: The config's place in a scenario, for messages.
+            num_axes: Number n of task axes.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        for name, value, may_be_null, sign in self._FieldsOf(_GAIN):
+            place = f"{path}.{name}"
+            CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
+
+    def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, dict[str, Any]]]:
+        """Returns the fields of a sort: name, value, may be null, and what is allowed.
+
+        A subclass that gives a field another default keeps what is allowed.
+        """
+        declared = {
+            item.name: item
             for base in reversed(type(self).__mro__)
             for item in getattr(base, "__dataclass_fields__", {}).values()
+            if sort in item.metadata
+        }
+        return [
+            (
+                name,
+                getattr(self, name),
+                type(None) in get_args(item.type),
+                item.metadata[sort],
+            )
+            for name, item in declared.items()
         ]
-        for item in {x.name: x for x in declared if _LIMITS in x.metadata}.values():
-            value = getattr(self, item.name)
-            if value is not None or type(None) not in get_args(item.type):
-                place = f"{path}.{item.name}" if path else item.name
-                CheckNumber(place, value, **item.metadata[_LIMITS])
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field.

@@ -60,7 +60,7 @@ class ArchitectureConfig(KindConfig, ABC):
         return False
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself; here those that Number() made.
+        """Checks every field for itself; here those of GainField() and of Number().
 
         Args:
             path: The config's place in a scenario, for messages.
@@ -69,6 +69,7 @@ class ArchitectureConfig(KindConfig, ABC):
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
+        self.CheckGains(path, num_axes)
         self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> object:

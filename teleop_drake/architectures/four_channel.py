@@ -25,6 +25,7 @@ from teleop_drake.laws.four_channel import (
 from teleop_drake.validation import (
     CheckGain,
     FixedFields,
+    GainField,
     GainMatrix,
     Number,
     Refuse,
@@ -283,9 +284,6 @@ FOUR_CHANNEL_VARIANTS = {
 """Variants of the four-channel architecture, by what goes forward and comes back."""
 
 
-_GAINS = ("master_damping", "slave_mass", "slave_damping")
-
-
 @dataclass(kw_only=True, eq=False)
 class LocalController(FixedFields):
     """C = damping + stiffness / s of a four-channel station."""
@@ -293,9 +291,9 @@ class LocalController(FixedFields):
     # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
     # is critical; 0 at a station to which no motion comes. Equal at both stations, so
     # that a lasting force arrives as it was sent.
-    damping: np.ndarray | float | None = None
+    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
-    stiffness: np.ndarray | float | None = None
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -334,14 +332,14 @@ class FourChannelConfig(ArchitectureConfig):
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
-    master_mass: np.ndarray | float = 0.5
+    master_mass: np.ndarray | float = GainField(0.5)
     # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
-    master_damping: np.ndarray | float = 0.1
+    master_damping: np.ndarray | float = GainField(0.1, may_be_zero=True)
     # Mass in the model of the robot, kg, >= 0. Null: the apparent mass at the start.
-    slave_mass: np.ndarray | float | None = None
+    slave_mass: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
     # robot's own in four_channel, none in the other variants.
-    slave_damping: np.ndarray | float | None = None
+    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
     # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
     bandwidth: float | None = Number(None, "rad/s", above=0)
@@ -380,19 +378,9 @@ class FourChannelConfig(ArchitectureConfig):
         if self.variant not in FOUR_CHANNEL_VARIANTS:
             variants = ", ".join(FOUR_CHANNEL_VARIANTS)
             Refuse(f"{path}.variant", self.variant, f"one of {variants}")
-        for key in ("master_mass", "master_damping"):
-            if getattr(self, key) is None:
-                Refuse(f"{path}.{key}", None, "a number or a matrix")
-        CheckGain(f"{path}.master_mass", self.master_mass, num_axes, may_be_null=True)
-        gains = {key: getattr(self, key) for key in _GAINS}
-        for key in ("C_m", "C_s"):
-            gains[f"{key}.damping"] = getattr(self, key).damping
-            gains[f"{key}.stiffness"] = getattr(self, key).stiffness
-        for key, gain in gains.items():
-            CheckGain(
-                f"{path}.{key}", gain, num_axes, may_be_zero=True, may_be_null=True
-            )
-        self.CheckNumbers(path)
+        super().Check(path, num_axes)
+        self.C_m.CheckGains(f"{path}.C_m", num_axes)
+        self.C_s.CheckGains(f"{path}.C_s", num_axes)
 
     def Resolve(self, facts: Facts, path: str) -> FourChannel:
         """Returns the parameters with every default derived.

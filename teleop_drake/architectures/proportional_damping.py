@@ -12,7 +12,7 @@ from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import CheckGain, GainMatrix, Number, Refuse
+from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 
 
 class ProportionalMaster(KernelBlock):
@@ -185,48 +185,24 @@ class ProportionalDampingConfig(ArchitectureConfig):
     kind = "proportional_damping"
 
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
-    master_mass: np.ndarray | float = 0.5
+    master_mass: np.ndarray | float = GainField(0.5)
     # B_m, damping of the handle, N s/m, >= 0. Null: the resistance of the haptic device
     # at low frequency, so that the operator feels no more of it than of his own.
-    master_damping: np.ndarray | float | None = None
+    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # B_s, damping of the tool, N s/m, >= 0. Null: as B_m.
-    slave_damping: np.ndarray | float | None = None
+    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # By how much the dampings exceed what stability needs, > 1, for the null below:
     # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
     margin: float = Number(2.0, above=1)
     # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
     # dampings, but at most what makes the handle as fast as the fastest pole p of the
     # haptic device, K = M |p|^2.
-    stiffness: np.ndarray | float | None = None
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
 
     @property
     def has_gains_of_delay(self) -> bool:
         """Whether the stiffness derives from the nominal delays."""
         return self.stiffness is None
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        if self.master_mass is None:
-            Refuse(f"{path}.master_mass", None, "a number or a matrix (kg)")
-        # Its message names null for all gains, as most of them may be.
-        CheckGain(f"{path}.master_mass", self.master_mass, num_axes, may_be_null=True)
-        for key in ("master_damping", "slave_damping", "stiffness"):
-            CheckGain(
-                f"{path}.{key}",
-                getattr(self, key),
-                num_axes,
-                may_be_zero=True,
-                may_be_null=True,
-            )
-        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> ProportionalDamping:
         """Returns the parameters with every default derived.

@@ -22,7 +22,7 @@ from teleop_drake.architectures.base import (
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.validation import CheckGain, GainMatrix, Number
+from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number
 
 
 class SmithPredictorMaster(Diagram):
@@ -140,34 +140,13 @@ class SmithPredictorConfig(ArchitectureConfig):
     kind = "smith_predictor"
 
     # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
-    mass: np.ndarray | float | None = None
+    mass: np.ndarray | float | None = GainField(None)
     # B, N s/m, >= 0. Null: that of the robot and, along x, of the layer at the start.
-    damping: np.ndarray | float | None = None
+    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # K, N/m, >= 0. Null: that of the layer at the start, along x.
-    stiffness: np.ndarray | float | None = None
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
     delay: float | None = Number(None, "s", minimum=0)
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        CheckGain(f"{path}.mass", self.mass, num_axes, may_be_null=True)
-        for key in ("damping", "stiffness"):
-            CheckGain(
-                f"{path}.{key}",
-                getattr(self, key),
-                num_axes,
-                may_be_zero=True,
-                may_be_null=True,
-            )
-        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> SmithPredictor:
         """Returns the parameters with every default derived.

@@ -23,7 +23,7 @@ from teleop_drake.laws.wave_variables import (
     wave_root,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.validation import CheckGain, GainMatrix, Number, Refuse
+from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 
 
 class WaveMaster(KernelBlock):
@@ -291,10 +291,10 @@ class WaveVariablesConfig(ArchitectureConfig):
 
     # b, wave impedance, N s/m, > 0. Null: matched to the operator, whose force is
     # H = K/s + b + O(s) at low frequency: b is the resistance of the haptic device.
-    impedance: np.ndarray | float | None = None
+    impedance: np.ndarray | float | None = GainField(None)
     # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
     # returning wave whatever the operator does; 0 is the bare line.
-    master_damping: np.ndarray | float | None = None
+    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # Corner of the low-pass through which the arriving forward wave goes, rad/s, > 0;
     # null: none.
     forward_bandwidth: float | None = Number(None, "rad/s", above=0)
@@ -308,26 +308,6 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Rate at which the tool is pulled to the master's position, 1/s, >= 0, as far as
     # that takes energy out of the line. 0: not at all.
     drift_correction: float = Number(0.0, "1/s", minimum=0)
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        for key, may_be_zero in (("impedance", False), ("master_damping", True)):
-            CheckGain(
-                f"{path}.{key}",
-                getattr(self, key),
-                num_axes,
-                may_be_zero=may_be_zero,
-                may_be_null=True,
-            )
-        self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> WaveVariables:
         """Returns the parameters with every default derived.
