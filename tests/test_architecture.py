@@ -175,8 +175,8 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """Returns the functions of a file whose names are not those of its folder.
 
     Functions of numbers are in snake_case: laws, numerics, and what kernels consist
-    of, in compiler/ and beside the block. Properties are in snake_case as well.
-    Everything that touches Drake is in CamelCase.
+    of, in compiler/, in machine_code/ and beside the block. Properties are in
+    snake_case as well. Everything that touches Drake is in CamelCase.
     """
     tree = ast.parse(source)
     floor = path.relative_to(PACKAGE).parts[0]
@@ -189,7 +189,10 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
         is_property = any("property" in ast.unparse(x) for x in node.decorator_list)
         if floor in ("laws", "numerics") or is_property:
             allowed = SNAKE_CASE
-        elif (has_kernel and node in tree.body) or floor == "compiler":
+        elif (has_kernel and node in tree.body) or floor in (
+            "compiler",
+            "machine_code",
+        ):
             allowed = f"{SNAKE_CASE}|{CAMEL_CASE}"
         else:
             allowed = f"{CAMEL_CASE}|{OTHERS_NAMES}"

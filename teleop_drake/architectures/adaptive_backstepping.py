@@ -28,7 +28,7 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.linear_part import FROZEN_WEIGHTS, LinearPart
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import (
     REQUIRED,
     CheckGain,

@@ -27,7 +27,7 @@ from teleop_drake.laws.robust_backstepping import (
     robust_rate,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 Array = NDArray[np.float64]

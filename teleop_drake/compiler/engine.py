@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.compiler.compile import CompileIntegrator
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import Source
-from teleop_drake.compiler.machine_code import CompileIntegrator
 from teleop_drake.compiler.source import Program
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.numerics import delay_integrator, delay_problem

@@ -9,8 +9,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.arm_kernel import GravityKernel, HoldKernel
+from teleop_drake.compiler.compile import CompileEvaluate
 from teleop_drake.compiler.flatten import Flatten
-from teleop_drake.compiler.machine_code import CompileEvaluate
 from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel, TrackingKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program

@@ -12,7 +12,7 @@ from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]

@@ -38,7 +38,7 @@ from teleop_drake.laws.layered_force import (
     puncture_position,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]

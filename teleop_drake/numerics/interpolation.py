@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.numerics.compiled import compiled, is_python
+from teleop_drake.machine_code.compiled import compiled, is_python
 from teleop_drake.numerics.newton_polynomials import (
     CONVERGED,
     NUM_STENCIL_POINTS,

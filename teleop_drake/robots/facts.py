@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.numerics.compiled import interpreted
+from teleop_drake.machine_code.compiled import interpreted
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
-from teleop_drake.numerics.compiled import interpreted
+from teleop_drake.machine_code.compiled import interpreted
 from teleop_drake.numerics.interpolation import (
     find_crossing,
     interpolate,

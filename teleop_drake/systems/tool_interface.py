@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import Refuse
 
 

@@ -22,7 +22,7 @@ from pydrake.multibody.tree import (
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.numerics.rigid_body import (
     calc_accelerations,
     calc_point_acceleration,

@@ -27,7 +27,7 @@ from teleop_drake.laws.layered_force import (
     layered_force,
 )
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.numerics.interpolation import (
     evaluate_newton,
     limited_polynomial,
@@ -129,7 +129,7 @@ import json, sys
 if sys.argv[1] == "without":
     sys.modules["numba"] = None  # As if it were not installed.
 import numpy as np
-from teleop_drake.numerics.compiled import compiled
+from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.numerics.interpolation import limited_polynomial
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

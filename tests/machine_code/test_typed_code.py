@@ -9,9 +9,15 @@ import pytest
 
 pytest.importorskip("llvmlite")
 
-from teleop_drake.compiler.native import Library, ObjectFile
-from teleop_drake.compiler.typed_code import MakeTypedCode
-from teleop_drake.compiler.typed_values import FLOAT, INTEGER, Header, NotTyped, TypeOf
+from teleop_drake.machine_code.native import Library, ObjectFile
+from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.typed_values import (
+    FLOAT,
+    INTEGER,
+    Header,
+    NotTyped,
+    TypeOf,
+)
 
 NODES = np.array([[0.5, 2.0], [-1.0, 3.0]])
 

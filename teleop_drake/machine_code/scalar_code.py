@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.compiler.symbols import (
+from teleop_drake.machine_code.symbols import (
     Number,
     Numbers,
     Ref,
     Untraceable,
 )
-from teleop_drake.compiler.traced_numpy import FUNCTIONS, MODULES
-from teleop_drake.compiler.tracing import (
+from teleop_drake.machine_code.traced_numpy import FUNCTIONS, MODULES
+from teleop_drake.machine_code.tracing import (
     BOOLEAN,
     Branch,
     Graph,

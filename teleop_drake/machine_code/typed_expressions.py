@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from teleop_drake.compiler.typed_values import (
+from teleop_drake.machine_code.typed_values import (
     BOOLEAN,
     FLOAT,
     INTEGER,

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.compiler.symbols import (
+from teleop_drake.machine_code.symbols import (
     AsReal,
     IsSame,
     Number,

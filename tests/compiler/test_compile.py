@@ -8,7 +8,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.compiler import machine_code
+from teleop_drake.compiler import compile as machine_code
 from teleop_drake.compiler.check import Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.kernel import Kernel
@@ -62,7 +62,7 @@ def test_several_processes_may_compile_at_once(cache):
     program = (
         "from pathlib import Path; import sys; sys.path[:0] = "
         f"[{os.path.dirname(__file__)!r}]\n"
-        "import test_machine_code as t; t.check_machine_code(t.decay(3.0))"
+        "import test_compile as t; t.check_machine_code(t.decay(3.0))"
     )
     runs = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(3)]
     assert [run.wait() for run in runs] == [0, 0, 0]

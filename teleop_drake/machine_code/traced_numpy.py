@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.compiler.symbols import (
+from teleop_drake.machine_code.symbols import (
     AsNumbers,
     HasNumbers,
     Number,

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.compiler.typed_expressions import ExpressionWriter
-from teleop_drake.compiler.typed_values import (
+from teleop_drake.machine_code.typed_expressions import ExpressionWriter
+from teleop_drake.machine_code.typed_values import (
     EVALUATE,
     INTEGER,
     NOTHING,

@@ -9,9 +9,9 @@ from teleop_drake.compiler.source import put
 
 pytest.importorskip("llvmlite")
 
-from teleop_drake.compiler.native import Evaluate, Library, ObjectFile
-from teleop_drake.compiler.scalar_code import MakeCode, TraceProgram
-from teleop_drake.compiler.symbols import Untraceable
+from teleop_drake.machine_code.native import Evaluate, Library, ObjectFile
+from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
+from teleop_drake.machine_code.symbols import Untraceable
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 

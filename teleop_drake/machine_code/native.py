@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.compiler.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.compiler.typed_values import Header
+from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
+from teleop_drake.machine_code.typed_values import Header
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from teleop_drake.compiler import (
+from teleop_drake.compiler.jit import helpers, jit
+from teleop_drake.compiler.source import Program
+from teleop_drake.machine_code import (
     native,
     scalar_code,
     symbols,
@@ -25,8 +27,7 @@ from teleop_drake.compiler import (
     typed_expressions,
     typed_values,
 )
-from teleop_drake.compiler.jit import helpers, jit
-from teleop_drake.compiler.native import (
+from teleop_drake.machine_code.native import (
     Evaluate,
     Integrator,
     Kept,
@@ -34,11 +35,10 @@ from teleop_drake.compiler.native import (
     ObjectFile,
     Processor,
 )
-from teleop_drake.compiler.scalar_code import MakeCode, TraceProgram
-from teleop_drake.compiler.source import Program
-from teleop_drake.compiler.symbols import Untraceable
-from teleop_drake.compiler.typed_code import MakeTypedCode
-from teleop_drake.compiler.typed_values import EVALUATE, TypeOf
+from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
+from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.typed_values import EVALUATE, TypeOf
 from teleop_drake.numerics.delay_integrator import advance
 
 # More numbers than any array has.
