@@ -97,8 +97,8 @@ class Kernel:
     """What a block computes.
 
     The functions take arrays of one dimension (the time is a number, a parameter is
-    what it is) and return one; they keep to the part of Python and numpy that numba
-    knows.
+    what it is) and return one. They have no loops that end when numbers have converged:
+    what they do with numbers has to be a graph of operations.
 
     Attributes:
         outputs: What each output port delivers, a term. A port that is left out cannot

@@ -20,15 +20,13 @@ from teleop_drake.laws.backstepping import (
     BacksteppingState,
     adaptive_errors,
     adaptive_rate,
-    backstepping_error_vector,
-    backstepping_rate_vector,
     initial_state,
     pack_state,
     unpack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.linear_part import FROZEN_WEIGHTS, LinearPart
-from teleop_drake.machine_code.compiled import compiled
+from teleop_drake.machine_code.compiled import CompileLaw, Law
 from teleop_drake.validation import (
     REQUIRED,
     CheckGain,
@@ -39,6 +37,8 @@ from teleop_drake.validation import (
     ScenarioError,
     Show,
 )
+
+Array = NDArray[np.float64]
 
 
 class AdaptiveBackstepping(LeafSystem):
@@ -94,10 +94,18 @@ class AdaptiveBackstepping(LeafSystem):
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self.set_name("adaptive_backstepping")
         self._n = n
-        self._gains = gains.as_arrays()
-        self._network = network
-        self._rate = compiled(backstepping_rate_vector)
-        self._errors = compiled(backstepping_error_vector)
+        self._num_functions = N
+        matrices, numbers = gains.as_arrays()
+        self._UseLaw(
+            adaptive_rate,
+            adaptive_errors,
+            {
+                "matrices": matrices,
+                "numbers": numbers,
+                "centres": network.centres,
+                "widths": network.widths,
+            },
+        )
 
         self._F_hd = self.DeclareVectorInputPort("haptic_force", n)
         self._v_dd = self.DeclareVectorInputPort("velocity_command", n)
@@ -118,36 +126,38 @@ class AdaptiveBackstepping(LeafSystem):
             "control_force_error", n, self._CalcControlForceError
         )
 
+    def _UseLaw(self, rate: Law, errors: Law, parameters: dict[str, Array]) -> None:
+        """Sets the functions that the block computes, and their first arguments."""
+        self._functions, self._parameters = (rate, errors), parameters
+        self._rate, self._errors = (
+            CompileLaw(law, *parameters.values()) for law in self._functions
+        )
+
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
-        n, N = self._n, self._network.num_functions
-        matrices, numbers = self._gains
+        n, N = self._n, self._num_functions
+        rate, errors = self._functions
         taken = (
-            "matrices", "numbers", "centres", "widths", "state", "tool_position",
-            "tool_velocity", "velocity_command", "environment_force", "haptic_force",
+            *self._parameters, "state", "tool_position", "tool_velocity",
+            "velocity_command", "environment_force", "haptic_force",
         )  # fmt: skip
         W1, Psi, W3 = n, n + n * N, n + n * N + n * n
         return Kernel(
-            parameters={
-                "matrices": matrices,
-                "numbers": numbers,
-                "centres": self._network.centres,
-                "widths": self._network.widths,
-            },
-            rate=(adaptive_rate, *taken),
+            parameters=self._parameters,
+            rate=(rate, *taken),
             outputs={
                 "control_force": ("state", 0, n),
                 "weights_1": ("state", W1, Psi),
                 "psi": ("state", Psi, W3),
                 "weights_3": ("state", W3, W3 + n * N),
-                "errors": (adaptive_errors, *taken),
+                "errors": (errors, *taken),
                 "auxiliary_error": ("errors", 0, n),
                 "control_force_error": ("errors", n, 2 * n),
             },
             sizes={"errors": 2 * n},
         )
 
-    def ForLinearModel(self, estimates: NDArray[np.float64] | None) -> LinearPart:
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that only F_c, the first part of the state, is one of the model.
 
         Args:
@@ -161,20 +171,17 @@ class AdaptiveBackstepping(LeafSystem):
         self, context: Context, derivatives: ContinuousState
     ) -> None:
         """Evaluates the law; called by Drake several times in every step."""
-        x = context.get_continuous_state_vector().CopyToVector()
-        v = self._v.Eval(context)
-        Phi, Phi_dot = self._network.evaluate_with_rate(self._r.Eval(context), v)
-        derivatives.SetFromVector(
-            self._rate(
-                *self._gains,
-                x,
-                Phi,
-                Phi_dot,
-                v,
-                self._v_dd.Eval(context),
-                self._F_e.Eval(context),
-                self._F_hd.Eval(context),
-            )
+        derivatives.SetFromVector(self._rate(*self._EvalInputs(context)))
+
+    def _EvalInputs(self, context: Context) -> tuple[Array, ...]:
+        """Returns what the law takes behind its parameters."""
+        return (
+            context.get_continuous_state_vector().CopyToVector(),
+            self._r.Eval(context),
+            self._v.Eval(context),
+            self._v_dd.Eval(context),
+            self._F_e.Eval(context),
+            self._F_hd.Eval(context),
         )
 
     def _EvalState(self, context: Context) -> BacksteppingState:
@@ -193,24 +200,13 @@ class AdaptiveBackstepping(LeafSystem):
     def _CalcWeights3(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalState(context).W3.ravel())
 
-    def _CalcErrors(self, context: Context) -> np.ndarray:
-        """Returns [s; z]."""
-        errors: np.ndarray = self._errors(
-            *self._gains,
-            context.get_continuous_state_vector().CopyToVector(),
-            self._network.evaluate(self._r.Eval(context)),
-            self._v.Eval(context),
-            self._v_dd.Eval(context),
-            self._F_e.Eval(context),
-            self._F_hd.Eval(context),
-        )
-        return errors
-
     def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._CalcErrors(context)[: self._n])
+        s_and_z = self._errors(*self._EvalInputs(context))
+        output.SetFromVector(s_and_z[: self._n])
 
     def _CalcControlForceError(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._CalcErrors(context)[self._n :])
+        s_and_z = self._errors(*self._EvalInputs(context))
+        output.SetFromVector(s_and_z[self._n :])
 
 
 _GAINS = ("Lambda", "G1", "G2", "P")

@@ -10,24 +10,14 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel
-from teleop_drake.laws.backstepping import (
-    BacksteppingGains,
-    auxiliary_error,
-    damped_force_error,
-    damped_rate_vector,
-    unpack_state,
-)
+from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
     RobustBounds,
-    robust_damping,
     robust_errors,
-    robust_force_rate,
     robust_rate,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 Array = NDArray[np.float64]
@@ -67,25 +57,9 @@ class RobustBackstepping(AdaptiveBackstepping):
             CheckNumber(name, getattr(bounds, name), minimum=0)
         for name in ("eps1", "eps3"):
             CheckNumber(name, getattr(bounds, name), above=0)
-        self._constants = gains
         self._bounds = np.array(bounds, dtype=float)
-        self._rate, self._errors = self._RobustRate, self._RobustErrors
-        # Compiled piece by piece, because what is compiled stands in one file.
-        self._damping = compiled(robust_damping)
-        self._damped_rate = compiled(damped_rate_vector)
-        self._force_rate = compiled(robust_force_rate)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        adaptive = super().Kernel()
-        assert isinstance(adaptive.rate, tuple)
-        taken = ("bounds", *adaptive.rate[1:])
-        return replace(
-            adaptive,
-            parameters={**adaptive.parameters, "bounds": self._bounds},
-            rate=(robust_rate, *taken),
-            outputs={**adaptive.outputs, "errors": (robust_errors, *taken)},
-        )
+        parameters = {"bounds": self._bounds, **self._parameters}
+        self._UseLaw(robust_rate, robust_errors, parameters)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that F_c alone is a state, and where the robust terms bend.
@@ -99,49 +73,6 @@ class RobustBackstepping(AdaptiveBackstepping):
         if not widths:
             return part
         return replace(part, scale=min(widths), input_scale=min(widths))
-
-    def _RobustRate(
-        self,
-        matrices: Array,
-        numbers: Array,
-        x: Array,
-        Phi: Array,
-        Phi_dot: Array,
-        v: Array,
-        v_dd: Array,
-        F_e: Array,
-        F_hd: Array,
-    ) -> Array:
-        """Returns robust_rate() with the values of the networks given."""
-        n = self._n
-        s = auxiliary_error(self._constants, v, v_dd, F_e, F_hd)
-        values = self._damping(self._constants.P, self._constants.G1, self._bounds, s)
-        damping, slope = values[:n], values[n:].reshape(n, n)
-        rate: Array = self._damped_rate(
-            matrices, numbers, x, Phi, Phi_dot, s, F_e, damping, slope
-        )
-        state = unpack_state(x, n)
-        z = damped_force_error(state, Phi, F_e, damping)
-        rate[:n] -= self._force_rate(self._bounds, state.Psi, slope, z)
-        return rate
-
-    def _RobustErrors(
-        self,
-        matrices: Array,
-        numbers: Array,
-        x: Array,
-        Phi: Array,
-        v: Array,
-        v_dd: Array,
-        F_e: Array,
-        F_hd: Array,
-    ) -> Array:
-        """Returns robust_errors() with the values of the networks given."""
-        s = auxiliary_error(self._constants, v, v_dd, F_e, F_hd)
-        values = self._damping(self._constants.P, self._constants.G1, self._bounds, s)
-        state = unpack_state(x, self._n)
-        z = damped_force_error(state, Phi, F_e, values[: self._n])
-        return np.concatenate((s, z))
 
 
 @dataclass(kw_only=True, eq=False)

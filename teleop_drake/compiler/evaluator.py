@@ -17,6 +17,7 @@ from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
+from teleop_drake.machine_code.symbols import Untraceable
 from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.posture_hold import PostureHold
@@ -61,7 +62,7 @@ class Evaluator:
     Args:
         system: The diagram, or a block by itself.
         context: Its context, whose parameters and fixed inputs are taken over.
-        as_machine_code: Whether to compile it, for which numba is needed.
+        as_machine_code: Whether to compile it, for which llvmlite is needed.
 
     Attributes:
         system: The diagram.
@@ -82,7 +83,12 @@ class Evaluator:
         kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
         self.program = Program(self.blocks, kernels)
         compiler = CompileEvaluate if as_machine_code else _InPython
-        self.function = compiler(self.program)
+        try:
+            self.function = compiler(self.program)
+        except Untraceable as error:
+            owner = self.program.OwnerOf(error.function) or system
+            name = getattr(error.function, "__name__", "its kernel")
+            raise UnsupportedSystem(owner, f"{name}(): {error}") from error
 
     def Evaluate(self, context: Context) -> tuple[Array, Array]:
         """Returns the outputs and the time derivatives in a context.

@@ -117,7 +117,7 @@ def tool_motion(
     n = len(tree.parents)
     calc_kinematics(tree, state[:n], state[n:], work)
     calc_point_motion(tree, link, point, work, motion)
-    return tool_kinematics(motion[:3], motion[6:].reshape(3, n), state, num_axes)
+    return tool_kinematics(num_axes, motion[:3], motion[6:].reshape(3, n), state)
 
 
 def tool_dynamics(

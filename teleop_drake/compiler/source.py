@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from pydrake.systems.framework import System
 
 from teleop_drake.compiler.flatten import Block, Source
 from teleop_drake.compiler.parameters import Parameters
@@ -109,6 +110,17 @@ class Program:
         }
         self.parameters = self._parameters.as_arrays()
         self.sizes = self._num_y, num_x, num_m
+
+    def OwnerOf(self, function: Callable[..., Any]) -> System | None:
+        """Returns the first block whose kernel has a function.
+
+        Args:
+            function: The function.
+        """
+        for output, (_, _, term) in self._terms.items():
+            if isinstance(term, tuple) and function in term:
+                return self._blocks[output.block].system
+        return None
 
     def _Declare(self, i: int, kernel: Kernel) -> None:
         """Makes room for all that a block computes."""

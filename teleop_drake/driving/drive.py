@@ -149,7 +149,7 @@ class Drive:
         return scenario
 
     def _WarmUp(self, scenario: Scenario) -> str:
-        """Lets numba compile what is new in a scenario before the clock starts.
+        """Lets what is new in a scenario be compiled before the clock starts.
 
         Returns:
             How that ended; see Recording.

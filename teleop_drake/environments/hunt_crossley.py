@@ -12,7 +12,7 @@ from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.machine_code.compiled import compiled
+from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
@@ -72,12 +72,12 @@ class ContactWall(LeafSystem):
         CheckNumber("friction", friction, minimum=0)
         CheckNumber("creep_speed", creep_speed, "m/s", above=0)
         self._surface = surface
-        self._law = compiled(wall_force)
         self._parameters = {
             "normal_law": np.array([stiffness, exponent, damping], dtype=float),
             "friction_law": np.array([friction, creep_speed], dtype=float),
             "plane": PlaneOf(surface),
         }
+        self._law = CompileLaw(wall_force, *self._parameters.values())
         n = surface.normal_W.size
         self._p = self.DeclareVectorInputPort("tool_position", n)
         self._v = self.DeclareVectorInputPort("tool_velocity", n)
@@ -113,7 +113,7 @@ class ContactWall(LeafSystem):
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
         motion = self._p.Eval(context), self._v.Eval(context)
-        output.SetFromVector(self._law(*self._parameters.values(), *motion))
+        output.SetFromVector(self._law(*motion))
 
 
 @dataclass(kw_only=True, eq=False)

@@ -38,7 +38,7 @@ from teleop_drake.laws.layered_force import (
     puncture_position,
 )
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.machine_code.compiled import compiled
+from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]
@@ -110,10 +110,15 @@ class LayeredForceField(LeafSystem):
         self._axis = np.array([self._normal, point], dtype=float)
         self._layers = layer_table(layers)
         self._regions = layer_regions(layers)
-        # Where no region is kept, the position alone decides.
-        self._everywhere = np.array([[0, len(layers)]])
-        self._force = compiled(layered_force)
-        self._row = compiled(layer_row)
+        # Where no region is kept, the position alone decides: all layers are in one.
+        everywhere = np.array([[0, len(layers)]])
+        self._laws_anywhere, self._laws = (
+            [
+                CompileLaw(law, self._layers, regions, self._axis)
+                for law in (force_in_region, layer_in_region)
+            ]
+            for regions in (everywhere, self._regions)
+        )
         # Where each region begins and ends.
         boundaries = self._layers[self._regions[1:, 0], 0].tolist()
         self._begins = [-math.inf, *boundaries]
@@ -169,7 +174,7 @@ class LayeredForceField(LeafSystem):
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
-        law = ("layers", "regions", "mode", "axis", "tool_position")
+        law = ("layers", "regions", "axis", "mode", "tool_position")
         return Kernel(
             parameters={
                 "layers": self._layers,
@@ -197,20 +202,18 @@ class LayeredForceField(LeafSystem):
     def _GetRegion(self, context: Context) -> int:
         return int(context.get_discrete_state_vector().GetAtIndex(0))
 
-    def _GetLaw(self, context: Context) -> tuple[np.ndarray, np.ndarray, int]:
-        """Returns the layers, the regions and the region that hold now."""
+    def _Evaluate(self, index: int, context: Context, *motion: Array) -> Array:
+        """Returns what a law, force or layer, gives in the region that holds now."""
         if context.get_accuracy() is None:
-            return self._layers, self._everywhere, 0
-        return self._layers, self._regions, self._GetRegion(context)
+            return self._laws_anywhere[index](np.zeros(1), *motion)
+        return self._laws[index](context.get_discrete_state_vector().value(), *motion)
 
     def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        p_WT, v_WT = self._p.Eval(context), self._v.Eval(context)
-        law = self._GetLaw(context)
-        output.SetFromVector(self._force(*law, self._axis, p_WT, v_WT))
+        motion = self._p.Eval(context), self._v.Eval(context)
+        output.SetFromVector(self._Evaluate(0, context, *motion))
 
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
-        row = self._row(*self._GetLaw(context), self._EvalX(context))
-        output.SetAtIndex(0, row - 1)
+        output.SetFromVector(self._Evaluate(1, context, self._p.Eval(context)))
 
     def _EvalX(self, context: Context) -> float:
         """Returns where the tool is along the axis, in m."""
@@ -246,14 +249,14 @@ class LayeredForceField(LeafSystem):
 
 
 def force_in_region(
-    layers: Array, regions: Regions, mode: Array, axis: Array, p_WT: Array, v_WT: Array
+    layers: Array, regions: Regions, axis: Array, mode: Array, p_WT: Array, v_WT: Array
 ) -> Array:
     """Returns layered_force() in the region that is the mode."""
     return layered_force(layers, regions, int(mode[0]), axis, p_WT, v_WT)
 
 
 def layer_in_region(
-    layers: Array, regions: Regions, mode: Array, axis: Array, p_WT: Array
+    layers: Array, regions: Regions, axis: Array, mode: Array, p_WT: Array
 ) -> Array:
     """Returns the index of the layer at the tool, -1 before the first one."""
     x = np.sum(p_WT * axis[0])

@@ -414,101 +414,6 @@ def damped_rate(
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
 
 
-def backstepping_rate_vector(
-    matrices: Array,
-    numbers: Array,
-    x: Array,
-    Phi: Array,
-    Phi_dot: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
-    """Returns backstepping_rate() of a state vector, as a vector.
-
-    Args:
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        x: The state as pack_state() makes it.
-        Phi: Basis functions at the present input (N).
-        Phi_dot: Their time rate in 1/s (N).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-
-    Returns:
-        The time rate of the state.
-    """
-    gains = gains_from_arrays(matrices, numbers)
-    state = unpack_state(x, v.size)
-    return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
-
-
-def damped_rate_vector(
-    matrices: Array,
-    numbers: Array,
-    x: Array,
-    Phi: Array,
-    Phi_dot: Array,
-    s: Array,
-    F_e: Array,
-    damping: Array,
-    slope: Array,
-) -> Array:
-    """Returns damped_rate() of a state vector, as a vector.
-
-    Args:
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        x: The state as pack_state() makes it.
-        Phi: Basis functions at the present input (N).
-        Phi_dot: Their time rate in 1/s (N).
-        s: Auxiliary error in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        damping: What alpha takes from ds/dt, in m/s^2 (n).
-        slope: Its derivative with respect to s in 1/s (n, n).
-
-    Returns:
-        The time rate of the state.
-    """
-    gains = gains_from_arrays(matrices, numbers)
-    state = unpack_state(x, s.size)
-    return pack_state(damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope))
-
-
-def backstepping_error_vector(
-    matrices: Array,
-    numbers: Array,
-    x: Array,
-    Phi: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
-    """Returns auxiliary_error() and control_force_error() as one vector [s; z].
-
-    Args:
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        x: The state as pack_state() makes it.
-        Phi: Basis functions at the present input (N).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-
-    Returns:
-        s in m/s and z in N (2n).
-    """
-    gains = gains_from_arrays(matrices, numbers)
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    z = control_force_error(gains, unpack_state(x, v.size), Phi, s, F_e)
-    return np.concatenate((s, z))
-
-
 def adaptive_rate(
     matrices: Array,
     numbers: Array,
@@ -521,7 +426,7 @@ def adaptive_rate(
     F_e: Array,
     F_hd: Array,
 ) -> Array:
-    """Returns backstepping_rate_vector() with Gaussian networks.
+    """Returns backstepping_rate() with Gaussian networks, of and as a vector.
 
     Args:
         matrices: The gains, of BacksteppingGains.as_arrays().
@@ -538,10 +443,9 @@ def adaptive_rate(
     Returns:
         The time rate of the state.
     """
+    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
     Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
-    return backstepping_rate_vector(
-        matrices, numbers, x, Phi, Phi_dot, v, v_dd, F_e, F_hd
-    )
+    return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
 def adaptive_errors(
@@ -556,7 +460,7 @@ def adaptive_errors(
     F_e: Array,
     F_hd: Array,
 ) -> Array:
-    """Returns backstepping_error_vector() with Gaussian networks.
+    """Returns auxiliary_error() and control_force_error() with Gaussian networks.
 
     Args:
         matrices: The gains, of BacksteppingGains.as_arrays().
@@ -571,7 +475,9 @@ def adaptive_errors(
         F_hd: Haptic force as it arrives at the slave in N (n).
 
     Returns:
-        [s; z].
+        s in m/s and z in N as one vector (2n).
     """
+    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
     Phi, _ = gaussian_functions(r, v, centres, widths)
-    return backstepping_error_vector(matrices, numbers, x, Phi, v, v_dd, F_e, F_hd)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))

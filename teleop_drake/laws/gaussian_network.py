@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.validation import CheckNumber, Refuse
 
 Array = NDArray[np.float64]
@@ -141,7 +140,6 @@ class GaussianNetwork:
         self._widths = width * lattice_spacing(lower, upper, count)
         self._centres.setflags(write=False)
         self._widths.setflags(write=False)
-        self._functions = compiled(gaussian_functions)
 
     @property
     def centres(self) -> Array:
@@ -184,7 +182,4 @@ class GaussianNetwork:
         Returns:
             (Phi, Phi_dot), both (N); Phi_dot in 1/s.
         """
-        values: tuple[Array, Array] = self._functions(
-            u, u_dot, self._centres, self._widths
-        )
-        return values
+        return gaussian_functions(u, u_dot, self._centres, self._widths)

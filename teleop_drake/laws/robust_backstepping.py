@@ -75,8 +75,9 @@ from numpy.typing import NDArray
 from teleop_drake.laws.backstepping import (
     auxiliary_error,
     damped_force_error,
-    damped_rate_vector,
+    damped_rate,
     gains_from_arrays,
+    pack_state,
     unpack_state,
 )
 from teleop_drake.laws.gaussian_network import gaussian_functions
@@ -111,8 +112,8 @@ def smooth_norm(u: Array, eps: float) -> float:
     return norm
 
 
-def robust_damping(P: Array, G1: Array, bounds: Array, s: Array) -> Array:
-    """Returns h(s) in m/s^2, and behind it H(s) row by row in 1/s (n + n n).
+def robust_damping(P: Array, G1: Array, bounds: Array, s: Array) -> tuple[Array, Array]:
+    """Returns h(s) in m/s^2 (n) and H(s) in 1/s (n, n).
 
     Args:
         P: Weight of s in V2 (n, n), symmetric.
@@ -125,7 +126,7 @@ def robust_damping(P: Array, G1: Array, bounds: Array, s: Array) -> Array:
     share = bounds[0] / norm
     direction = u / norm
     slope = G1 + share * (P - direction[:, np.newaxis] * (P @ direction))
-    return np.concatenate((G1 @ s + share * u, slope.ravel()))
+    return G1 @ s + share * u, slope
 
 
 def robust_force_rate(bounds: Array, Psi: Array, slope: Array, z: Array) -> Array:
@@ -173,19 +174,14 @@ def robust_rate(
         F_e: Force the robot exerts on the environment in N (n).
         F_hd: Haptic force as it arrives at the slave in N (n).
     """
-    n = v.size
-    gains = gains_from_arrays(matrices, numbers)
+    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
     Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    values = robust_damping(gains.P, gains.G1, bounds, s)
-    damping, slope = values[:n], values[n:].reshape(n, n)
-    rate = damped_rate_vector(
-        matrices, numbers, x, Phi, Phi_dot, s, F_e, damping, slope
-    )
-    state = unpack_state(x, n)
+    damping, slope = robust_damping(gains.P, gains.G1, bounds, s)
+    rate = damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope)
     z = damped_force_error(state, Phi, F_e, damping)
     robust = robust_force_rate(bounds, state.Psi, slope, z)
-    return np.concatenate((rate[:n] - robust, rate[n:]))
+    return pack_state(rate._replace(F_c=rate.F_c - robust))
 
 
 def robust_errors(
@@ -216,10 +212,8 @@ def robust_errors(
         F_e: Force the robot exerts on the environment in N (n).
         F_hd: Haptic force as it arrives at the slave in N (n).
     """
-    n = v.size
-    gains = gains_from_arrays(matrices, numbers)
+    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
     Phi, _ = gaussian_functions(r, v, centres, widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    damping = robust_damping(gains.P, gains.G1, bounds, s)[:n]
-    z = damped_force_error(unpack_state(x, n), Phi, F_e, damping)
-    return np.concatenate((s, z))
+    damping, _ = robust_damping(gains.P, gains.G1, bounds, s)
+    return np.concatenate((s, damped_force_error(state, Phi, F_e, damping)))

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def tool_kinematics(p_WT: Array, Jv_v_WT: Array, x: Array, num_axes: int) -> Array:
+def tool_kinematics(num_axes: int, p_WT: Array, Jv_v_WT: Array, x: Array) -> Array:
     """Returns [p_WT; v_WT; J row by row] in m and m/s (2n + n nv).
 
     Args:
+        num_axes: n.
         p_WT: Position of the tool in m (3).
         Jv_v_WT: Its translational Jacobian (3, nv).
         x: The robot's state, [q; qdot] (nq + nv).
-        num_axes: n.
     """
     n, nv = num_axes, Jv_v_WT.shape[1]
     qdot = x[x.size - nv :]

@@ -1,1 +1,1 @@
-"""Functions of numbers and arrays as machine code."""
+"""Functions of numbers and arrays as machine code, by LLVM (the extra `fast`)."""

@@ -1,47 +1,43 @@
-"""Machine code for laws, where numba is installed (the extra `fast`)."""
+"""Laws as machine code, where llvmlite is installed (the extra `fast`)."""
 
 import functools
 import importlib.util
-import os
-import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
-Law = TypeVar("Law", bound=Callable[..., Any])
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.machine_code.cache import Kept
+from teleop_drake.machine_code.native import (
+    BoundEvaluate,
+    BoundLoops,
+    Library,
+    ObjectFile,
+)
+from teleop_drake.machine_code.scalar_code import IsWhole, MakeCode, TraceLaw
+from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.typed_values import TypeOf
+
+Array = NDArray[np.float64]
+Law = Callable[..., Array]
 
 
-class CompiledLaw:
-    """A law that is called as machine code, or as it is within interpreted().
-
-    Args:
-        law: The law.
-    """
-
-    def __init__(self, law: Callable[..., Any]):
-        self.law = law
-
-    @functools.cached_property
-    def dispatcher(self) -> Callable[..., Any]:
-        """The law for numba, which takes a while to import."""
-        import numba
-
-        dispatcher: Callable[..., Any] = numba.njit(cache=True)(
-            with_compiled_helpers(self.law)
-        )
-        return dispatcher
-
-    def __call__(self, *args: Any) -> Any:
-        """Calls the law."""
-        return (self.law if _is_interpreted else self.dispatcher)(*args)
+@functools.cache
+def HasCompiler() -> bool:
+    """Returns whether llvmlite is installed."""
+    return importlib.util.find_spec("llvmlite") is not None
 
 
 _is_interpreted = False
 
 
 @contextmanager
-def interpreted() -> Iterator[None]:
+def Interpreted() -> Iterator[None]:
     """Lets compiled laws run as they are, where a few calls do not pay compiling."""
     global _is_interpreted
     before, _is_interpreted = _is_interpreted, True
@@ -51,57 +47,130 @@ def interpreted() -> Iterator[None]:
         _is_interpreted = before
 
 
-def is_python(law: Callable[..., Any]) -> bool:
-    """Returns whether a law will not be called as machine code.
+def CompileLaw(law: Law, *constants: Any) -> Law:
+    """Returns a law as machine code if llvmlite is installed, otherwise the law itself.
+
+    It is the same function to within rounding. It is compiled when it is first called,
+    and kept in the user's cache. A law that does what a graph of operations cannot, see
+    `tracing`, stays as it is.
 
     Args:
-        law: Of compiled().
+        law: Takes numbers and arrays, of the same shapes each time, and returns an
+            array.
+        constants: Its first arguments, the same each time. Whole numbers and arrays of
+            them are among these, because they decide what is done.
     """
-    return _is_interpreted or not isinstance(law, CompiledLaw)
+    if not HasCompiler():
+        return functools.partial(law, *constants)
+    return CompiledLaw(law, constants)
 
 
-@functools.cache
-def compiled(law: Law) -> Law:
-    """Returns a law as machine code if numba is installed, otherwise the law itself.
-
-    The result takes positional arguments, and is the same function of them to within
-    rounding. It is compiled at the first call and kept on disk beside the law, or in
-    the user's cache where that is not possible. NUMBA_DISABLE_JIT=1 turns it off.
+class CompiledLaw:
+    """A law that is called as machine code, or as it is within Interpreted().
 
     Args:
-        law: A function of numbers, arrays and tuples of these, in the part of Python
-            that numba knows. The functions of this package that it calls are in its
-            own file: only changes to that file make numba compile it anew.
+        law: See CompileLaw().
+        constants: The same.
     """
-    if any(importlib.util.find_spec(name) is None for name in ("numba", "scipy")):
-        return law  # numba's linear algebra is scipy's.
-    if _is_disabled():
-        return law
-    return cast(Law, CompiledLaw(law))
+
+    def __init__(self, law: Law, constants: Sequence[Any]):
+        self.law = functools.partial(law, *constants)
+        # What a call works with, for each thread its own.
+        self._local = threading.local()
+
+    def __call__(self, *arguments: Any) -> Array:
+        """Calls the law."""
+        if _is_interpreted:
+            return self.law(*arguments)
+        try:
+            places, run, result = self._local.call
+        except AttributeError:
+            places, run, result = self._local.call = self._Prepare(arguments)
+        if run is None:
+            return self.law(*arguments)
+        for place, argument in zip(places, arguments, strict=True):
+            place[...] = argument
+        run()
+        copy: Array = result.copy()
+        return copy
+
+    def _Prepare(
+        self, arguments: Sequence[Any]
+    ) -> tuple[list[Array], Callable[[], None] | None, Array]:
+        """Returns where arguments go, what to call then, and where the result is."""
+        # Called once as it is, the law tells the shape of what it returns.
+        result = np.array(self.law(*arguments), dtype=float)
+        samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
+        try:
+            library = _LibraryOf(cast(FunctionType, self.law.func), samples)
+        except Untraceable:
+            return [], None, result
+        values = [np.asarray(sample) for sample in samples if not IsWhole(sample)]
+        memory = np.concatenate([np.ravel(value) for value in values])
+        ends = np.cumsum([value.size for value in values])
+        places = [
+            memory[end - value.size : end].reshape(value.shape)
+            for end, value in zip(ends, values, strict=True)
+        ]
+        places = places[len(places) - len(arguments) :]
+        return places, BoundEvaluate(library, memory, result), result
 
 
-def _is_disabled() -> bool:
-    """Returns whether numba is not to compile; it is not imported for that."""
-    numba = sys.modules.get("numba")
-    if numba is None:
-        return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
-    return bool(numba.config.DISABLE_JIT)
+_libraries: dict[tuple[FunctionType, str], Library] = {}
 
 
-def with_compiled_helpers(law: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a copy of a function that calls compiled functions.
+def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
+    """Returns a law for arguments of these shapes as machine code."""
+    structure = repr(
+        [np.asarray(x).tolist() if IsWhole(x) else np.shape(x) for x in samples]
+    )
+    library = _libraries.get((law, structure))
+    if library is None:
+        data, _ = Kept(
+            law.__name__.strip("<>"),
+            structure,
+            [law],
+            lambda: ObjectFile(MakeCode(TraceLaw(law, samples))),
+        )
+        library = _libraries[law, structure] = Library(data)
+    return library
+
+
+def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
+    """Returns loops over arrays as machine code if llvmlite is installed.
 
     Args:
-        law: A function in the part of Python that numba knows.
+        function: In the part of Python that typed_code compiles. It takes whole numbers
+            and arrays, of the same numbers of dimensions each time, and returns
+            nothing.
     """
-    assert isinstance(law, FunctionType)
-    names = dict(law.__globals__)
-    for name in law.__code__.co_names:
-        helper = names.get(name)
-        if isinstance(helper, FunctionType):
-            assert helper.__module__ == law.__module__, helper
-            inner = compiled(helper)
-            is_wrapped = isinstance(inner, CompiledLaw)
-            names[name] = inner.dispatcher if is_wrapped else inner
-    copy = FunctionType(law.__code__, names, law.__name__, law.__defaults__)
-    return functools.update_wrapper(copy, law)
+    return CompiledLoops(function) if HasCompiler() else function
+
+
+class CompiledLoops:
+    """Loops that are called as machine code, or as they are within Interpreted().
+
+    Args:
+        function: See CompileLoops().
+    """
+
+    def __init__(self, function: Callable[..., None]):
+        self.function = function
+        self._call: Callable[..., None] | None = None
+
+    def __call__(self, *arguments: Any) -> None:
+        """Calls the function; its arrays are contiguous."""
+        if _is_interpreted:
+            self.function(*arguments)
+            return
+        if self._call is None:
+            types = tuple(map(TypeOf, arguments))
+            function = cast(FunctionType, self.function)
+            data, _ = Kept(
+                function.__name__,
+                repr(types),
+                [function],
+                lambda: ObjectFile(MakeTypedCode(function, types)),
+            )
+            self._call = BoundLoops(Library(data), function.__name__, types)
+        self._call(*arguments)

@@ -2,18 +2,15 @@
 
 import ctypes
 import functools
-import os
 import sys
-import tempfile
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.machine_code.typed_values import Header
+from teleop_drake.machine_code.typed_values import Header, PartsOf, Type
 
 Array = NDArray[np.float64]
 
@@ -111,9 +108,10 @@ class Library:
         return int(self._engine.get_function_address(name))
 
 
-_EVALUATE = ctypes.CFUNCTYPE(
-    None, ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32
-)
+_ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32)
+_EVALUATE = ctypes.CFUNCTYPE(None, *_ARGUMENTS)
+# Without giving way to other threads, which takes as long as a short law.
+_EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
 
 
 class Evaluate:
@@ -150,6 +148,47 @@ class Evaluate:
         self._function(t, *pointers, everything)
 
 
+def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
+    """Returns a function that evaluates with the same arrays each time.
+
+    Args:
+        library: It has `evaluate`, which only needs p.
+        p: Where the arguments will be.
+        dx: Where the result will be.
+    """
+    function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
+    pointers = [ctypes.c_void_p(array.ctypes.data) for array in (p, dx)]
+    nothing = ctypes.c_void_p(None)
+    taken = (nothing, nothing, pointers[0], nothing, nothing, pointers[1])
+    call = functools.partial(function, ctypes.c_double(0.0), *taken, ctypes.c_int32(0))
+    call.__dict__["owners"] = library, p, dx
+    return call
+
+
+def BoundLoops(
+    library: Library, name: str, types: Sequence[Type]
+) -> Callable[..., None]:
+    """Returns a function of typed_code that returns nothing.
+
+    Args:
+        library: Has it.
+        name: Of the function.
+        types: Of its arguments, arrays and whole numbers.
+    """
+    slots = [
+        ctypes.c_void_p if part == "ptr" else ctypes.c_int64
+        for kind in types
+        for part in PartsOf(kind)
+    ]
+    function = ctypes.PYFUNCTYPE(None, *slots)(library.Address(name))
+
+    def Call(*arguments: Any) -> None:
+        function(*(x for value in arguments for x in Header(value)))
+
+    Call.__dict__["owner"] = library
+    return Call
+
+
 class Integrator:
     """delay_integrator.advance() in machine code.
 
@@ -170,29 +209,3 @@ class Integrator:
         headers = [np.array(Header(value), np.int64) for value in (problem, memory)]
         pointers = (header.ctypes.data for header in headers)
         return int(self._function(evaluate.address, *pointers, *numbers))
-
-
-def Kept(file: Path, make: Callable[[], bytes]) -> tuple[bytes, bool]:
-    """Returns what is in a file, or makes it and keeps it there.
-
-    Several processes may do so at once. Where nothing can be kept it is made each time.
-
-    Args:
-        file: The file.
-        make: Returns what belongs in it.
-
-    Returns:
-        What is in it, and whether it was there.
-    """
-    try:
-        return file.read_bytes(), True
-    except OSError:
-        data = make()
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as temporary:
-            temporary.write(data)
-        os.replace(temporary.name, file)
-    except OSError:
-        pass
-    return data, False

@@ -10,7 +10,13 @@ import numpy as np
 
 
 class Untraceable(Exception):
-    """A function that does what a graph of operations cannot."""
+    """A function that does what a graph of operations cannot.
+
+    Attributes:
+        function: The function; None if it is not known.
+    """
+
+    function: Any = None
 
 
 class Ref(NamedTuple):

@@ -293,7 +293,13 @@ def Trace(
 
         @functools.wraps(function)
         def Call(*arguments: Any, **keywords: Any) -> Any:
-            return graph.Call(copy, arguments, keywords)
+            try:
+                return graph.Call(copy, arguments, keywords)
+            except Exception as error:  # Whatever it does to what is no number.
+                if not isinstance(error, Untraceable):
+                    error = Untraceable(f"{type(error).__name__}: {error}")
+                error.function = function
+                raise error from None
 
         traced[function] = Call
         for name in _Names(function.__code__):

@@ -80,10 +80,12 @@ def Header(value: Any) -> list[int]:
     """Returns what is in memory of a named tuple: addresses and dimensions.
 
     Args:
-        value: A named tuple, or an array.
+        value: A named tuple, an array or a whole number.
     """
     if isinstance(value, np.ndarray):
         return [value.ctypes.data, *value.shape]
+    if isinstance(value, (int, np.integer)):
+        return [int(value)]
     return [number for item in value for number in Header(item)]
 
 

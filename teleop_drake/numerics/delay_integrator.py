@@ -14,7 +14,7 @@ What comes out of a delay is put into y before each evaluation.
   on the dense output. A guard that comes near to 0 is looked at within the step as
   well: it may have been positive for a moment.
 
-All functions here are in the part of Python that numba knows.
+All functions here are in the part of Python that machine_code/typed_code compiles.
 """
 
 import math
@@ -105,8 +105,6 @@ def _add_past(
 
 def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
     """Returns the value at x, beyond the ends that of the nearer end.
-
-    It is in the part of Python that numba knows.
 
     Args:
         knots: Those of Pieces.

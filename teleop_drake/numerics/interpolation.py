@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.machine_code.compiled import compiled, is_python
+from teleop_drake.machine_code.compiled import CompileLoops
 from teleop_drake.numerics.newton_polynomials import (
     CONVERGED,
     NUM_STENCIL_POINTS,
@@ -33,10 +33,75 @@ from teleop_drake.numerics.newton_polynomials import (
 )
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Table = Array | Sequence[Sequence[Sequence[float]]]
 
+# How many samples on either side of an interval its polynomial may use.
+_REACH = NUM_STENCIL_POINTS - 2
+_WINDOW = 2 * _REACH + 2
 
-def stencil_window(times: Array, i: int) -> tuple[NDArray[np.int64], int]:
+
+def limited_polynomial(times: Array, values: Array, i: int) -> Array:
+    """Returns the ENO polynomials of k signals on [times[i], times[i + 1]].
+
+    They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)), of which each
+    has as many terms as can be trusted; see limit_series().
+
+    Args:
+        times: (N,) non-decreasing sample times; two equal ones mark a jump. On an
+            interval of length 0 the polynomial is the value before the jump.
+        values: (N, k) samples.
+        i: Index of the interval.
+
+    Returns:
+        [n, c], (2, NUM_STENCIL_POINTS, k), the nodes n and the coefficients c; terms
+        that a polynomial does not have are zero.
+    """
+    polynomials = np.zeros((2, NUM_STENCIL_POINTS, values.shape[1]))
+    _fit(
+        np.ascontiguousarray(times, dtype=float),
+        np.ascontiguousarray(values, dtype=float),
+        i,
+        np.empty(_WINDOW, np.int64),
+        np.empty(_WINDOW),
+        polynomials,
+    )
+    return polynomials
+
+
+def fit_polynomials(
+    times: Array,
+    values: Array,
+    i: int,
+    window: Indices,
+    numbers: Array,
+    polynomials: Array,
+) -> None:
+    """Writes what limited_polynomial() returns.
+
+    These functions are loops over single numbers, so that typed_code can compile them.
+
+    Args:
+        times: See limited_polynomial().
+        values: The same.
+        i: The same.
+        window: Place for indices (2 NUM_STENCIL_POINTS - 2).
+        numbers: Place for numbers (the same).
+        polynomials: Zeros at first.
+    """
+    if times[i] == times[i + 1]:
+        for j in range(values.shape[1]):
+            polynomials[1, 0, j] = values[i, j]
+        return
+    first = fill_window(times, i, window)
+    num_samples = fill_rest(times, i, window) - first
+    for j in range(values.shape[1]):
+        samples = window[first : first + num_samples]
+        fit_series(times, values, i, j, samples, numbers, polynomials)
+        limit_series(times, values, i, j, num_samples, numbers, polynomials)
+
+
+def fill_window(times: Array, i: int, window: Indices) -> int:
     """Selects the samples from which the polynomial of interval i may be built.
 
     They lie between the jumps on either side, and not closer together than a quarter
@@ -45,77 +110,100 @@ def stencil_window(times: Array, i: int) -> tuple[NDArray[np.int64], int]:
     Args:
         times: Non-decreasing sample times; two equal ones mark a jump.
         i: Index of the interval [times[i], times[i + 1]], of length > 0.
+        window: Where the ascending indices of the samples go, that of i in the middle;
+            here those up to i.
 
     Returns:
-        The ascending indices of the samples, and the place of i among them.
+        Where in the window the first one is.
     """
     spacing = (times[i + 1] - times[i]) / 4
-    reach = NUM_STENCIL_POINTS - 2
-    indices = np.empty(2 * reach + 2, np.int64)
-    first = reach
+    first = _REACH
+    window[first] = i
     nearest = times[i]
     j = i - 1
     while j >= 0 and first > 0 and times[j] < times[j + 1]:
         if nearest - times[j] >= spacing:
             first -= 1
-            indices[first] = j
+            window[first] = j
             nearest = times[j]
         j -= 1
-    indices[reach], indices[reach + 1] = i, i + 1
-    end = reach + 2
+    return first
+
+
+def fill_rest(times: Array, i: int, window: Indices) -> int:
+    """Does the same from i + 1 on; returns where in the window they end."""
+    spacing = (times[i + 1] - times[i]) / 4
+    end = _REACH + 2
+    window[end - 1] = i + 1
     nearest = times[i + 1]
     j = i + 2
-    while j < len(times) and end < len(indices) and times[j - 1] < times[j]:
+    while j < len(times) and end < len(window) and times[j - 1] < times[j]:
         if times[j] - nearest >= spacing:
-            indices[end] = j
+            window[end] = j
             end += 1
             nearest = times[j]
         j += 1
-    return indices[first:end], reach - first
+    return end
 
 
-def newton_polynomial(times: Array, values: Array, i: int) -> Array:
-    """Returns the ENO polynomials of k signals on [times[i], times[i + 1]].
-
-    They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
+def fit_series(
+    times: Array,
+    values: Array,
+    i: int,
+    j: int,
+    samples: Indices,
+    differences: Array,
+    polynomials: Array,
+) -> None:
+    """Writes the ENO polynomial of signal j, in full.
 
     Args:
-        times: (N,) non-decreasing sample times; two equal ones mark a jump.
-        values: (N, k) samples.
-        i: Index of the interval, of length > 0.
-
-    Returns:
-        [n, c], (2, NUM_STENCIL_POINTS, k), the nodes n and the coefficients c; terms
-        that a polynomial does not have are zero.
+        times: See limited_polynomial().
+        values: The same.
+        i: The same, of an interval of length > 0.
+        j: Index of the signal.
+        samples: Indices of the samples that may be used.
+        differences: Place for a number for each of them.
+        polynomials: The result.
     """
-    window, i = stencil_window(times, i)
-    times, values = times[window], values[window]
-    N, k = values.shape
-    polynomials = np.zeros((2, NUM_STENCIL_POINTS, k))
-    nodes, coefficients = polynomials[0], polynomials[1]
-    nodes[0], coefficients[0] = times[i], values[i]
-    left = np.full(k, i)
-    differences = values
-    for order in range(1, min(N, NUM_STENCIL_POINTS)):
-        gaps = times[order:] - times[:-order]
-        differences = (differences[1:] - differences[:-1]) / gaps[:, np.newaxis]
-        for j in range(k):
-            # The first one makes the line through both ends of the interval.
-            can_grow_left = left[j] > 0 and order > 1
-            if can_grow_left and (
-                left[j] + order == N
-                or abs(differences[left[j] - 1, j]) < abs(differences[left[j], j])
-            ):
-                left[j] -= 1
-                nodes[order, j] = times[left[j]]
-            else:
-                nodes[order, j] = times[left[j] + order]
-            coefficients[order, j] = differences[left[j], j]
-    return polynomials
+    num_samples = len(samples)
+    left = 0
+    for m in range(num_samples):
+        differences[m] = values[samples[m], j]
+        if samples[m] == i:
+            left = m
+    polynomials[0, 0, j] = times[i]
+    polynomials[1, 0, j] = values[i, j]
+    for order in range(1, min(num_samples, NUM_STENCIL_POINTS)):
+        for m in range(num_samples - order):
+            gap = times[samples[m + order]] - times[samples[m]]
+            differences[m] = (differences[m + 1] - differences[m]) / gap
+        # The first one makes the line through both ends of the interval.
+        if (
+            left > 0
+            and order > 1
+            and (
+                left + order == num_samples
+                or abs(differences[left - 1]) < abs(differences[left])
+            )
+        ):
+            left -= 1
+            polynomials[0, order, j] = times[samples[left]]
+        else:
+            polynomials[0, order, j] = times[samples[left + order]]
+        polynomials[1, order, j] = differences[left]
 
 
-def limited_polynomial(times: Array, values: Array, i: int) -> Array:
-    """Returns newton_polynomial(), of each signal as much as can be trusted.
+def limit_series(
+    times: Array,
+    values: Array,
+    i: int,
+    j: int,
+    num_samples: int,
+    terms: Array,
+    polynomials: Array,
+) -> None:
+    """Leaves of the polynomial of signal j as much as can be trusted.
 
     With T_m a bound of the m-th term on the interval, the series ends with M where
     max(T_(M-1), T_M) falls no longer (two terms, because one may vanish by symmetry).
@@ -124,55 +212,56 @@ def limited_polynomial(times: Array, values: Array, i: int) -> Array:
 
         |values[i + 1] - values[i]| / (4 sum T_m)
 
-    where that is less than 1: then the polynomial stays between the two values. On an
-    interval of length 0 it is the value before the jump.
+    where that is less than 1: then the polynomial stays between the two values.
 
     Args:
-        times: (N,) non-decreasing sample times; two equal ones mark a jump.
-        values: (N, k) samples.
-        i: Index of the interval.
-
-    Returns:
-        [n, c], (2, NUM_STENCIL_POINTS, k), the nodes n and the coefficients c.
+        times: See limited_polynomial().
+        values: The same.
+        i: The same, of an interval of length > 0.
+        j: Index of the signal.
+        num_samples: How many could be used.
+        terms: Place for a number for each term.
+        polynomials: Of fit_series().
     """
-    k = values.shape[1]
-    if times[i] == times[i + 1]:
-        constant = np.zeros((2, NUM_STENCIL_POINTS, k))
-        constant[1, 0] = values[i]
-        return constant
-    polynomials = newton_polynomial(times, values, i)
-    nodes, coefficients = polynomials[0], polynomials[1]
     begin, end = times[i], times[i + 1]
-    num_terms = min(stencil_window(times, i)[0].size, NUM_STENCIL_POINTS)
-    terms = np.zeros(NUM_STENCIL_POINTS)
-    for j in range(k):
-        # |(t - begin) (t - end)| and every further factor are largest at an end or
-        # in the middle.
-        factor = (end - begin) * (end - begin) / 4
-        for m in range(2, NUM_STENCIL_POINTS):
-            terms[m] = abs(coefficients[m, j]) * factor
-            factor *= max(abs(begin - nodes[m, j]), abs(end - nodes[m, j]))
-        last = min(3, num_terms - 1)
-        remainder = terms[2:4].max()
-        for m in range(4, num_terms):
-            pair = max(terms[m - 1], terms[m])
-            if not pair <= remainder:
-                break
-            last, remainder = m, pair
-        coefficients[last + 1 :, j] = 0
-        if remainder > CONVERGED * terms[: last + 1].max():
-            deviation = 4 * terms[2 : last + 1].sum()
-            change = abs(values[i + 1, j] - values[i, j])
-            if change < deviation:
-                coefficients[2 : last + 1, j] *= change / deviation
-    return polynomials
+    num_terms = min(num_samples, NUM_STENCIL_POINTS)
+    # |(t - begin) (t - end)| and every further factor are largest at an end or in the
+    # middle.
+    factor = (end - begin) * (end - begin) / 4
+    for m in range(2, NUM_STENCIL_POINTS):
+        terms[m] = abs(polynomials[1, m, j]) * factor
+        node = polynomials[0, m, j]
+        factor *= max(abs(begin - node), abs(end - node))
+    last = min(3, num_terms - 1)
+    remainder = max(terms[2], terms[3])
+    for m in range(4, num_terms):
+        pair = max(terms[m - 1], terms[m])
+        if not pair <= remainder:
+            break
+        last = m
+        remainder = pair
+    largest, total = 0.0, 0.0
+    for m in range(2, last + 1):
+        largest = max(largest, terms[m])
+        total += terms[m]
+    for m in range(last + 1, NUM_STENCIL_POINTS):
+        polynomials[1, m, j] = 0.0
+    if remainder > CONVERGED * largest:
+        deviation = 4 * total
+        change = abs(values[i + 1, j] - values[i, j])
+        if change < deviation:
+            for m in range(2, last + 1):
+                polynomials[1, m, j] *= change / deviation
+
+
+_fit = CompileLoops(fit_polynomials)
 
 
 def evaluate_newton(polynomials: Table, t: float) -> Array:
     """Returns the values (k) of polynomials at t.
 
     Args:
-        polynomials: As newton_polynomial() returns them, an array or nested lists.
+        polynomials: As limited_polynomial() returns them, an array or nested lists.
         t: A time.
     """
     nodes, coefficients = polynomials[0], polynomials[1]
@@ -195,13 +284,8 @@ class IntervalPolynomial:
     """
 
     def __init__(self, times: Array, values: Array, i: int):
-        polynomials = compiled(limited_polynomial)(times, values, i)
-        self._evaluate = compiled(evaluate_newton)
-        self._polynomials: Table = polynomials
-        if is_python(self._evaluate):
-            # Python itself is faster with lists.
-            self._evaluate = evaluate_newton
-            self._polynomials = polynomials.tolist()
+        # Python is faster with lists.
+        self._polynomials: Table = limited_polynomial(times, values, i).tolist()
 
     def eval(self, t: float) -> Array:
         """Returns the signal (k) at a time.
@@ -209,8 +293,7 @@ class IntervalPolynomial:
         Args:
             t: The time.
         """
-        value: Array = self._evaluate(self._polynomials, t)
-        return value
+        return evaluate_newton(self._polynomials, t)
 
 
 def find_crossing(

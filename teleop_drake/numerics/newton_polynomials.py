@@ -1,7 +1,7 @@
 """Polynomials of many intervals at once: what interpolation does for one, in arrays.
 
-They are those of interpolation.limited_polynomial(), bit for bit, without machine code:
-a loop over the intervals would need that, which takes seconds to compile.
+They are those of interpolation.limited_polynomial(), bit for bit, without machine code,
+which a loop over the intervals would need.
 """
 
 import numpy as np
@@ -66,7 +66,7 @@ def _segments(times: Array) -> tuple[Indices, Indices]:
 def _windows(
     times: Array, i: Indices, bounds: tuple[Indices, Indices]
 ) -> tuple[Indices, Indices, Indices]:
-    """Returns the samples (M, 2 _REACH + 2) of interpolation.stencil_window().
+    """Returns the samples (M, 2 _REACH + 2) of interpolation.fill_window().
 
     Interval i begins in column _REACH. Besides returns the first column that is used,
     and the one after the last (M, 1).
@@ -101,7 +101,7 @@ def _windows(
 def _newton(
     times: Array, values: Array, samples: Indices, first: Indices, end: Indices
 ) -> tuple[Array, Array]:
-    """Returns interpolation.newton_polynomial() of windows: nodes, coefficients."""
+    """Returns the nodes and coefficients of interpolation.fit_series() of windows."""
     t, differences = times[samples], values[samples]
     size, k = len(samples), values.shape[1]
     rows, signals = np.arange(size)[:, np.newaxis], np.arange(k)
@@ -133,7 +133,7 @@ def _limit(
     nodes: Array,
     coefficients: Array,
 ) -> None:
-    """Ends and scales series in place, as interpolation.limited_polynomial() does."""
+    """Ends and scales series in place, as interpolation.limit_series() does."""
     begin, end = times[i][:, np.newaxis], times[i + 1][:, np.newaxis]
     num_terms = np.minimum(windows[2] - windows[1], NUM_STENCIL_POINTS)
     terms = np.zeros_like(coefficients)

@@ -9,8 +9,6 @@ Array = NDArray[np.float64]
 def evaluate_pieces(time: float, breaks: Array, coefficients: Array) -> Array:
     """Returns the value at a time (n); zero before the first break and from the last.
 
-    numba can compile it.
-
     Args:
         time: t.
         breaks: (K + 1,) ascending; piece k reaches from breaks[k] to breaks[k + 1].

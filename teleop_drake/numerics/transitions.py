@@ -1,6 +1,6 @@
 """Guards and modes of what delay_integrator integrates.
 
-All functions here are in the part of Python that numba knows.
+All functions here are in the part of Python that machine_code/typed_code compiles.
 """
 
 import math

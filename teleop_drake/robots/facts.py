@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.machine_code.compiled import interpreted
+from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def FactsOfRobot(robot: System) -> RobotFacts:
             tool_position is needed.
     """
     context = robot.CreateDefaultContext()
-    with interpreted():
+    with Interpreted():
         start = np.array(robot.GetOutputPort("tool_position").Eval(context))
     inertia = damping = None
     for plant, plant_context in _Plants(robot, context):

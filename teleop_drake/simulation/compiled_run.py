@@ -1,7 +1,5 @@
 """Runs a diagram as machine code."""
 
-import functools
-import importlib.util
 import time as clock
 from collections.abc import Callable
 
@@ -16,10 +14,10 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.machine_code.compiled import HasCompiler
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation.failures import (
-    FirstLine,
     IsArithmetic,
     ReasonOfDivergence,
 )
@@ -88,10 +86,6 @@ def RunCompiled(
         )
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    except Exception as error:
-        if not _IsOfNumba(error):
-            raise
-        raise CannotCompile(f"numba: {FirstLine(error)}") from error
     program = run.evaluator.program.text
     is_known = program in _checked
     CheckNear(run.evaluator, diagram, context, num_states=1 if is_known else 2)
@@ -126,11 +120,11 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
 
 
 def _CheckSolver(config: SimulatorConfig) -> None:
-    """Raises CannotCompile if there is no numba, or another solver is asked for."""
-    if not _HasNumba():
+    """Raises CannotCompile without llvmlite, or if another solver is asked for."""
+    if not HasCompiler():
         raise CannotCompile(
-            "numba is not installed; the extra `fast` has it, and makes many runs many "
-            "times as fast"
+            "llvmlite is not installed; the extra `fast` has it, and makes many runs "
+            "many times as fast"
         )
     if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
         raise CannotCompile(
@@ -280,18 +274,6 @@ def _ReasonOf(run: CompiledRun) -> str:
     if not (IsArithmetic(run.error) or not run.is_finite):
         raise run.error
     return ReasonOfDivergence(run.error, has_error_control=True)
-
-
-@functools.cache
-def _HasNumba() -> bool:
-    return all(importlib.util.find_spec(name) for name in ("numba", "scipy"))
-
-
-def _IsOfNumba(error: Exception) -> bool:
-    """Returns whether a function is not in the part of Python that numba knows."""
-    from numba.core.errors import NumbaError
-
-    return isinstance(error, NumbaError)
 
 
 def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:

@@ -50,8 +50,7 @@ def CheckPace(num_steps: int, time: float, duration: float) -> None:
 class Interruption:
     """Lets Ctrl-C end a run with the step, instead of anywhere in Python.
 
-    Machine code that calls Python, as numba's does for each array that it returns,
-    does not expect an exception there, and KeyboardInterrupt would become another.
+    There it could leave a state that is half written.
     A second Ctrl-C is a KeyboardInterrupt at once, for systems that never return.
 
     Attributes:

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
-from teleop_drake.machine_code.compiled import interpreted
+from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.interpolation import (
     find_crossing,
     interpolate,
@@ -136,7 +136,7 @@ def simulate(
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
-            with interpreted():  # There are too few calls to pay compiling.
+            with Interpreted():  # There are too few calls to pay compiling.
                 run = RunCompiled(*what, advance)
         except CannotCompile as error:
             if engine == "compiled":
@@ -152,7 +152,7 @@ def simulate(
         # Between two samples, numbers near the largest one leave the finite.
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     recording = _MakeRecording(scenario, diagram, run)
-    with interpreted() if is_compiled else contextlib.nullcontext():
+    with Interpreted() if is_compiled else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
     return recording
 

@@ -193,7 +193,8 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
         "first_scenario": ScenarioToYaml(plan.scenario),
         "engine": plan.engine,
         "versions": {
-            name: _Version(name) for name in ("teleop-drake", "drake", "numpy", "numba")
+            name: _Version(name)
+            for name in ("teleop-drake", "drake", "numpy", "llvmlite")
         },
     }
     if plan.traces:

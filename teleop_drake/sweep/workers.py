@@ -20,8 +20,7 @@ _T = TypeVar("_T")
 # LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
 
-# What processes are for; to import it takes a second. Of numba only what machine code
-# needs that is on disk.
+# What processes are for; to import it takes a second.
 _IMPORTED = (
     "teleop_drake.sweep.run",
     "teleop_drake.tasks.metrics",

@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.machine_code.compiled import compiled
+from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import Refuse
 
 
@@ -94,8 +94,8 @@ class ToolInterface(LeafSystem):
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._origin = np.zeros(3)
-        self._tool_kinematics = compiled(tool_kinematics)
-        self._joint_torques = compiled(joint_torques)
+        self._tool_kinematics = CompileLaw(tool_kinematics, num_task_axes)
+        self._joint_torques = CompileLaw(joint_torques)
         n = self._n = num_task_axes
 
         self._plant_state = self.DeclareVectorInputPort(
@@ -157,7 +157,7 @@ class ToolInterface(LeafSystem):
             world_frame,
             world_frame,
         )
-        output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x, self._n))
+        output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x))
 
     def _CalcAcceleration(self, context: Context, output: BasicVector) -> None:
         A_WT = self._accelerations.Eval(context)[self._tool_index]

@@ -198,7 +198,7 @@ def _Spawn(task: str, engine: str, cache: str | None) -> None:
     with tempfile.TemporaryDirectory() as empty:
         environment = dict(os.environ)
         if cache is not None:
-            names = "XDG_CACHE_HOME", "LOCALAPPDATA", "NUMBA_CACHE_DIR"
+            names = "XDG_CACHE_HOME", "LOCALAPPDATA"
             environment |= dict.fromkeys(names, cache or empty)
         subprocess.run([sys.executable, "-c", program], check=True, env=environment)
 

@@ -22,7 +22,6 @@ from pydrake.multibody.tree import (
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.machine_code.compiled import compiled
 from teleop_drake.numerics.rigid_body import (
     calc_accelerations,
     calc_point_acceleration,
@@ -111,15 +110,15 @@ def test_a_random_tree_moves_as_its_plant(seed, kinds):
             context, np.zeros(plant.num_actuators())
         )
         expected = plant.EvalTimeDerivatives(context).CopyToVector()[n:]
-        compiled(calc_accelerations)(read.tree, q, v, forces, work, v_dot)
+        calc_accelerations(read.tree, q, v, forces, work, v_dot)
         np.testing.assert_allclose(v_dot, expected, atol=_tolerance(expected))
         A = plant.get_body_spatial_accelerations_output_port().Eval(context)
         for index, (link, X_LB) in read.poses.items():
             frame = plant.get_body(BodyIndex(index)).body_frame()
             motion, a = np.zeros(6 + 3 * n), np.zeros(3)
             point = X_LB.translation()
-            compiled(calc_point_motion)(read.tree, link, point, work, motion)
-            compiled(calc_point_acceleration)(read.tree, link, point, v_dot, work, a)
+            calc_point_motion(read.tree, link, point, work, motion)
+            calc_point_acceleration(read.tree, link, point, v_dot, work, a)
             J = plant.CalcJacobianTranslationalVelocity(
                 context,
                 JacobianWrtVariable.kV,

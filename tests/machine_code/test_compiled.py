@@ -1,52 +1,56 @@
-"""Compiled laws give the numbers of the laws."""
+"""Laws as machine code give the numbers of the laws."""
 
 import json
 import subprocess
 import sys
+import threading
 
-import numba
 import numpy as np
 import pytest
 from grids import Slow
 
+from teleop_drake.environments.layered_force_field import (
+    force_in_region,
+    layer_in_region,
+)
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
-    backstepping_error_vector,
-    backstepping_rate_vector,
+    adaptive_errors,
+    adaptive_rate,
     state_size,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import (
-    GaussianNetwork,
-    gaussian_functions,
-)
-from teleop_drake.laws.layered_force import (
-    layer_regions,
-    layer_row,
-    layer_table,
-    layered_force,
-)
+from teleop_drake.laws.contact import wall_force
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.layered_force import layer_regions, layer_table
+from teleop_drake.laws.robust_backstepping import robust_errors, robust_rate
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.machine_code.compiled import compiled
+from teleop_drake.machine_code import compiled
+from teleop_drake.machine_code.compiled import (
+    CompiledLaw,
+    CompileLaw,
+    CompileLoops,
+    Interpreted,
+)
 from teleop_drake.numerics.interpolation import (
-    evaluate_newton,
+    fit_polynomials,
     limited_polynomial,
-    newton_polynomial,
 )
 from teleop_drake.scenario import LayerConfig
 
-NUM_FUNCTIONS = 7
+pytest.importorskip("llvmlite")
 
 
-def assert_same(law, *arguments):
-    fast = compiled(law)
-    assert isinstance(fast.dispatcher, numba.core.dispatcher.Dispatcher)
-    results, expected = fast(*arguments), law(*arguments)
-    if not isinstance(expected, tuple):
-        results, expected = (results,), (expected,)
-    for result, value in zip(results, expected, strict=True):
-        scale = max(np.max(np.abs(value)), 1.0)
-        np.testing.assert_allclose(result, value, rtol=0, atol=1e-12 * scale)
+def AssertSame(law, constants, samples):
+    """Compares a law with its machine code, which has to exist, for many arguments."""
+    fast = CompileLaw(law, *constants)
+    for arguments in samples:
+        result, expected = fast(*arguments), law(*constants, *arguments)
+        _, run, _ = fast._local.call
+        assert run is not None
+        assert result.shape == expected.shape
+        scale = max(np.max(np.abs(expected)), 1.0)
+        np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -68,23 +72,28 @@ def test_backstepping(n, is_at_limit):
         Psi0=4 * I + 0.1,
         Psi_min=2.0 if is_at_limit else 0.1,
     )
+    network = GaussianNetwork(lower=[0] * n, upper=[1] * n, count=[2] * n, width=1.2)
+    samples = []
     for _ in range(20):
-        x = rng.normal(size=state_size(n, NUM_FUNCTIONS))
+        x = rng.normal(size=state_size(n, network.num_functions))
         unpack_state(x, n).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
-        signals = rng.normal(size=(4, n))
-        Phi, Phi_dot = rng.normal(size=(2, NUM_FUNCTIONS))
-        arrays = gains.as_arrays()
-        assert_same(backstepping_rate_vector, *arrays, x, Phi, Phi_dot, *signals)
-        assert_same(backstepping_error_vector, *arrays, x, Phi, *signals)
+        samples.append((x, *rng.normal(size=(5, n))))
+    constants = (*gains.as_arrays(), network.centres, network.widths)
+    AssertSame(adaptive_rate, constants, samples)
+    AssertSame(adaptive_errors, constants, samples)
+    bounds = np.array([0.3, 0.1, 2.0, 0.2])
+    AssertSame(robust_rate, (bounds, *constants), samples)
+    AssertSame(robust_errors, (bounds, *constants), samples)
 
 
 def test_task_space():
     rng = np.random.default_rng(0)
     for n in (1, 2, 3):
-        p, x, J = rng.normal(size=3), rng.normal(size=9), rng.normal(size=(3, 4))
-        assert_same(tool_kinematics, p, J, x, n)
-        F_c, F_e = rng.normal(size=(2, n))
-        assert_same(joint_torques, F_c, F_e, rng.normal(size=n * (2 + 4)))
+        # Drake's Jacobians have their columns one after another.
+        J = np.asfortranarray(rng.normal(size=(3, 4)))
+        AssertSame(tool_kinematics, (n,), [(rng.normal(size=3), J, rng.normal(size=9))])
+        forces = rng.normal(size=(2, n))
+        AssertSame(joint_torques, (), [(*forces, rng.normal(size=n * (2 + 4)))])
 
 
 def test_layered_force():
@@ -98,43 +107,90 @@ def test_layered_force():
     table, regions = layer_table(layers), layer_regions(layers)
     assert regions.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
     axis = np.array([[0.6, 0.8], [1.0, -2.0]])
-    for p, v in rng.uniform(-1, 3, size=(20, 2, 2)):
-        for region in range(4):
-            assert_same(layered_force, table, regions, region, axis, p, v)
-            assert_same(layer_row, table, regions, region, p[0])
+    samples = [
+        (np.array([region]), *motion)
+        for motion in rng.uniform(-1, 3, size=(20, 2, 2))
+        for region in (0.0, 1.0, 2.0, 3.0)
+    ]
+    constants = (table, regions, axis)
+    AssertSame(force_in_region, constants, samples)
+    AssertSame(layer_in_region, constants, [sample[:2] for sample in samples])
 
 
-def test_gaussian_functions():
+def test_wall_force():
     rng = np.random.default_rng(0)
-    network = GaussianNetwork(lower=[0, 0], upper=[1, 2], count=[3, 4], width=1.2)
-    for u, u_dot in rng.normal(size=(20, 2, 2)):
-        assert_same(gaussian_functions, u, u_dot, network.centres, network.widths)
+    plane = np.array([[0.6, 0.8], [0.1, -0.2]])
+    constants = (np.array([900.0, 1.5, 0.3]), np.array([0.4, 1e-3]), plane)
+    AssertSame(wall_force, constants, rng.uniform(-1, 1, size=(40, 2, 2)))
 
 
-@pytest.mark.parametrize("num_samples", [2, 5, 14])
+@pytest.mark.parametrize("num_samples", [2, 3, 5, 14, 40])
 def test_interpolation(num_samples):
+    """Loops are the same to the last digit."""
     rng = np.random.default_rng(0)
-    times = np.cumsum(rng.uniform(0.5, 1.5, num_samples))
+    times = np.cumsum(rng.uniform(0.1, 1.5, num_samples))
+    times[num_samples // 2] = times[num_samples // 2 - 1]
     values = rng.normal(size=(num_samples, 3))
     for i in range(num_samples - 1):
-        assert_same(newton_polynomial, times, values, i)
-        assert_same(limited_polynomial, times, values, i)
-        polynomials = newton_polynomial(times, values, i)
-        time = (times[i] + times[i + 1]) / 2
-        assert_same(evaluate_newton, polynomials, time)
+        result = limited_polynomial(times, values, i)
+        with Interpreted():
+            expected = limited_polynomial(times, values, i)
+        np.testing.assert_array_equal(result, expected)
+
+
+def halved(u):
+    while abs(u[0]) > 1e-3:
+        u = u / 2
+    return u
+
+
+def test_what_is_no_graph_of_operations_stays_as_it_is():
+    law = CompileLaw(halved)
+    assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
+    _, run, _ = law._local.call
+    assert run is None
+
+
+def test_whole_numbers_as_arguments_are_numbers():
+    law = CompileLaw(lambda n, x, y: n * x + y, 2)
+    for arguments in ((np.array([1, 2]), 3), (np.array([0.5, 0.25]), 0.125)):
+        x, y = arguments
+        np.testing.assert_array_equal(law(*arguments), 2 * x + y)
+
+
+def test_results_stay_when_it_is_called_again():
+    law = CompileLaw(lambda x: 2 * x)
+    first = law(np.array([1.0]))
+    law(np.array([5.0]))
+    assert first == 2.0
+
+
+def test_threads_do_not_share_what_they_work_with():
+    law = CompileLaw(lambda x: x + 1.0)
+    wrong = []
+
+    def Call(value):
+        x = np.full(50, value)
+        wrong.extend(i for i in range(3000) if (law(x) != value + 1.0).any())
+
+    threads = [threading.Thread(target=Call, args=(float(k),)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
 
 
 RUN = """
 import json, sys
 if sys.argv[1] == "without":
-    sys.modules["numba"] = None  # As if it were not installed.
+    sys.modules["llvmlite"] = None  # As if it were not installed.
 import numpy as np
-from teleop_drake.machine_code.compiled import compiled
-from teleop_drake.numerics.interpolation import limited_polynomial
+from teleop_drake.machine_code.compiled import HasCompiler
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
-assert (compiled(limited_polynomial) is limited_polynomial) == ("without" in sys.argv)
+assert HasCompiler() == ("without" not in sys.argv)
 for name, overrides in json.loads(sys.argv[2]):
     recording = simulate(LoadScenario(name, overrides))
     metrics = RunMetrics(recording)
@@ -172,7 +228,7 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=Slow([0.4, 1.0]))
 def whole_runs(request):
-    """Every run with numba and without it; the short run of the tests has a part."""
+    """Every run with llvmlite and without it; the short run of the tests has a part."""
     runs = [
         (name, values | {"duration": request.param * values["duration"]})
         for name, values in RUNS.values()
@@ -188,18 +244,19 @@ def whole_runs(request):
     ]
 
 
-@pytest.mark.xdist_group("without_numba")
+@pytest.mark.xdist_group("without_llvmlite")
 @pytest.mark.parametrize("number, name", list(enumerate(RUNS)))
-def test_a_run_without_numba_is_the_same(whole_runs, number, name):
+def test_a_run_without_machine_code_is_the_same(whole_runs, number, name):
     """And so are as many steps, which error control chooses."""
-    with_numba, without = (
+    fast, without = (
         np.array(lines[number].split(), dtype=float) for lines in whole_runs
     )
-    np.testing.assert_allclose(with_numba, without, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fast, without, rtol=0, atol=1e-12)
 
 
 def test_it_is_optional(monkeypatch):
-    monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    law = compiled.__wrapped__(gaussian_functions)
-    assert law is gaussian_functions
+    monkeypatch.setattr(compiled, "HasCompiler", lambda: False)
+    law = CompileLaw(joint_torques)
+    assert not isinstance(law, CompiledLaw)
+    assert law.func is joint_torques
+    assert CompileLoops(fit_polynomials) is fit_polynomials

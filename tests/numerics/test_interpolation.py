@@ -7,11 +7,30 @@ from hypothesis import strategies as st
 
 from teleop_drake.numerics.interpolation import (
     evaluate_newton,
+    fill_rest,
+    fill_window,
+    fit_series,
     interpolate,
-    newton_polynomial,
-    stencil_window,
 )
 from teleop_drake.numerics.newton_polynomials import NUM_STENCIL_POINTS
+
+
+def window_of(times, i):
+    """Returns the samples for interval i, and the place of i among them."""
+    window = np.empty(2 * NUM_STENCIL_POINTS - 2, int)
+    first, end = fill_window(times, i, window), fill_rest(times, i, window)
+    samples = window[first:end]
+    return samples, samples.tolist().index(i)
+
+
+def newton_polynomial(times, values, i):
+    """Returns the polynomials with all of their terms."""
+    samples, _ = window_of(times, i)
+    polynomials = np.zeros((2, NUM_STENCIL_POINTS, values.shape[1]))
+    for j in range(values.shape[1]):
+        places = np.empty(len(samples))
+        fit_series(times, values, i, j, samples, places, polynomials)
+    return polynomials
 
 
 @given(
@@ -74,7 +93,7 @@ def test_clustered_samples_do_not_amplify_rounding():
 )
 def test_window_stops_at_jumps(i, indices, place):
     times = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
-    window, position = stencil_window(times, i)
+    window, position = window_of(times, i)
     assert (window.tolist(), position) == (indices, place)
 
 

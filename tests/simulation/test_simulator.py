@@ -165,8 +165,5 @@ def test_nothing_stays_of_a_run(name, kind):
     reference = weakref.ref(diagram)
     simulate(scenario, teleoperator=diagram)
     del diagram
-    # Where the first run of a process compiles laws, the first pass lets go of what
-    # numba leaves behind, and the second one finds the diagram.
-    for _ in range(3):
-        gc.collect()
+    gc.collect()
     assert reference() is None

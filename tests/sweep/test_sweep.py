@@ -680,14 +680,16 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
             "one_dof", grid, overrides=overrides, executor=threads, notice=said.append
         )
     assert engines == ["auto"] * 4
-    if importlib.util.find_spec("numba"):
+    if importlib.util.find_spec("llvmlite"):
         assert said == [
             "run in Drake's Simulator: compiled runs use runge_kutta5 with error "
             "control, not runge_kutta3"
         ]
-    monkeypatch.setattr("teleop_drake.simulation.compiled_run._HasNumba", lambda: False)
+    monkeypatch.setattr(
+        "teleop_drake.simulation.compiled_run.HasCompiler", lambda: False
+    )
     sweep.Sweep("one_dof", grid, overrides=SHORT, executor=threads, notice=said.append)
-    assert said[-1].startswith("run in Drake's Simulator: numba is not installed")
+    assert said[-1].startswith("run in Drake's Simulator: llvmlite is not installed")
     with pytest.raises(SweepError, match="engine = 'steam': must be one of drake"):
         sweep.PlanSweep("one_dof", grid, engine="steam")
 
