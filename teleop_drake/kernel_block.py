@@ -1,5 +1,6 @@
 """Blocks that say once what they compute."""
 
+import itertools
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.kernel import Kernel, Term
+from teleop_drake.machine_code.compiled import CompileLaw
 
 _Value = Callable[[Context], Any]
 
@@ -31,9 +33,13 @@ class KernelBlock(LeafSystem):
     Attributes:
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
+        is_compiled: Whether Drake's callbacks call the kernel's functions as machine
+            code where that is installed: worth its while for those that take more than
+            a few microseconds.
     """
 
     optional_inputs: tuple[str, ...] = ()
+    is_compiled = False
     _kernel_rate: _Value | None = None
 
     @abstractmethod
@@ -90,8 +96,13 @@ def _ValueOf(
     if isinstance(first, str):
         whole, part = _ValueOf(first, block, kernel, tickets), slice(*others)
         return lambda context: whole(context)[part]
+    function = first
+    if block.is_compiled:
+        names = list(itertools.takewhile(kernel.parameters.__contains__, others))
+        function = CompileLaw(first, *(kernel.parameters[name] for name in names))
+        others = others[len(names) :]
     values = [_ValueOf(other, block, kernel, tickets) for other in others]
-    return lambda context: first(*[value(context) for value in values])
+    return lambda context: function(*[value(context) for value in values])
 
 
 def _ValueOfName(

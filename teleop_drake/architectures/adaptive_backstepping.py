@@ -4,29 +4,23 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-)
+from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.architectures.lattice import NetworkConfig
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
-    BacksteppingState,
     adaptive_errors,
     adaptive_rate,
     initial_state,
     pack_state,
-    unpack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.linear_part import FROZEN_WEIGHTS, LinearPart
-from teleop_drake.machine_code.compiled import CompileLaw, Law
+from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,
     CheckGain,
@@ -41,7 +35,7 @@ from teleop_drake.validation import (
 Array = NDArray[np.float64]
 
 
-class AdaptiveBackstepping(LeafSystem):
+class AdaptiveBackstepping(KernelBlock):
     """Tracks the operator's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
@@ -86,64 +80,72 @@ class AdaptiveBackstepping(LeafSystem):
         ValueError: If the network does not have one input per axis.
     """
 
+    is_compiled = True
+
     def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
+        self.set_name("adaptive_backstepping")
+        self._Declare(gains, network, adaptive_rate, adaptive_errors)
+
+    def _Declare(
+        self,
+        gains: BacksteppingGains,
+        network: GaussianNetwork,
+        rate: Law,
+        errors: Law,
+        **constants: Array,
+    ) -> None:
+        """Declares ports and state, and sets what the block computes.
+
+        Args:
+            gains: The constants of the law.
+            network: The basis functions.
+            rate: Returns the rate of the state.
+            errors: Returns [s; z].
+            constants: What both laws take before the gains.
+        """
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
             allowed = f"{n}, one for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
-        self.set_name("adaptive_backstepping")
-        self._n = n
-        self._num_functions = N
+        self._n, self._num_functions = n, N
         matrices, numbers = gains.as_arrays()
-        self._UseLaw(
-            adaptive_rate,
-            adaptive_errors,
-            {
-                "matrices": matrices,
-                "numbers": numbers,
-                "centres": network.centres,
-                "widths": network.widths,
-            },
-        )
-
-        self._F_hd = self.DeclareVectorInputPort("haptic_force", n)
-        self._v_dd = self.DeclareVectorInputPort("velocity_command", n)
-        self._r = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self._F_e = self.DeclareVectorInputPort("environment_force", n)
-        self.DeclareContinuousState(BasicVector(pack_state(initial_state(gains, N))))
-        state = {self.xc_ticket()}
-        for name, size, calc in (
-            ("control_force", n, self._CalcControlForce),
-            ("psi", n * n, self._CalcPsi),
-            ("weights_1", n * N, self._CalcWeights1),
-            ("weights_3", n * N, self._CalcWeights3),
+        self._laws = rate, errors
+        self._constants = constants | {
+            "matrices": matrices,
+            "numbers": numbers,
+            "centres": network.centres,
+            "widths": network.widths,
+        }
+        for name in (
+            "haptic_force",
+            "velocity_command",
+            "tool_position",
+            "tool_velocity",
+            "environment_force",
         ):
-            self.DeclareVectorOutputPort(name, size, calc, state)
-        self.DeclareVectorOutputPort("auxiliary_error", n, self._CalcAuxiliaryError)
-        self.DeclareVectorOutputPort(
-            "control_force_error", n, self._CalcControlForceError
-        )
-
-    def _UseLaw(self, rate: Law, errors: Law, parameters: dict[str, Array]) -> None:
-        """Sets the functions that the block computes, and their first arguments."""
-        self._functions, self._parameters = (rate, errors), parameters
-        self._rate, self._errors = (
-            CompileLaw(law, *parameters.values()) for law in self._functions
+            self.DeclareVectorInputPort(name, n)
+        self.DeclareContinuousState(BasicVector(pack_state(initial_state(gains, N))))
+        self.DeclareOutputs(
+            control_force=n,
+            psi=n * n,
+            weights_1=n * N,
+            weights_3=n * N,
+            auxiliary_error=n,
+            control_force_error=n,
         )
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
         n, N = self._n, self._num_functions
-        rate, errors = self._functions
+        rate, errors = self._laws
         taken = (
-            *self._parameters, "state", "tool_position", "tool_velocity",
+            *self._constants, "state", "tool_position", "tool_velocity",
             "velocity_command", "environment_force", "haptic_force",
         )  # fmt: skip
         W1, Psi, W3 = n, n + n * N, n + n * N + n * n
         return Kernel(
-            parameters=self._parameters,
+            parameters=self._constants,
             rate=(rate, *taken),
             outputs={
                 "control_force": ("state", 0, n),
@@ -166,47 +168,6 @@ class AdaptiveBackstepping(LeafSystem):
         return LinearPart(
             num_states=self._n, state=estimates, assumption=FROZEN_WEIGHTS
         )
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the law; called by Drake several times in every step."""
-        derivatives.SetFromVector(self._rate(*self._EvalInputs(context)))
-
-    def _EvalInputs(self, context: Context) -> tuple[Array, ...]:
-        """Returns what the law takes behind its parameters."""
-        return (
-            context.get_continuous_state_vector().CopyToVector(),
-            self._r.Eval(context),
-            self._v.Eval(context),
-            self._v_dd.Eval(context),
-            self._F_e.Eval(context),
-            self._F_hd.Eval(context),
-        )
-
-    def _EvalState(self, context: Context) -> BacksteppingState:
-        x = context.get_continuous_state_vector().CopyToVector()
-        return unpack_state(x, self._n)
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalState(context).F_c)
-
-    def _CalcPsi(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalState(context).Psi.ravel())
-
-    def _CalcWeights1(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalState(context).W1.ravel())
-
-    def _CalcWeights3(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalState(context).W3.ravel())
-
-    def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
-        s_and_z = self._errors(*self._EvalInputs(context))
-        output.SetFromVector(s_and_z[: self._n])
-
-    def _CalcControlForceError(self, context: Context, output: BasicVector) -> None:
-        s_and_z = self._errors(*self._EvalInputs(context))
-        output.SetFromVector(s_and_z[self._n :])
 
 
 _GAINS = ("Lambda", "G1", "G2", "P")

@@ -10,6 +10,7 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
@@ -51,15 +52,14 @@ class RobustBackstepping(AdaptiveBackstepping):
         bounds: RobustBounds,
         network: GaussianNetwork,
     ):
-        super().__init__(gains=gains, network=network)
+        KernelBlock.__init__(self)
         self.set_name("robust_backstepping")
         for name in ("rho1", "rho3"):
             CheckNumber(name, getattr(bounds, name), minimum=0)
         for name in ("eps1", "eps3"):
             CheckNumber(name, getattr(bounds, name), above=0)
         self._bounds = np.array(bounds, dtype=float)
-        parameters = {"bounds": self._bounds, **self._parameters}
-        self._UseLaw(robust_rate, robust_errors, parameters)
+        self._Declare(gains, network, robust_rate, robust_errors, bounds=self._bounds)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that F_c alone is a state, and where the robust terms bend.

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from teleop_drake.environments.surface import Surface
 from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.linear_part import LinearPart
-from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 _LINEAR_SHARE = 0.25
 
 
-class ContactWall(LeafSystem):
+class ContactWall(KernelBlock):
     """Force of the tool on a wall, as the sensor reads it.
 
         F_e = F_n (n + mu v_t / sqrt(v_t . v_t + v_s^2))
@@ -55,6 +54,8 @@ class ContactWall(LeafSystem):
         ValueError: If a value is not allowed.
     """
 
+    is_compiled = True
+
     def __init__(
         self,
         *,
@@ -65,7 +66,7 @@ class ContactWall(LeafSystem):
         friction: float = 0.0,
         creep_speed: float = 1e-3,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckNumber("stiffness", stiffness, "N/m^exponent", above=0)
         CheckNumber("exponent", exponent, minimum=1)
         CheckNumber("damping", damping, "s/m", minimum=0)
@@ -77,16 +78,10 @@ class ContactWall(LeafSystem):
             "friction_law": np.array([friction, creep_speed], dtype=float),
             "plane": PlaneOf(surface),
         }
-        self._law = CompileLaw(wall_force, *self._parameters.values())
         n = surface.normal_W.size
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self.DeclareVectorOutputPort(
-            "environment_force",
-            n,
-            self._CalcForce,
-            prerequisites_of_calc={self._p.ticket(), self._v.ticket()},
-        )
+        self.DeclareVectorInputPort("tool_position", n)
+        self.DeclareVectorInputPort("tool_velocity", n)
+        self.DeclareOutputs(environment_force=n)
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the wall."""
@@ -110,10 +105,6 @@ class ContactWall(LeafSystem):
             parameters=self._parameters,
             outputs={"environment_force": (wall_force, *inputs)},
         )
-
-    def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        motion = self._p.Eval(context), self._v.Eval(context)
-        output.SetFromVector(self._law(*motion))
 
 
 @dataclass(kw_only=True, eq=False)
