@@ -50,8 +50,8 @@ def CheckPace(num_steps: int, time: float, duration: float) -> None:
 class Interruption:
     """Lets Ctrl-C end a run with the step, instead of anywhere in Python.
 
-    There it could leave a state that is half written.
-    A second Ctrl-C is a KeyboardInterrupt at once, for systems that never return.
+    There it could leave a state that is half written. A second Ctrl-C is a
+    KeyboardInterrupt at once, for systems that never return.
 
     Attributes:
         has_come: Whether there was a first Ctrl-C.

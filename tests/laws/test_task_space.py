@@ -11,7 +11,7 @@ from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 def test_power_at_the_joints_is_power_at_the_tool(n, nv):
     random = np.random.default_rng(n + 10 * nv)
     J, p, q, qdot = (random.normal(size=size) for size in ((3, nv), 3, nv + 1, nv))
-    kinematics = tool_kinematics(p, J, np.concatenate([q, qdot]), n)
+    kinematics = tool_kinematics(n, p, J, np.concatenate([q, qdot]))
     np.testing.assert_array_equal(kinematics[:n], p[:n])
     v = kinematics[n : 2 * n]
     np.testing.assert_allclose(v, (J @ qdot)[:n], rtol=1e-12)

@@ -15,8 +15,9 @@ from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 from surfaces import Border
 
+from teleop_drake.architectures import adaptive_backstepping
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.architectures.direct_force import DirectForce
-from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, run_monitor, simulate
@@ -419,7 +420,8 @@ def test_progress_is_reported_in_order():
 
 def test_interrupt_keeps_what_there_is():
     def interrupt(time):
-        signal.raise_signal(signal.SIGINT)
+        if time > 0:
+            signal.raise_signal(signal.SIGINT)
 
     recording = simulate(LoadScenario("one_dof"), progress=interrupt)
     assert recording.termination == "interrupted"
@@ -429,12 +431,12 @@ def test_interrupt_keeps_what_there_is():
 
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
-    """Raised in the machine code of a law, it would become a SystemError."""
+    """Raised in a callback of Drake, it would become another error."""
     scenario = LoadScenario("one_dof")
-    network = GaussianNetwork.evaluate_with_rate
+    law = AdaptiveBackstepping.DoCalcTimeDerivatives
     calls = 0
 
-    def interrupt_once(self, u, u_dot):
+    def interrupt_once(self, context, derivatives):
         nonlocal calls
         calls += 1
         if calls == 1000:
@@ -442,10 +444,10 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:
                 raise SystemError("returned a result with an exception set") from None
-        return network(self, u, u_dot)
+        law(self, context, derivatives)
 
     reference = Run("one_dof", ADAPTIVE)
-    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_once)
+    monkeypatch.setattr(AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_once)
     recording = simulate(scenario)
     assert (recording.termination, recording.reason) == (
         "interrupted",
@@ -463,28 +465,31 @@ def test_interrupt_in_the_step_that_diverges(monkeypatch):
     """Otherwise a comparison would go on with its next run."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
     assert simulate(scenario).termination == "diverged"
-    network = GaussianNetwork.evaluate_with_rate
+    law = AdaptiveBackstepping.DoCalcTimeDerivatives
     limit = 1.1 * abs(scenario.surgeon.velocity[0])
     is_interrupted = False
 
-    def interrupt_at_limit(self, u, u_dot):
+    def interrupt_at_limit(self, context, derivatives):
         nonlocal is_interrupted
-        if abs(u_dot[0]) > limit and not is_interrupted:
+        v = self.GetInputPort("tool_velocity").Eval(context)
+        if abs(v[0]) > limit and not is_interrupted:
             is_interrupted = True
             signal.raise_signal(signal.SIGINT)
-        return network(self, u, u_dot)
+        law(self, context, derivatives)
 
-    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_at_limit)
+    monkeypatch.setattr(
+        AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_at_limit
+    )
     assert simulate(scenario).termination == "interrupted"
 
 
 def test_second_interrupt_does_not_wait(monkeypatch):
-    def interrupt_twice(self, u, u_dot):
+    def interrupt_twice(*arguments):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("the second one did not interrupt")
 
-    monkeypatch.setattr(GaussianNetwork, "evaluate_with_rate", interrupt_twice)
+    monkeypatch.setattr(adaptive_backstepping, "adaptive_errors", interrupt_twice)
     with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
         simulate(LoadScenario("one_dof"))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
