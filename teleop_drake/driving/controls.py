@@ -97,8 +97,7 @@ class MeshcatControls:
         self._meshcat = meshcat
         self._settings = settings
         self._num_axes = num_axes
-        self._newtons, self._speed = newtons, speed
-        self._has_stiffness, self._needs_gamepad = has_stiffness, needs_gamepad
+        self._has_stiffness = has_stiffness
         meshcat.DeleteAddedControls()
         axes = "xyz"[:num_axes]
         # In the order in which they are shown.

@@ -207,8 +207,8 @@ def disturbance_estimate(weights: Array, Phi: Array) -> Array:
     return estimate
 
 
-def linear_disturbance(K: Array, r: Array, v: Array) -> Array:
-    """Returns F_e = K r in N (n), whatever the velocity v (3.7)."""
+def linear_disturbance(K: Array, r: Array) -> Array:
+    """Returns F_e = K r in N (n) (3.7)."""
     return K @ r
 
 

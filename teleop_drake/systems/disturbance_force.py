@@ -2,16 +2,19 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from teleop_drake.kernel import Kernel
+from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
 from teleop_drake.validation import CheckChoice, Refuse
 
-_LAWS = {"linear": linear_disturbance, "coupled": coupled_disturbance}
+_LAWS: dict[str, Term] = {
+    "linear": (linear_disturbance, "gain", "tool_position"),
+    "coupled": (coupled_disturbance, "gain", "tool_position", "tool_velocity"),
+}
 
 
-class DisturbanceForce(LeafSystem):
+class DisturbanceForce(KernelBlock):
     """A force that depends on where the tool is and how fast it moves.
 
         linear    F_e = K r                                                      (3.7)
@@ -36,7 +39,7 @@ class DisturbanceForce(LeafSystem):
     """
 
     def __init__(self, *, kind: str, gain: ArrayLike):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         K = np.array(gain, dtype=float)
         CheckChoice("kind", kind, _LAWS)
         if K.ndim != 2 or K.shape[0] != K.shape[1] or not np.isfinite(K).all():
@@ -47,32 +50,15 @@ class DisturbanceForce(LeafSystem):
         self._gain = K
         self.set_name("disturbance_force")
 
-        self._position = self.DeclareVectorInputPort("tool_position", len(K))
-        self._velocity = self.DeclareVectorInputPort("tool_velocity", len(K))
-        prerequisites = {self._position.ticket()}
-        if kind == "coupled":
-            prerequisites.add(self._velocity.ticket())
-        self.DeclareVectorOutputPort(
-            "environment_force",
-            len(K),
-            self._CalcForce,
-            prerequisites_of_calc=prerequisites,
-        )
+        self.DeclareVectorInputPort("tool_position", len(K))
+        self.DeclareVectorInputPort("tool_velocity", len(K))
+        self.DeclareOutputs(environment_force=len(K))
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
         return Kernel(
             parameters={"gain": self._gain},
-            outputs={
-                "environment_force": (
-                    self._law, "gain", "tool_position", "tool_velocity"
-                )
-            },
-        )  # fmt: skip
-
-    def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            self._law(
-                self._gain, self._position.Eval(context), self._velocity.Eval(context)
-            )
+            outputs={"environment_force": self._law},
+            # That of the linear law.
+            unused=("tool_velocity",),
         )

@@ -92,7 +92,7 @@ def test_leakage_pulls_the_weights_to_zero():
 def test_disturbances():
     K = np.array([[1.0, 10.0], [0.0, 2.0]])
     r, v = np.array([2.0, 3.0]), np.array([5.0, 7.0])
-    assert linear_disturbance(K, r, v).tolist() == [32, 6]
+    assert linear_disturbance(K, r).tolist() == [32, 6]
     # x + x' z + 2 z' x + z^2 = 2 + 15 + 28 + 9; z + z' x + 2 z x' + x^2 = 3 + 14 + ...
     assert coupled_disturbance(K, r, v).tolist() == [54 + 510, 102]
 
