@@ -1,4 +1,4 @@
-"""Sweeps on a Dask cluster: a real scheduler and worker processes."""
+"""Sweeps on a Dask cluster: a real scheduler, spoken to through its address."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from teleop_drake.sweep import Sweep
 OVERRIDES = {"duration": 0.5, "simulator.accuracy": 1e-5}
 GRID = {"delay": [0.01 * k for k in range(1, 13)]}
 
-# One cluster.
+# One process imports it.
 pytestmark = pytest.mark.xdist_group("dask")
 
 
@@ -31,16 +31,13 @@ def distributed():
     return pytest.importorskip("distributed")
 
 
-@pytest.fixture(scope="module")
-def cluster(distributed):
-    with distributed.LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address=":0",
-    ) as cluster:
-        yield cluster
+OF_THIS_PROCESS = {"processes": False, "protocol": "tcp"}
+
+
+def Cluster(distributed, **options):
+    return distributed.LocalCluster(
+        threads_per_worker=1, host="127.0.0.1", dashboard_address=":0", **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +49,11 @@ def expected():
 
 
 @pytest.mark.slow  # test_sweep.py kills processes of its own.
-def test_a_killed_worker_costs_no_run(distributed, cluster, expected):
-    cluster.scale(2)
-    with distributed.Client(cluster) as client:
-        client.wait_for_workers(2, timeout=60)
+def test_a_killed_worker_costs_no_run(distributed, expected):
+    with (
+        Cluster(distributed, n_workers=2, processes=True) as cluster,
+        distributed.Client(cluster) as client,
+    ):
         pids = client.run(os.getpid)
         assert len(set(pids.values())) == 2
         victim = next(iter(pids.values()))
@@ -82,25 +80,20 @@ def test_a_killed_worker_costs_no_run(distributed, cluster, expected):
     assert records == expected
 
 
-def test_the_command(cluster, expected, capsys):
+def test_the_command(distributed, expected, capsys):
     options = ["--duration", "0.5", "--accuracy", "1e-5", "--delay", "0.01:0.12:12"]
     options += ["--controllers", "adaptive_backstepping", "--json", "-"]
     options += ["--engine", "drake"]
-    address = cluster.scheduler_address
-    assert main(["sweep", "one_dof", *options, "--dask", address]) == 0
+    with Cluster(distributed, n_workers=1, **OF_THIS_PROCESS) as cluster:
+        address = cluster.scheduler_address
+        assert main(["sweep", "one_dof", *options, "--dask", address]) == 0
     records = json.loads(capsys.readouterr().out)
     assert [x["metrics"] for x in records] == [x["metrics"] for x in expected]
 
 
 def test_no_workers(distributed, capsys):
     """The runs wait, which the command says."""
-    with distributed.LocalCluster(
-        n_workers=0,
-        processes=False,
-        protocol="tcp",
-        host="127.0.0.1",
-        dashboard_address=":0",
-    ) as cluster:
+    with Cluster(distributed, n_workers=0, **OF_THIS_PROCESS) as cluster:
         address = cluster.scheduler_address
         threading.Timer(1.0, cluster.scale, [1]).start()
         options = ["--duration", "0.01", "--controllers", "direct_force"]
