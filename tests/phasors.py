@@ -3,6 +3,17 @@
 import numpy as np
 
 
+def TerminatedPort(matrix, load):
+    """Returns what is seen at port 1 of p(j w) (K, 2, 2) with a load at port 2 (K).
+
+    For a hybrid matrix the load is the environment's admittance v_s/F_s and the result
+    the impedance F_m/v_m; for the inverse hybrid one it is the environment's impedance
+    F_s/v_s, and the result the admittance v_m/F_m that the operator feels.
+    """
+    (p11, p12), (p21, p22) = np.moveaxis(matrix, 0, -1)
+    return p11 - p12 * p21 / (p22 + load)
+
+
 def Response(block, inputs, outputs, s):
     """Returns the transfer matrix from the inputs to the outputs at s (complex).
 

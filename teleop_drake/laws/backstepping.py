@@ -182,16 +182,6 @@ class BacksteppingState(NamedTuple):
     W3: Array
 
 
-def state_size(num_axes: int, num_functions: int) -> int:
-    """Returns the size of the state as one vector: n + n N + n^2 + n N.
-
-    Args:
-        num_axes: Number n of task axes.
-        num_functions: Number N of basis functions.
-    """
-    return num_axes * (1 + num_axes + 2 * num_functions)
-
-
 def pack_state(state: BacksteppingState) -> Array:
     """Returns the state as one vector [F_c, W1, Psi, W3], matrices row by row.
 
@@ -207,7 +197,7 @@ def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
     """Returns the parts of a vector made by pack_state, as views.
 
     Args:
-        x: The vector, of the size given by state_size.
+        x: The vector (n + n N + n^2 + n N).
         num_axes: Number n of task axes.
     """
     n = num_axes

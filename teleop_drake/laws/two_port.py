@@ -108,22 +108,3 @@ def scattering_norm(matrix: ArrayLike, *, impedance: float = 1.0) -> Array:
     S = (p[is_regular] - identity) @ np.linalg.inv(p[is_regular] + identity)
     norms[is_regular] = np.linalg.norm(S, ord=2, axis=(1, 2))
     return norms
-
-
-def terminated_port(matrix: ArrayLike, load: ArrayLike) -> ComplexArray:
-    """Returns what is seen at port 1 with a load at port 2 (K).
-
-        p11 - p12 p21/(p22 + load)
-
-    For a hybrid matrix the load is the environment's admittance v_s/F_s and the result
-    the impedance F_m/v_m; for the inverse hybrid one it is the environment's impedance
-    F_s/v_s, and the result the admittance v_m/F_m that the operator feels.
-
-    Args:
-        matrix: p(j w) (K, 2, 2).
-        load: At the same frequencies (K).
-    """
-    p = np.asarray(matrix, dtype=complex)
-    load = np.asarray(load, dtype=complex)
-    result: ComplexArray = p[:, 0, 0] - p[:, 0, 1] * p[:, 1, 0] / (p[:, 1, 1] + load)
-    return result

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from grids import Slow
-from phasors import FeltImpedance
+from phasors import FeltImpedance, TerminatedPort
 
 from teleop_drake.analysis.linearization import LinearizeTwoPort
 from teleop_drake.analysis.operating_point import OperatingPoints
@@ -17,7 +17,7 @@ from teleop_drake.analysis.transparency import (
     TransmittedImpedance,
 )
 from teleop_drake.figures.analysis import PlotTransparency
-from teleop_drake.laws.two_port import delay_two_port, scattering_norm, terminated_port
+from teleop_drake.laws.two_port import delay_two_port, scattering_norm
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.stations import MakeArchitecture
 
@@ -55,7 +55,7 @@ def test_transmitted_impedance_of_direct_force(point, k, d):
     np.testing.assert_allclose(Z_to, (ROBOT + Z_e) * np.exp(0.2j * W), rtol=1e-8)
     np.testing.assert_allclose(result.undelayed[:, 0, 0], ROBOT + Z_e, rtol=1e-8)
     # The same through the channels as a two-port.
-    felt = terminated_port(
+    felt = TerminatedPort(
         delay_two_port(W, forward_delay=0.07, return_delay=0.13), ROBOT + Z_e
     )
     np.testing.assert_allclose(Z_to, 1 / felt, rtol=1e-8)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from phasors import TerminatedPort
 
 from teleop_drake.laws.two_port import (
     delay_two_port,
     llewellyn,
     scattering_norm,
-    terminated_port,
 )
 
 W = np.linspace(0.05, 40, 400)
@@ -100,7 +100,7 @@ def test_llewellyn_is_what_passive_loads_can_do():
     for p, eta in zip(z, llewellyn(z), strict=True):
         if abs(eta - 1) < 0.02:
             continue
-        seen = terminated_port(np.broadcast_to(p, (len(loads), 2, 2)), loads)
+        seen = TerminatedPort(np.broadcast_to(p, (len(loads), 2, 2)), loads)
         assert (seen.real.min() < 0) == (eta < 1)
 
 
@@ -114,5 +114,5 @@ def test_terminated_delay():
     Z_e = 2 + 30 / (1j * W)
     matrix = delay_two_port(W, forward_delay=0.1, return_delay=0.05)
     np.testing.assert_allclose(
-        terminated_port(matrix, Z_e), np.exp(-0.15j * W) / Z_e, rtol=1e-12
+        TerminatedPort(matrix, Z_e), np.exp(-0.15j * W) / Z_e, rtol=1e-12
     )

@@ -17,7 +17,6 @@ from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
     adaptive_rate,
-    state_size,
     unpack_state,
 )
 from teleop_drake.laws.contact import wall_force
@@ -75,7 +74,7 @@ def test_backstepping(n, is_at_limit):
     network = GaussianNetwork(lower=[0] * n, upper=[1] * n, count=[2] * n, width=1.2)
     samples = []
     for _ in range(20):
-        x = rng.normal(size=state_size(n, network.num_functions))
+        x = rng.normal(size=n * (1 + n + 2 * network.num_functions))
         unpack_state(x, n).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
         samples.append((x, *rng.normal(size=(5, n))))
     constants = (*gains.as_arrays(), network.centres, network.widths)
