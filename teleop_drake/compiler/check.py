@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, Diagram, PortDataType, System
 from teleop_drake.compiler.check_run import CheckRun, KernelDisagrees
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.machine_code.compiled import HasCompiler
 
 __all__ = ["CheckKernel", "CheckNear", "Compare", "KernelDisagrees"]
 
@@ -21,10 +22,11 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
     """Checks the kernel of a block, or those of all blocks in a diagram.
 
     Outputs and time derivatives are compared at random inputs, states and times, and in
-    the modes that the kernels get into there. A block by itself that has transitions or
-    delays is run as well, with sinusoids at its inputs, in Drake's Simulator and by its
-    kernel: they show whether its modes change when and as they should. For that it
-    becomes part of a diagram, and cannot be part of another one.
+    the modes that the kernels get into there. A block by itself is compiled, too, where
+    the extra `fast` is installed. If it has transitions or delays it is run as well,
+    with sinusoids at its inputs, in Drake's Simulator and by its kernel: they show
+    whether its modes change when and as they should. For that it becomes part of a
+    diagram, and cannot be part of another one.
 
     Args:
         system: The block or the diagram.
@@ -35,11 +37,13 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
         were therefore not compared with the block; see Transition.
 
     Raises:
-        UnsupportedSystem: If a block offers no kernel.
+        UnsupportedSystem: If a block offers no kernel, or one that cannot be compiled.
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
     """
     context = _DefaultContext(system)
+    is_block = not isinstance(system, Diagram)
     evaluator = Evaluator(system, context)
+    evaluators = [evaluator]
     rng = np.random.default_rng(0)
     for _ in range(num_states):
         for i in range(system.num_input_ports()):
@@ -49,11 +53,15 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
         context.SetTime(rng.uniform(0, 1))
         x = context.get_continuous_state_vector().CopyToVector()
         context.SetContinuousState(_Near(x, rng))
-        Compare(evaluator, system, context)
+        if is_block and HasCompiler() and len(evaluators) == 1:
+            evaluators.append(Evaluator(system, context, as_machine_code=True))
+        for each in evaluators:
+            Compare(each, system, context)
         if _ChangeModes(evaluator, context):
-            Compare(evaluator, system, context)
+            for each in evaluators:
+                Compare(each, system, context)
     program = evaluator.program
-    if isinstance(system, Diagram) or not (program.transitions or program.delays):
+    if not is_block or not (program.transitions or program.delays):
         return []
     return CheckRun(system)
 

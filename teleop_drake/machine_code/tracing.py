@@ -35,6 +35,8 @@ BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
 _MAX_LEAVES = 256
 _MAX_NODES = 100_000
 
+_TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have converged"
+
 
 class Node(NamedTuple):
     """An operation.
@@ -125,6 +127,8 @@ class Graph:
             return self._answers[condition]
         if self._path is None:
             raise Untraceable("a condition stands outside of a function")
+        if len(self._path) == _MAX_LEAVES:  # Each answer makes a leaf more.
+            raise Untraceable(_TOO_MANY_CASES)
         answer = True
         if len(self._path) < len(self._forced):
             answer = self._forced[len(self._path)]
@@ -164,7 +168,7 @@ class Graph:
                 values += [x for array in arrays for x in array.flat]
                 leaves.append((self._path, tuple(values)))
                 if len(leaves) > _MAX_LEAVES:
-                    raise Untraceable("there are too many cases")
+                    raise Untraceable(_TOO_MANY_CASES)
                 forced = [answer for _, answer in self._path]
                 while forced and not forced[-1]:
                     forced.pop()

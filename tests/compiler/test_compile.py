@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
 from teleop_drake.compiler import compile as compiler
-from teleop_drake.compiler.check import Compare
+from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
@@ -97,5 +97,7 @@ def test_what_is_no_graph_of_operations_is_named():
     context = system.CreateDefaultContext()
     system.GetInputPort("u").FixValue(context, [0.3])
     Compare(Evaluator(system, context), system, context)
+    with pytest.raises(UnsupportedSystem, match=r"halved\(\): there are too many"):
+        CheckKernel(Halving())
     with pytest.raises(UnsupportedSystem, match=r"'halving' cannot .* halved\(\): "):
         Evaluator(system, context, as_machine_code=True)
