@@ -1,14 +1,14 @@
 """What a robot is, asked of the system that stands in the diagram."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, System
 
+from teleop_drake.contexts import ContextsIn
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 
@@ -48,24 +48,13 @@ def FactsOfRobot(robot: System) -> RobotFacts:
     with Interpreted():
         start = np.array(robot.GetOutputPort("tool_position").Eval(context))
     inertia = damping = None
-    for plant, plant_context in _Plants(robot, context):
-        if _IsTool(plant, plant_context, start):
+    for plant, plant_context in ContextsIn(robot, context).items():
+        if isinstance(plant, MultibodyPlant) and _IsTool(plant, plant_context, start):
             inertia, damping = _ToolInertiaAndDamping(plant, plant_context, len(start))
             break
     return RobotFacts(
         num_axes=len(start), start=start, inertia=inertia, damping=damping
     )
-
-
-def _Plants(
-    system: System, context: Context
-) -> Iterator[tuple[MultibodyPlant, Context]]:
-    """Yields every plant in a system, with its context."""
-    if isinstance(system, MultibodyPlant):
-        yield system, context
-    elif isinstance(system, Diagram):
-        for inner in system.GetSystems():
-            yield from _Plants(inner, system.GetSubsystemContext(inner, context))
 
 
 def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:

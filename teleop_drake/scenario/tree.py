@@ -39,9 +39,6 @@ _SIMULATOR_FIELDS: dict[str, type] = {
 
 # Reading and writing.
 
-# The one in C where PyYAML has it.
-_FastDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-
 # Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
 # of the exponent, and for a digit between sign and dot. 1e-2, 1.5e3, -.5
 _FLOAT = re.compile(
