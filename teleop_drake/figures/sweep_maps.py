@@ -206,14 +206,14 @@ def _BoundaryLabels(
     for name, parts in ends.items():
         known = np.concatenate(parts)
         known = known[~np.isnan(known)]
-        what = _END
         if not known.size:
-            what = "stability not known"
+            labels[name] = f"{name}: stability not known"
         elif (known > limits[1]).all():
-            what = "stable throughout"
+            labels[name] = f"{name}: stable throughout"
         elif (known <= 0).all():
-            what = "not stable without delay"
-        labels[name] = f"{what}, {name}"
+            labels[name] = f"{name}: not stable without delay"
+        else:
+            labels[name] = f"{_END}, {name}"
     return labels
 
 

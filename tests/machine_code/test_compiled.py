@@ -225,7 +225,7 @@ RUNS = {
 }
 
 
-@pytest.fixture(scope="module", params=Slow([0.4, 1.0]))
+@pytest.fixture(scope="module", params=Slow([0.2, 1.0]))
 def whole_runs(request):
     """Every run with llvmlite and without it; the short run of the tests has a part."""
     runs = [

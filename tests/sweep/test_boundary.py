@@ -127,9 +127,9 @@ def test_maps_have_the_boundary_over_them():
     assert texts == [
         "diverges or fails",
         "end of stability, free",
-        "stable throughout, tissue",
-        "not stable without delay, steel",
-        "stability not known, bone",
+        "tissue: stable throughout",
+        "steel: not stable without delay",
+        "bone: stability not known",
     ]
     # The map ends at the outermost values, and the boundary does not widen it.
     assert ax.get_ylim() == (MASSES[0], MASSES[-1])
