@@ -8,8 +8,8 @@ folder is on Python's path:
 
     teleop-drake run two_dof_collision --set "environment={kind: own_environment:Floor}"
 
-The block's law is a function of its own, which `Kernel` names: that is all that machine
-code takes (`--engine compiled`).
+The block's law is a function of its own, which `Kernel` names: that is all that Drake's
+Simulator and machine code (`--engine compiled`) take.
 
 Run `python diagrams/own_environment.py`: it draws the loop with the floor in it beside
 this file (or into the file given as an argument), lets the arm come down on the floor,
@@ -21,16 +21,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import Number
 
 
 def hunt_crossley_force(K, B, point_W, normal_W, p_WT, v_WT):
@@ -40,7 +40,7 @@ def hunt_crossley_force(K, B, point_W, normal_W, p_WT, v_WT):
     return max(K * depth**1.5 * (1 + B * speed), 0.0) * normal_W
 
 
-class HuntCrossleyWall(LeafSystem):
+class HuntCrossleyWall(KernelBlock):
     """F_e = K d^(3/2) (1 + B d') along the normal, at the depth d > 0.
 
     Source: K. H. Hunt and F. R. E. Crossley, "Coefficient of restitution interpreted as
@@ -48,7 +48,7 @@ class HuntCrossleyWall(LeafSystem):
     """
 
     def __init__(self, *, surface, stiffness, damping):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         self._surface = surface
         self._parameters = {
             "stiffness": stiffness,
@@ -57,9 +57,9 @@ class HuntCrossleyWall(LeafSystem):
             "normal": surface.normal_W,
         }
         n = surface.normal_W.size
-        self._p = self.DeclareVectorInputPort("tool_position", n)
-        self._v = self.DeclareVectorInputPort("tool_velocity", n)
-        self.DeclareVectorOutputPort("environment_force", n, self._CalcForce)
+        self.DeclareVectorInputPort("tool_position", n)
+        self.DeclareVectorInputPort("tool_velocity", n)
+        self.DeclareOutputs(environment_force=n)
 
     def Surfaces(self):
         return [self._surface]
@@ -77,26 +77,17 @@ class HuntCrossleyWall(LeafSystem):
             },
         )
 
-    def _CalcForce(self, context, output):
-        motion = self._p.Eval(context), self._v.Eval(context)
-        output.SetFromVector(hunt_crossley_force(*self._parameters.values(), *motion))
-
 
 @dataclass(kw_only=True, eq=False)
 class Floor(EnvironmentConfig):
     """A floor at `y`; what is below it is stiff."""
 
     # Where it is, m.
-    y: float = -0.05
+    y: float = Number(-0.05, "m")
     # K, N/m^(3/2), > 0.
-    stiffness: float = 1000.0
+    stiffness: float = Number(1000.0, "N/m^1.5", above=0)
     # B, s/m, >= 0.
-    damping: float = 2.0
-
-    def Check(self):
-        CheckNumber("y", self.y, "m")
-        CheckNumber("stiffness", self.stiffness, "N/m^1.5", above=0)
-        CheckNumber("damping", self.damping, "s/m", minimum=0)
+    damping: float = Number(2.0, "s/m", minimum=0)
 
     def MakeEnvironment(self, start):
         n = np.size(start)
