@@ -128,12 +128,15 @@ def test_what_they_take_from_the_package_is_there(path):
 
 @pytest.mark.parametrize(
     ("number", "error"),
-    [
-        (0, "AssertionError"),
-        (1, "DeprecationWarning"),
-        (2, "DrakeDeprecationWarning"),
-        (3, "something is wrong"),
-    ],
+    Slow(
+        [
+            (0, "AssertionError"),
+            (1, "DeprecationWarning"),
+            (2, "DrakeDeprecationWarning"),
+            (3, "something is wrong"),
+        ],
+        but=[2, 3],
+    ),
 )
 def test_the_runner_notices_a_failure(number, error, tmp_path):
     notebook = Read(FAILING)

@@ -221,7 +221,7 @@ def test_run_json_on_stdout(capsys):
     assert err == ""
 
 
-def test_run_writes_files(capsys):
+def test_run_writes_files(capsys, request):
     command = ["run", "one_dof", *SHORT, "--json", "a.json", "--out", "new/folder"]
     assert main(command) == 0
     stem = "one_dof_adaptive_backstepping"
@@ -235,6 +235,7 @@ def test_run_writes_files(capsys):
     assert Path(f"new/folder/{stem}.png").read_bytes().startswith(b"\x89PNG")
     assert f"new/folder/{stem}.npz" in capsys.readouterr().out
     # Again: files are replaced.
+    request.getfixturevalue("unrendered")
     assert main(command) == 0
     assert sorted(os.listdir("new/folder")) == names
 

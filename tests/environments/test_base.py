@@ -109,13 +109,12 @@ def test_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
         for override in (*DOWN, "environment={kind: own_environment:Floor, y: -0.02}")
         for x in ("--set", override)
     ]
-    short = [*own, "--duration", "1"]
+    short = [*own, "--duration", "1", "--engine", "auto"]
     assert main(["run", "two_dof_collision", *short, "--json", "-", "--quiet"]) == 0
     collision = json.loads(capsys.readouterr().out)["metrics"]["collision"]
     assert 0.2 < collision["time"] < 1.0
     assert main(["compare", "two_dof_collision", *short, "--out", "c", "--quiet"]) == 0
     sweep = ["sweep", "two_dof_collision", *short, "--delay", "0.05,0.1", "--out", "s"]
-    sweep += ["--engine", "drake"]
     assert main([*sweep, "--jobs", "1", "--quiet"]) == 0
     lines = Path("s/runs.jsonl").read_text().splitlines()
     times = [json.loads(x)["metrics"]["collision"]["time"] for x in lines]
