@@ -21,6 +21,12 @@ from teleop_drake.simulation import simulate
 ADAPTIVE = "adaptive_backstepping"
 
 
+@pytest.fixture(autouse=True)
+def _WithoutCollecting(monkeypatch):
+    """Before each measurement would come a second of what other tests have left."""
+    monkeypatch.setattr("benchmarks.timing.gc.collect", lambda: 0)
+
+
 @pytest.mark.parametrize(
     "name",
     Slow(["evaluation", "comparison", "machine_code", "scaling", "startup"]),

@@ -147,7 +147,7 @@ def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):
     assert direct == pytest.approx(0.472, rel=0.02)
     overrides = ["controller.kind=wave_variables", "duration=12.0"]
     overrides.append("controller.wave_variables.impedance=1.0")
-    metrics = RunMetrics(simulate(LoadScenario("one_dof", overrides)))
+    metrics = RunMetrics(simulate(LoadScenario("one_dof", overrides), engine="auto"))
     expected = 1000 * metrics["puncture"]["velocity_overshoot"]
     assert own == pytest.approx(expected, abs=1e-3)
     # It is as short as the README says.
@@ -169,7 +169,9 @@ def test_the_own_arm_has_three_axes(run):
     _, lines = run(DIRECTORY / "own_arm.py")
     *mass, force = map(float, re.findall(r"\d+\.\d+", " ".join(lines)))
     assert len(mass) == 3
-    metrics = RunMetrics(simulate(LoadScenario(DIRECTORY / "own_arm.yaml")))
+    metrics = RunMetrics(
+        simulate(LoadScenario(DIRECTORY / "own_arm.yaml"), engine="auto")
+    )
     expected = metrics["collision"]["initial_impact_force"]
     assert force == pytest.approx(expected, abs=1e-3)
 

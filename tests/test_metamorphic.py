@@ -12,11 +12,13 @@ TIMES = np.linspace(0.0, 2.0, 401)
 
 
 def load(name, *overrides):
-    return LoadScenario(name, [DIRECT, "duration=2.0", *overrides])
+    # Between the steps of machine code one could not interpolate so well.
+    steps = "simulator.max_step_size=0.005"
+    return LoadScenario(name, [DIRECT, "duration=2.0", steps, *overrides])
 
 
 def signals(scenario, *names, times=TIMES):
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="auto")
     return [recording.Interpolate(name, times) for name in names]
 
 

@@ -14,9 +14,9 @@ from teleop_drake.tasks.metrics import RunMetrics
 NETWORK = ("forward_channel.kind=network", "forward_channel.sample_period=0.01")
 
 
-def ShortRun() -> Recording:
+def ShortRun(name: str = "two_dof_combined") -> Recording:
     return Run(
-        "two_dof_combined",
+        name,
         "adaptive_backstepping",
         "duration=0.2",
         "simulator.accuracy=1e-4",
@@ -37,7 +37,7 @@ def test_repr_is_short_and_says_what_happened():
 
 
 def test_html_has_every_metric_with_its_unit_and_a_figure():
-    recording = ShortRun()
+    recording = ShortRun("one_dof")
     html = recording._repr_html_()
     overshoot = RunMetrics(recording)["start_velocity_overshoot"]
     row = f"start velocity overshoot</td><td>{overshoot:.5g}</td><td>m/s</td>"
@@ -58,7 +58,7 @@ def test_html_of_a_run_without_a_number_says_so():
 
 
 def test_plot_is_the_figure_of_the_run():
-    figure = ShortRun().plot()
+    figure = ShortRun("one_dof").plot()
     # A notebook shows it without pyplot.
     assert figure._repr_png_().startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]

@@ -93,7 +93,7 @@ def reproduced(request, thesis_runs, ledger, tmp_path_factory):
             patch.setattr(report, "FutureWork", OnLearning)
         figures = list(report.FIGURES.values())
         folder = tmp_path_factory.mktemp("reproduced")
-        paths = report.WriteReport(thesis_runs, folder, progress=lines.append)
+        paths = report.WriteReport(thesis_runs, folder, ["png"], lines.append)
         rows = [*ledger, *report.FutureWork(thesis_runs)]
     return SimpleNamespace(
         folder=folder, paths=paths, figures=figures, lines=lines, rows=rows
