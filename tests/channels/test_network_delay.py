@@ -1,12 +1,12 @@
 """Tests of the delay in packets with fates of their own."""
 
+import functools
 import math
 
 import numpy as np
 import pytest
+import sources
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.network import NetworkDelay
@@ -44,27 +44,7 @@ POLICIES = [
 ]
 
 
-class Ramp:
-    """A delay fed by the signal [1, 2] t + [3, -4]."""
-
-    def __init__(self, dut):
-        builder = DiagramBuilder()
-        slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
-        ramp = builder.AddNamedSystem("ramp", Integrator([3.0, -4.0]))
-        self.dut = builder.AddNamedSystem("dut", dut)
-        builder.Connect(slope.get_output_port(), ramp.get_input_port())
-        builder.Connect(ramp.get_output_port(), dut.get_input_port())
-        self.simulator = Simulator(builder.Build())
-        self.context = dut.GetMyContextFromRoot(self.simulator.get_context())
-
-    def Eval(self):
-        return self.dut.get_output_port().Eval(self.context).copy()
-
-    def Output(self, time):
-        """Returns the output at a time, after the events there."""
-        self.simulator.AdvanceTo(time)
-        self.simulator.AdvancePendingEvents()
-        return self.Eval()
+Ramp = functools.partial(sources.Ramp, start=[3.0, -4.0])
 
 
 def signal(time):

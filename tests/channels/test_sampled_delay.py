@@ -5,46 +5,12 @@ import math
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
-    ConstantVectorSource,
     DiscreteTimeDelay,
-    Integrator,
-    LogVectorOutput,
 )
+from sources import Ramp
 
 from teleop_drake.channels.sampled import SampledDelay
-
-
-class Ramp:
-    """A delay fed by the signal [t, 2 t], with the integral of its output."""
-
-    def __init__(self, dut):
-        builder = DiagramBuilder()
-        slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
-        ramp = builder.AddNamedSystem("ramp", Integrator(2))
-        self.dut = builder.AddNamedSystem("dut", dut)
-        integral = builder.AddNamedSystem("integral", Integrator(2))
-        builder.Connect(slope.get_output_port(), ramp.get_input_port())
-        builder.Connect(ramp.get_output_port(), dut.get_input_port())
-        builder.Connect(dut.get_output_port(), integral.get_input_port())
-        self._integral = integral
-        self.logger = LogVectorOutput(dut.get_output_port(), builder)
-        self.simulator = Simulator(builder.Build())
-
-    def _Eval(self, port):
-        root_context = self.simulator.get_context()
-        return port.Eval(port.get_system().GetMyContextFromRoot(root_context))
-
-    def Output(self, time):
-        """Returns the output at a time, after the events there."""
-        self.simulator.AdvanceTo(time)
-        self.simulator.AdvancePendingEvents()
-        return self._Eval(self.dut.get_output_port())
-
-    def Integral(self, time):
-        self.simulator.AdvanceTo(time)
-        return self._Eval(self._integral.get_output_port())
 
 
 @pytest.mark.parametrize(

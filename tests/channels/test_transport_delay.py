@@ -13,8 +13,6 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import (
     DiagramBuilder,
-    DiscreteStateIndex,
-    LeafSystem,
 )
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -22,22 +20,9 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
     Sine,
 )
+from sources import Step
 
 from teleop_drake.channels.transport import TransportDelay
-
-
-class Step(LeafSystem):
-    """Jumps from one vector to another at a time, by an unrestricted update."""
-
-    def __init__(self, *, time, before, after):
-        super().__init__()
-        self.DeclareDiscreteState(np.array(before, dtype=float))
-        self._after = np.array(after, dtype=float)
-        self.DeclareStateOutputPort("y", DiscreteStateIndex(0))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1e12, time, self._Jump)
-
-    def _Jump(self, context, state):
-        state.get_mutable_discrete_state(0).SetFromVector(self._after)
 
 
 def simulate(source, *, delay, duration, initial_value=None, max_step_size=None):

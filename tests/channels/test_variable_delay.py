@@ -11,11 +11,10 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import (
     DiagramBuilder,
-    DiscreteStateIndex,
-    LeafSystem,
 )
 from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
+from sources import Step
 
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.transport import TransportDelay
@@ -29,20 +28,6 @@ TRACE = DelayProfile(
     delay=0.01, trace=([7.0, 7.3, 7.4, 9.0, 12.0], [0.1, 0.2, 0.05, 0.3, 0.1])
 )
 PROFILES = {"wave": WAVE, "trace": TRACE}
-
-
-class Step(LeafSystem):
-    """Jumps from one value to another at a time, by an unrestricted update."""
-
-    def __init__(self, *, time, before, after):
-        super().__init__()
-        self.DeclareDiscreteState(np.array(before, dtype=float))
-        self._after = np.array(after, dtype=float)
-        self.DeclareStateOutputPort("y", DiscreteStateIndex(0))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1e12, time, self._Jump)
-
-    def _Jump(self, context, state):
-        state.get_mutable_discrete_state(0).SetFromVector(self._after)
 
 
 def make_simulator(diagram, context=None):

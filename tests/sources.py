@@ -1,0 +1,51 @@
+"""Signals that go into a channel by itself."""
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, Integrator
+
+
+class Step(LeafSystem):
+    """Jumps from one vector to another at a time, by an unrestricted update."""
+
+    def __init__(self, *, time, before, after):
+        super().__init__()
+        self.DeclareDiscreteState(np.array(before, dtype=float))
+        self._after = np.array(after, dtype=float)
+        self.DeclareStateOutputPort("y", DiscreteStateIndex(0))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1e12, time, self._Jump)
+
+    def _Jump(self, context, state):
+        state.get_mutable_discrete_state(0).SetFromVector(self._after)
+
+
+class Ramp:
+    """A delay fed by the signal start + [1, 2] t, with the integral of its output."""
+
+    def __init__(self, dut, start=(0.0, 0.0)):
+        builder = DiagramBuilder()
+        slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
+        ramp = builder.AddNamedSystem("ramp", Integrator(list(start)))
+        self.dut = builder.AddNamedSystem("dut", dut)
+        self._integral = builder.AddNamedSystem("integral", Integrator(2))
+        for source, target in ((slope, ramp), (ramp, dut), (dut, self._integral)):
+            builder.Connect(source.get_output_port(), target.get_input_port())
+        self.simulator = Simulator(builder.Build())
+        self.context = self._ContextOf(dut)
+
+    def _ContextOf(self, system):
+        return system.GetMyContextFromRoot(self.simulator.get_context())
+
+    def Eval(self):
+        return self.dut.get_output_port().Eval(self.context).copy()
+
+    def Output(self, time):
+        """Returns the output at a time, after the events there."""
+        self.simulator.AdvanceTo(time)
+        self.simulator.AdvancePendingEvents()
+        return self.Eval()
+
+    def Integral(self, time):
+        self.simulator.AdvanceTo(time)
+        return self._integral.get_output_port().Eval(self._ContextOf(self._integral))
