@@ -2,6 +2,27 @@
 
 import numpy as np
 
+from teleop_drake.laws.backstepping import BacksteppingGains
+
+
+def Gains(n, Psi_min=0.1):
+    """Returns gains of the adaptive law, no two of which are alike."""
+    I = np.eye(n)
+    return BacksteppingGains(
+        Lambda=1.5 * I,
+        G1=4 * I,
+        G2=30 * I,
+        P=2 * I,
+        beta1=0.1,
+        beta2=0.2,
+        beta3=0.3,
+        nu1=0.4,
+        nu3=0.5,
+        Upsilon=0.6,
+        Psi0=4 * I + 0.1,
+        Psi_min=Psi_min,
+    )
+
 
 class Block:
     """A block in a Context of its own, with values at its inputs and in its state.

@@ -7,6 +7,7 @@ import threading
 
 import numpy as np
 import pytest
+from blocks import Gains
 from grids import Slow
 
 from teleop_drake.environments.layered_force_field import (
@@ -14,7 +15,6 @@ from teleop_drake.environments.layered_force_field import (
     layer_in_region,
 )
 from teleop_drake.laws.backstepping import (
-    BacksteppingGains,
     adaptive_errors,
     adaptive_rate,
     unpack_state,
@@ -56,21 +56,7 @@ def AssertSame(law, constants, samples):
 @pytest.mark.parametrize("is_at_limit", [False, True])
 def test_backstepping(n, is_at_limit):
     rng = np.random.default_rng(n)
-    I = np.eye(n)
-    gains = BacksteppingGains(
-        Lambda=1.5 * I,
-        G1=4 * I,
-        G2=30 * I,
-        P=2 * I,
-        beta1=0.1,
-        beta2=0.2,
-        beta3=0.3,
-        nu1=0.4,
-        nu3=0.5,
-        Upsilon=0.6,
-        Psi0=4 * I + 0.1,
-        Psi_min=2.0 if is_at_limit else 0.1,
-    )
+    I, gains = np.eye(n), Gains(n, Psi_min=2.0 if is_at_limit else 0.1)
     network = GaussianNetwork(lower=[0] * n, upper=[1] * n, count=[2] * n, width=1.2)
     samples = []
     for _ in range(20):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from blocks import Gains
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
@@ -27,21 +28,7 @@ INPUTS = (
 def _make_block(
     n: int,
 ) -> tuple[AdaptiveBackstepping, BacksteppingGains, GaussianNetwork]:
-    I = np.eye(n)
-    gains = BacksteppingGains(
-        Lambda=1.5 * I,
-        G1=4 * I,
-        G2=30 * I,
-        P=2 * I,
-        beta1=0.1,
-        beta2=0.2,
-        beta3=0.3,
-        nu1=0.4,
-        nu3=0.5,
-        Upsilon=0.6,
-        Psi0=4 * I + 0.1,
-        Psi_min=0.1,
-    )
+    gains = Gains(n)
     network = GaussianNetwork(
         lower=[-1.0] * n, upper=[1.0] * n, count=[5] * n, width=1.0
     )
