@@ -387,7 +387,8 @@ def test_saved_figures_are_reproducible(tmp_path, suffix):
 
 
 def test_saving_fails_without_leftovers(tmp_path, monkeypatch):
-    figure = PlotRun(MakeRecording("one_dof", "direct_force"))
+    recording = MakeRecording("one_dof", "direct_force")
+    figure = PlotRun(recording, signals=["tool_velocity"])
     with pytest.raises(ValueError, match=r"figure\.gif': must be \*\.png"):
         SaveFigure(figure, tmp_path / "figure.gif")
     with pytest.raises(OSError, match="missing"):

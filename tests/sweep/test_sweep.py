@@ -312,13 +312,13 @@ def test_large_grids_are_checked_quickly(monkeypatch):
         return LoadScenario(*args)
 
     monkeypatch.setattr("teleop_drake.sweep.plan.LoadScenario", Load)
-    grid = {"robot.mass": range(1, 31), "robot.damping": range(30), "delay": [0.1, -1]}
+    grid = {"robot.mass": range(1, 17), "robot.damping": range(16), "delay": [0.1, -1]}
     with pytest.raises(ScenarioError, match="-1"):
         PlanSweep("one_dof", grid)
-    assert len(calls) < 150
+    assert len(calls) < 100
     calls.clear()
     PlanSweep("one_dof", grid | {"delay": [0.1]})
-    assert len(calls) < 65
+    assert len(calls) < 40
 
 
 # Runs that fail.
