@@ -1,7 +1,8 @@
 """What a block computes, said so that it can be compiled.
 
 A block offers a kernel with a method `Kernel()` of a few lines. It names pure
-functions, those which the block's own callbacks call, and what they take:
+functions and what they take. The block's callbacks in Drake call the same functions;
+those of a KernelBlock are made of the kernel.
 
     def Kernel(self) -> Kernel:
         return Kernel(
