@@ -93,6 +93,10 @@ OTHER_DELAYS = list(product(TASKS, CONTROLLERS, [x for x in DELAYS if x != "thes
     Slow(OTHER_DELAYS, but=[OTHER_DELAYS.index(case) for case in SHORT_RUN]),
 )
 def test_other_delays(name, kind, delays):
-    """One task in Drake's Simulator, as all above, the others as machine code."""
-    engine = "drake" if name == "two_dof_collision" else "auto"
+    """Half of them in Drake's Simulator, as all above, the others as machine code.
+
+    Of a tool that bounces on bone machine code is less accurate at these settings.
+    """
+    bounces = kind == "direct_force" and name != "two_dof_puncture"
+    engine = "drake" if bounces or name == "two_dof_collision" else "auto"
     Compare(name, kind, DELAYS[delays], DURATIONS[name], engine)
