@@ -6,10 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import runs
+from hypothesis import settings
 
 # Byte code that one process has made of the package is there for all that the tests
 # start: without it each takes twice as long to start.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# Other examples in every run; a test that needs more of them says so.
+settings.register_profile("tests", max_examples=40)
+settings.load_profile("tests")
 
 
 def pytest_collection_finish():
@@ -19,7 +24,7 @@ def pytest_collection_finish():
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(700, 10, 50)
+    gc.set_threshold(700, 10, 200)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import own_kinds
 import pytest
+from grids import Slow
 
 from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
 from teleop_drake.cli import main
@@ -43,7 +44,9 @@ def Options(*overrides):
 
 @pytest.mark.parametrize(
     "own",
-    [[CHANNEL], LAW, [CHANNEL, *LAW], [*ROBOT, *LAW], [OPERATOR]],
+    Slow(
+        [[CHANNEL, *LAW], [CHANNEL], LAW, [*ROBOT, *LAW], [OPERATOR]], but=range(1, 5)
+    ),
     ids=str,
 )
 def test_commands(own, capsys):

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from grids import Slow
 from runs import Run
 
 from teleop_drake.channels.network import NetworkDelay
@@ -40,7 +41,7 @@ def run(*overrides, duration=1.0):
     return Run("two_dof_collision", "direct_force", f"duration={duration}", *overrides)
 
 
-@pytest.mark.parametrize("h", [0.02, 0.03])
+@pytest.mark.parametrize("h", Slow([0.02, 0.03]))
 def test_a_network_with_a_constant_delay_is_the_sampled_channel(h):
     # Error control would choose other steps where an event is declared otherwise.
     fixed = ["simulator.use_error_control=False", "simulator.max_step_size=0.005"]

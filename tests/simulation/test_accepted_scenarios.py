@@ -93,7 +93,7 @@ OVERFLOWS = {
 
 @given(odd_scenarios())
 @example(("network_tracking_coupled", OVERFLOWS))
-@settings(derandomize=True, deadline=None, max_examples=5)
+@settings(derandomize=True, deadline=None, max_examples=3)
 def test_accepted_scenarios_complete_or_diverge(case):
     check(*case)
 

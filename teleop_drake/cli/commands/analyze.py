@@ -93,8 +93,9 @@ def Execute(args: argparse.Namespace) -> int:
         f"{stem}_analysis.json",
     )
     try:
-        analysis, transparency = _Analyze(scenario, max_delay)
+        # The chart first: it may refuse a value, and nobody should wait for that.
         chart = _Chart(args, key, values, max_delay) if key else None
+        analysis, transparency = _Analyze(scenario, max_delay)
     except ValueError as e:
         raise BadInput(e) from None
     record = analysis.ToRecord()
