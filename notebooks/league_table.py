@@ -53,7 +53,7 @@ ROUND_TRIPS = (0.0, 0.1, 0.2, 0.5, 1.0)
 NETWORK_ROUND_TRIPS = ROUND_TRIPS[1:]
 """Of networks, s, the mean. Without a delay there is nothing to jitter."""
 
-NUM_SEEDS = 5
+NUM_SEEDS = 20
 """How many sequences of random numbers stand for each network."""
 
 CHANNELS = ("exact", "jitter", "loss", "both")
