@@ -25,10 +25,13 @@ def Floor(module: str) -> str:
     return module.split(".")[1] if "." in module else module
 
 
-@functools.cache
+# Several tests look at the same files.
+Parse = functools.cache(ast.parse)
+
+
 def Tree(path: Path) -> ast.Module:
     """Returns the syntax of a file."""
-    return ast.parse(path.read_text(encoding="utf-8"))
+    return Parse(path.read_text(encoding="utf-8"))
 
 
 def Imports(path: Path) -> set[str]:
@@ -115,7 +118,7 @@ def AsksForAScenario(source: str) -> bool:
         isinstance(node, ast.Call)
         and ast.unparse(node.func) == "isinstance"
         and re.search(r"\b(Tracking)?Scenario\b", ast.unparse(node.args[1]))
-        for node in ast.walk(ast.parse(source))
+        for node in ast.walk(Parse(source))
     )
 
 
@@ -178,7 +181,7 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     of, in compiler/, in machine_code/ and beside the block. Properties are in
     snake_case as well. Everything that touches Drake is in CamelCase.
     """
-    tree = ast.parse(source)
+    tree = Parse(source)
     floor = path.relative_to(PACKAGE).parts[0]
     offers_terms = "Kernel(" in source or "IntentionTerm(" in source
     has_kernel = offers_terms or floor in ("kernel.py", "compiler")
