@@ -1,9 +1,11 @@
 """Blocks that say once what they compute."""
 
+import functools
 import itertools
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable
+from types import CodeType
 from typing import Any, cast
 
 import numpy as np
@@ -91,8 +93,14 @@ def _ValueOf(
     loop a tenth slower.
     """
     writer = _Writer(block, kernel, tickets)
-    value: _Value = eval(f"lambda context: {writer.Text(term)}", writer.names)
+    value: _Value = eval(_CodeOf(writer.Text(term)), writer.names)
     return value
+
+
+@functools.cache
+def _CodeOf(text: str) -> CodeType:
+    """Returns a function of the context that returns an expression, to be evaluated."""
+    return compile(f"lambda context: {text}", "<kernel>", "eval")
 
 
 class _Writer:

@@ -296,7 +296,7 @@ def CheckGain(
         if (
             matrix.shape == (n, n)
             and np.all(np.isfinite(matrix))
-            and np.allclose(matrix, matrix.T, rtol=1e-12, atol=0)
+            and (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
         ):
             least = np.linalg.eigvalsh(matrix)[0]
             if least > 0 or (may_be_zero and least >= 0):

@@ -1,5 +1,6 @@
 """What an environment tells of itself: its surfaces, and what lies behind them."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -80,7 +81,7 @@ class Surface:
             Refuse(f"{self.name}.point_W", point_W, allowed)
         if np.isnan(point_W).any():
             Refuse(f"{self.name}.point_W", point_W, "a list of numbers (m)")
-        if not np.isclose(np.linalg.norm(normal_W), 1.0):
+        if not math.isclose(np.linalg.norm(normal_W), 1.0, rel_tol=1e-5):
             Refuse(f"{self.name}.normal_W", normal_W, "a unit vector")
         object.__setattr__(self, "point_W", point_W)
         object.__setattr__(self, "normal_W", normal_W)

@@ -22,7 +22,7 @@ TARGETS = {1: 1e-5, 2: 1e-4}
 PACKAGE_SETTINGS = {
     (1, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.1},
     (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.05},
-    (2, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.1},
+    (2, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.07},
     (2, "direct_force"): {"accuracy": 1e-9, "max_step_size": 0.03},
 }
 # The same for the compiled engine.
