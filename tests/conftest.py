@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -11,6 +12,10 @@ from hypothesis import settings
 # Byte code that one process has made of the package is there for all that the tests
 # start: without it each takes twice as long to start.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# A shell that starts the tests in the background lets them ignore Ctrl-C, and with them
+# what they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Other examples in every run; a test that needs more of them says so.
 settings.register_profile("tests", max_examples=40)
