@@ -36,12 +36,12 @@ PointStability.force_mode the one that stays. The operator's block tells which f
 holds (linear_part.HeldForce).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.analysis.cut_diagram import FindHeldForce
@@ -49,14 +49,12 @@ from teleop_drake.analysis.linear_models import LoopModel
 from teleop_drake.analysis.linearization import LinearizeLoop, MakeLinearTeleoperator
 from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import (
-    POSITION,
     OperatingPoint,
-    OperatingPointAt,
     OperatingPoints,
     PointOfRest,
 )
 from teleop_drake.analysis.resolution import RootError, UnresolvedRadius
-from teleop_drake.environments import CONTACT, FindSurface, ShownNormal, SurfacesOf
+from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,
@@ -69,8 +67,8 @@ from teleop_drake.numerics.delay_margin import (
     unstable_roots,
 )
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
-from teleop_drake.scenario import AnyScenario, AsTeleoperation, LoadScenario, Scenario
-from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
+from teleop_drake.scenario import AnyScenario, AsTeleoperation, Scenario
+from teleop_drake.validation import CheckNumber, ScenarioError
 
 Array = NDArray[np.float64]
 
@@ -83,10 +81,8 @@ COMMANDS_VELOCITY = "commands a velocity"
 HOLDS_FORCE = "holds a force"
 """What an operator does who has perceived contact, if it has a contact force."""
 
-_NO_LOOP = "tracking has no loop with a delay"
-
-# How far behind a surface StabilityChart goes where a value is on one, in m.
-_BEHIND = 1e-6
+NO_LOOP = "tracking has no loop with a delay"
+"""Why a task is refused that is no teleoperation."""
 
 # A hidden mode this close to the imaginary axis, relative to its size, is on it.
 _ON_AXIS = 1e-9
@@ -415,7 +411,7 @@ def AnalyzeStability(
             point, or a station has a delay of its own that is not the round trip.
         ValueError: If the loop is not well posed without delay.
     """
-    scenario = AsTeleoperation(scenario, _NO_LOOP)
+    scenario = AsTeleoperation(scenario, NO_LOOP)
     scenario.Validate()
     CheckNumber("max_delay", max_delay, "s", above=0)
     forward, back = (
@@ -501,107 +497,6 @@ def _WithForceMode(
     return replace(velocity_mode, force_mode=force_mode)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StabilityChart:
-    """Stable delays against the values of a key of the scenario.
-
-    Attributes:
-        key: What varies: a dotted path, or POSITION.
-        values: Its values, ascending.
-        analyses: One for each value.
-        max_delay: Up to which round-trip delay the intervals reach, in s.
-    """
-
-    key: str
-    values: Array
-    analyses: list[StabilityAnalysis]
-    max_delay: float
-
-    def PointNames(self, *, with_force_mode: bool = True) -> list[str]:
-        """Returns the labels of the loops that any of the analyses has.
-
-        Args:
-            with_force_mode: Whether those in which the operator holds a force count.
-        """
-        names: dict[str, None] = {}
-        for analysis in self.analyses:
-            loops = analysis.Loops() if with_force_mode else analysis.points
-            names |= dict.fromkeys(loop.label for loop in loops)
-        return list(names)
-
-    def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
-        """Returns the stable intervals in s at each value; None: no such loop.
-
-        Args:
-            name: Label of a loop, which is the name of its operating point unless a
-                force is held.
-        """
-        result: list[list[tuple[float, float]] | None] = []
-        for analysis in self.analyses:
-            found = [loop for loop in analysis.Loops() if loop.label == name]
-            result.append(found[0].stable_delays if found else None)
-        return result
-
-    def ToRecord(self) -> dict[str, Any]:
-        """Returns what `teleop-drake analyze --vary` writes as JSON."""
-        return {
-            "key": self.key,
-            "values": self.values.tolist(),
-            "analyses": [analysis.ToRecord() for analysis in self.analyses],
-        }
-
-
-def ChartStability(
-    name_or_path: str,
-    key: str,
-    values: ArrayLike,
-    *,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
-    max_delay: float = MAX_DELAY,
-    progress: Callable[[int, int], None] | None = None,
-) -> StabilityChart:
-    """Analyses a scenario for many values of a key.
-
-    Args:
-        name_or_path: As for LoadScenario.
-        key: A dotted path to a number, for example environment.layers.bone.stiffness;
-            or POSITION, where the tool is on its path in m (see OperatingPointAt),
-            instead of one operating point in each layer. On a surface, where there is
-            no linear model, it is that of what begins there.
-        values: Values of the key, at least one.
-        overrides: As for LoadScenario; the key comes after them.
-        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
-        progress: Called with the number of finished values and their number.
-
-    Raises:
-        ScenarioError: If a value is not allowed, as AnalyzeStability, or if there is
-            none.
-    """
-    points = np.unique(np.asarray(values, dtype=float))
-    if points.size == 0:
-        Refuse(key, [], "a list of one value or more")
-    if not isinstance(overrides, Mapping):
-        pairs: list[str] = [overrides] if isinstance(overrides, str) else [*overrides]
-    analyses = []
-    for i, value in enumerate(points.tolist()):
-        if key == POSITION:
-            scenario = LoadScenario(name_or_path, overrides)
-            loop = AsTeleoperation(scenario, _NO_LOOP)
-            chosen = [OperatingPointAt(loop, _OffSurface(loop, value))]
-        else:
-            chosen = None
-            if isinstance(overrides, Mapping):
-                scenario = LoadScenario(name_or_path, {**overrides, key: value})
-            else:
-                scenario = LoadScenario(name_or_path, [*pairs, f"{key}={value!r}"])
-        analyses.append(AnalyzeStability(scenario, points=chosen, max_delay=max_delay))
-        if progress is not None:
-            progress(i + 1, len(points))
-    return StabilityChart(
-        key=key, values=points, analyses=analyses, max_delay=max_delay
-    )
-
-
 def _Assumptions(model: LoopModel, delay: float) -> list[str]:
     """Returns what the model takes for granted, beyond small deviations."""
     notes = []
@@ -626,20 +521,3 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
             "there is no linear model, and the margins say nothing."
         )
     return notes
-
-
-def _OffSurface(scenario: Scenario, position: float) -> float:
-    """Returns a position, or one just behind the surface that is there."""
-    start = np.asarray(scenario.robot.start, dtype=float)
-    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surfaces = scenario.Surfaces()
-    normal = ShownNormal(surfaces, len(start))
-    speed = float(normal @ velocity)
-    if speed == 0:
-        return position
-    p_WT = start + velocity * (position - float(normal @ start)) / speed
-    for surface in surfaces:
-        share = surface.Along(velocity) / speed
-        if share and abs(depth := float(surface.Depth(p_WT) / share)) < _BEHIND:
-            return position - depth + _BEHIND
-    return position

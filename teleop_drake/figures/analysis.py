@@ -19,8 +19,8 @@ from teleop_drake.analysis.operating_point import POSITION
 from teleop_drake.analysis.stability import (
     PointStability,
     StabilityAnalysis,
-    StabilityChart,
 )
+from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures.style import (

@@ -15,8 +15,8 @@ from teleop_drake.analysis.operating_point import (
 )
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
-    ChartStability,
 )
+from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario, ScenarioError

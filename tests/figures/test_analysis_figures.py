@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
-    ChartStability,
     StabilityAnalysis,
 )
+from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.analysis.transparency import AnalyzeTransparency
 from teleop_drake.figures.analysis import (
     PlotBode,

@@ -26,7 +26,8 @@ from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
 
 if TYPE_CHECKING:
-    from teleop_drake.analysis.stability import StabilityAnalysis, StabilityChart
+    from teleop_drake.analysis.stability import StabilityAnalysis
+    from teleop_drake.analysis.stability_chart import StabilityChart
     from teleop_drake.analysis.transparency import Transparency
     from teleop_drake.scenario import AnyScenario
 
@@ -156,7 +157,7 @@ def _Chart(
     args: argparse.Namespace, key: str, values: Sequence[float], max_delay: float
 ) -> "StabilityChart":
     """Analyses the stability for each value of `--vary`."""
-    from teleop_drake.analysis.stability import ChartStability
+    from teleop_drake.analysis.stability_chart import ChartStability
 
     with SweepProgress(args.quiet, "values") as show:
         return ChartStability(

@@ -8,7 +8,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.recording import Recording
 from teleop_drake.robots.base import PlantRobotConfig
-from teleop_drake.robots.inverse_kinematics import TOOL
+from teleop_drake.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.scenario import Scenario
 from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
 from teleop_drake.validation import GainMatrix
@@ -96,7 +96,8 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     tool, world = plant.GetFrameByName(TOOL), plant.world_frame()
     drifts = []
     for p_WT in np.asarray(points, dtype=float):
-        plant.SetPositions(context, robot.JointPositions(p_WT))
+        q = SolveInverseKinematics(plant, p_WT, robot.Posture(plant))
+        plant.SetPositions(context, q)
         J = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
         )[:n]

@@ -1,0 +1,142 @@
+"""Stable delays against the values of a key of the scenario."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from teleop_drake.analysis.operating_point import POSITION, OperatingPointAt
+from teleop_drake.analysis.stability import (
+    MAX_DELAY,
+    NO_LOOP,
+    AnalyzeStability,
+    StabilityAnalysis,
+)
+from teleop_drake.environments import ShownNormal
+from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
+from teleop_drake.validation import Refuse
+
+Array = NDArray[np.float64]
+
+# How far behind a surface the chart goes where a value is on one, in m.
+_BEHIND = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityChart:
+    """Stable delays against the values of a key of the scenario.
+
+    Attributes:
+        key: What varies: a dotted path, or POSITION.
+        values: Its values, ascending.
+        analyses: One for each value.
+        max_delay: Up to which round-trip delay the intervals reach, in s.
+    """
+
+    key: str
+    values: Array
+    analyses: list[StabilityAnalysis]
+    max_delay: float
+
+    def PointNames(self, *, with_force_mode: bool = True) -> list[str]:
+        """Returns the labels of the loops that any of the analyses has.
+
+        Args:
+            with_force_mode: Whether those in which the operator holds a force count.
+        """
+        names: dict[str, None] = {}
+        for analysis in self.analyses:
+            loops = analysis.Loops() if with_force_mode else analysis.points
+            names |= dict.fromkeys(loop.label for loop in loops)
+        return list(names)
+
+    def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
+        """Returns the stable intervals in s at each value; None: no such loop.
+
+        Args:
+            name: Label of a loop, which is the name of its operating point unless a
+                force is held.
+        """
+        result: list[list[tuple[float, float]] | None] = []
+        for analysis in self.analyses:
+            found = [loop for loop in analysis.Loops() if loop.label == name]
+            result.append(found[0].stable_delays if found else None)
+        return result
+
+    def ToRecord(self) -> dict[str, Any]:
+        """Returns what `teleop-drake analyze --vary` writes as JSON."""
+        return {
+            "key": self.key,
+            "values": self.values.tolist(),
+            "analyses": [analysis.ToRecord() for analysis in self.analyses],
+        }
+
+
+def ChartStability(
+    name_or_path: str,
+    key: str,
+    values: ArrayLike,
+    *,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    max_delay: float = MAX_DELAY,
+    progress: Callable[[int, int], None] | None = None,
+) -> StabilityChart:
+    """Analyses a scenario for many values of a key.
+
+    Args:
+        name_or_path: As for LoadScenario.
+        key: A dotted path to a number, for example environment.layers.bone.stiffness;
+            or POSITION, where the tool is on its path in m (see OperatingPointAt),
+            instead of one operating point in each layer. On a surface, where there is
+            no linear model, it is that of what begins there.
+        values: Values of the key, at least one.
+        overrides: As for LoadScenario; the key comes after them.
+        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
+        progress: Called with the number of finished values and their number.
+
+    Raises:
+        ScenarioError: If a value is not allowed, as AnalyzeStability, or if there is
+            none.
+    """
+    points = np.unique(np.asarray(values, dtype=float))
+    if points.size == 0:
+        Refuse(key, [], "a list of one value or more")
+    if not isinstance(overrides, Mapping):
+        pairs: list[str] = [overrides] if isinstance(overrides, str) else [*overrides]
+    analyses = []
+    for i, value in enumerate(points.tolist()):
+        if key == POSITION:
+            scenario = LoadScenario(name_or_path, overrides)
+            loop = AsTeleoperation(scenario, NO_LOOP)
+            chosen = [OperatingPointAt(loop, _OffSurface(loop, value))]
+        else:
+            chosen = None
+            if isinstance(overrides, Mapping):
+                scenario = LoadScenario(name_or_path, {**overrides, key: value})
+            else:
+                scenario = LoadScenario(name_or_path, [*pairs, f"{key}={value!r}"])
+        analyses.append(AnalyzeStability(scenario, points=chosen, max_delay=max_delay))
+        if progress is not None:
+            progress(i + 1, len(points))
+    return StabilityChart(
+        key=key, values=points, analyses=analyses, max_delay=max_delay
+    )
+
+
+def _OffSurface(scenario: Scenario, position: float) -> float:
+    """Returns a position, or one just behind the surface that is there."""
+    start = np.asarray(scenario.robot.start, dtype=float)
+    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
+    surfaces = scenario.Surfaces()
+    normal = ShownNormal(surfaces, len(start))
+    speed = float(normal @ velocity)
+    if speed == 0:
+        return position
+    p_WT = start + velocity * (position - float(normal @ start)) / speed
+    for surface in surfaces:
+        share = surface.Along(velocity) / speed
+        if share and abs(depth := float(surface.Depth(p_WT) / share)) < _BEHIND:
+            return position - depth + _BEHIND
+    return position
