@@ -18,7 +18,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Other examples in every run; a test that needs more of them says so.
-settings.register_profile("tests", max_examples=40)
+settings.register_profile("tests", max_examples=25)
 settings.load_profile("tests")
 
 
