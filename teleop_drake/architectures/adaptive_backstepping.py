@@ -190,8 +190,13 @@ class BacksteppingParameters(FixedFields):
     G2: np.ndarray | float = REQUIRED
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
     P: np.ndarray | float = 1.0
-    # beta of every update law, >= 0 (eq. 5.51).
+    # beta of every update law that has none of its own below, >= 0 (eq. 5.51).
     adaptation_rate: float = Number(0.1, minimum=0)
+    # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: where
+    # forces are f times as large, what they multiply is f^2, f^4 and 1 times as large.
+    beta1: float | None = Number(None, minimum=0)
+    beta2: float | None = Number(None, minimum=0)
+    beta3: float | None = Number(None, minimum=0)
     # nu of every update law, >= 0 (eq. 5.51).
     leakage: float = Number(0.1, minimum=0)
     # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
@@ -327,15 +332,19 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
             ScenarioError: If Psi cannot be derived or inverted.
         """
         self.CheckInitialPsi(facts, path)
-        n, beta, nu = facts.num_axes, self.adaptation_rate, self.leakage
+        n, nu = facts.num_axes, self.leakage
+        beta1, beta2, beta3 = (
+            self.adaptation_rate if beta is None else beta
+            for beta in (self.beta1, self.beta2, self.beta3)
+        )
         return BacksteppingGains(
             Lambda=GainMatrix(self.Lambda, n),
             G1=GainMatrix(self.G1, n),
             G2=GainMatrix(self.G2, n),
             P=GainMatrix(self.P, n),
-            beta1=beta,
-            beta2=beta,
-            beta3=beta,
+            beta1=beta1,
+            beta2=beta2,
+            beta3=beta3,
             nu1=nu,
             nu3=nu,
             Upsilon=self.supervision,

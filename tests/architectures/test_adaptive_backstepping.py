@@ -32,6 +32,11 @@ def test_numbers_stand_for_multiples_of_the_identity():
     assert (gains.beta1, gains.nu3, gains.Upsilon, gains.Psi_min) == (0.1, 0.1, 1, 0.1)
 
 
+def test_each_law_may_have_a_rate_of_its_own():
+    gains = Config(adaptation_rate=3.0, beta2=0.0).Resolve(Facts(), "controller")
+    assert (gains.beta1, gains.beta2, gains.beta3) == (3.0, 0.0, 3.0)
+
+
 def test_psi_derives_from_inertia_and_damping():
     """(I + Lambda D_e) M_r^-1 at the start pose (5.52)."""
     facts, Lambda = Facts(), np.array([[2.0, 0.5], [0.5, 1.0]])
@@ -63,6 +68,7 @@ def test_it_takes_its_parameters_from_what_has_them():
             "controller.P = .*: must be such that the symmetric part of P G1 is pos",
         ),
         ({"adaptation_rate": -0.1}, "controller.adaptation_rate = -0.1: must be"),
+        ({"beta2": -0.1}, "controller.beta2 = -0.1: must be"),
         ({"leakage": -0.1}, "controller.leakage = -0.1: must be"),
         ({"supervision": 1.1}, "controller.supervision = 1.1: must be"),
         ({"minimum_psi": 0.0}, "controller.minimum_psi = 0.0: must be"),
