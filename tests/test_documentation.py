@@ -78,7 +78,7 @@ def test_examples_run(capsys, monkeypatch):
 
     monkeypatch.setattr("teleop_drake.simulation.simulate", Simulate)
     blocks = Blocks("python")
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     for block in blocks:
         exec(block, {"__name__": "__main__"})
         assert capsys.readouterr().out

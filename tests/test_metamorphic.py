@@ -88,22 +88,6 @@ def test_the_other_elbow_is_the_mirrored_arm():
     assert_equal([x * [1, -1] for x in ours], signals(scenario, *MOTION), 1e-5)
 
 
-def test_forces_scale_with_mass_stiffness_and_device():
-    scenario = load("one_dof", "robot.start=[0.006]")
-    scaled = load("one_dof", "robot.start=[0.006]")
-    factor = 3.0
-    scaled.robot.mass *= factor
-    scaled.robot.damping *= factor
-    for layer in scaled.environment.layers:
-        layer.stiffness *= factor
-        layer.damping *= factor
-    device = scaled.haptic_device
-    device.numerator = factor * np.asarray(device.numerator)
-    scaled.surgeon.contact_force = factor * np.asarray(scaled.surgeon.contact_force)
-    *motion, force = signals(scaled, *MOTION)
-    assert_equal([*motion, force / factor], signals(scenario, *MOTION))
-
-
 def leaves(metrics):
     """Yields the numbers of metrics with their names."""
     for name, value in metrics.items():

@@ -16,6 +16,7 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
+from teleop_drake.scenario.scaling import ScaleForces
 from teleop_drake.scenario.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -52,6 +53,7 @@ __all__ = [
     "OperatorConfig",
     "OverriddenPaths",
     "RobotConfig",
+    "ScaleForces",
     "Scenario",
     "ScenarioError",
     "ScenarioFromYaml",

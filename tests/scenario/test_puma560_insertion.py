@@ -17,6 +17,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
 NAME = "puma560_insertion"
+DOCS = Path(teleop_drake.__file__).parent / "docs"
 
 
 def test_both_engines_run_it():
@@ -34,12 +35,44 @@ def runs():
 
 
 def test_the_page_says_how_soon_it_settles(runs):
-    page = Path(teleop_drake.__file__).parent / "docs" / "puma560.md"
     said = re.search(
-        r"settles within (\S+) s under direct force and\s+(\S+) s", page.read_text()
+        r"settles within (\S+) s under direct force and\s+(\S+) s",
+        (DOCS / "puma560.md").read_text(),
     )
     times = [RunMetrics(run)["collision"]["settling_time"] for run in runs]
     np.testing.assert_allclose([float(x) for x in said.groups()], times, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("row", "name"),
+    [
+        ("`puma560_insertion`, that wall", NAME),
+        pytest.param(
+            "`puma560_needle_insertion`",
+            "puma560_needle_insertion",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "`puma560_wall_sliding`", "puma560_wall_sliding", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_stiff_walls_leave_psi_above_its_limit(row, name):
+    """The run converges, to what the page says."""
+    page = (DOCS / "space.md").read_text()
+    (cells,) = re.findall(rf"^\| {row} \| (.*) \|$", page, re.MULTILINE)
+    settling, peak, coarse, fine, _ = map(float, re.split(r" \| |, ", cells))
+    wall = re.search(rf"{NAME} --set '(.*)'", page)[1]
+    for accuracy, expected in (("1.0e-6", coarse), ("1.0e-8", fine)):
+        changes = [wall] if name == NAME else []
+        scenario = LoadScenario(name, [*changes, f"simulator.accuracy={accuracy}"])
+        run = simulate(scenario, engine="compiled")
+        collision = RunMetrics(run)["collision"]
+        assert collision["peak_force"] == pytest.approx(expected, abs=6e-5)
+        assert collision["peak_force"] == pytest.approx(peak, abs=6e-3)
+        assert collision["settling_time"] == pytest.approx(settling, rel=5e-3)
+        least = np.linalg.svd(run["psi"].reshape(-1, 3, 3), compute_uv=False).min()
+        assert least > 5 * scenario.controller.minimum_psi
 
 
 def test_the_needle_keeps_its_direction(runs):

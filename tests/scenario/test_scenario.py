@@ -31,7 +31,8 @@ from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
-SPACE = ["needle_insertion", "puma560_insertion", "wall_sliding"]
+PUMA = ["puma560_insertion", "puma560_needle_insertion", "puma560_wall_sliding"]
+SPACE = ["needle_insertion", "wall_sliding", *PUMA]
 LEARNING = ["two_dof_learning"]
 TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
@@ -106,11 +107,14 @@ def test_files_state_every_field_with_its_source(name):
         unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
         unused["controller"] |= {"parameters", "robust"}
         unused["controller"] -= {"robust_backstepping"}  # It has no section.
+        # One rate for all laws, or one for each.
+        rates = {"beta1", "beta2", "beta3"}
+        unused["controller"] |= {"adaptation_rate"} if name in PUMA else rates
     if name in BUILT_IN + LEARNING:
         unused["environment"] = {"kind", "direction"}
     # What an arm may carry and hold besides.
     held = {field.name for field in dataclasses.fields(DrivenArmConfig)}
-    if name in SPACE and name != "puma560_insertion":
+    if name in SPACE and name not in PUMA:
         # It is light, and carries and holds nothing.
         unused["robot"] = held - {"start", "posture"}
     if name in LEARNING:
