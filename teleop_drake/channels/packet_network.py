@@ -2,6 +2,20 @@
 
     d_k  = T(k h) + jitter_k          delay of packet k, sent at k h; infinite if lost
 
+Jitter is independent from packet to packet, or correlated: then a first-order
+autoregressive sequence g is put through the distribution function F of the jitter,
+
+    g_k  = a g_(k-1) + sqrt(1 - a^2) n_k,  n_k ~ N(0, 1),  a = exp(-h/correlation_time)
+    jitter_k = F^-1(Phi(g_k))         Phi that of N(0, 1)
+
+so that every packet has the same distribution as without correlation. Rank correlation
+is 6/pi asin(a^m/2) between packets m apart. D. A. Vivanco and A. P. Jayasumana (A
+measurement-based modeling approach for network-induced packet delay, LCN 2007) find
+autoregressive models in measured delays. Where packets keep their order, one that is
+faster than its predecessor waits for it:
+
+    arrival_k = max(k h + d_k, arrival_(k-1))       the latest that is not lost
+
 Every random number is a pure function of (seed, stream, impairment, k), from numpy's
 counter-based Philox generator: nothing depends on who asks first or how often, and the
 parameters of one impairment leave the numbers of the others alone.
@@ -38,7 +52,7 @@ SNAP = 1e-9
 
 @dataclass(kw_only=True)
 class Jitter(FixedFields):
-    """How the delays of the packets scatter, each independently of the others.
+    """How the delays of the packets scatter.
 
     uniform: within sqrt(3) std on either side of the mean.
     normal:  the density of N(mean, std^2) above `minimum`, zero below and normalized
@@ -56,6 +70,12 @@ class Jitter(FixedFields):
     # Least delay, s, 0 to `delay`; normal and gamma only, else 0. What varies with
     # time comes on top.
     minimum: float = 0.0
+    # After which time the delay has forgotten what it was, s, >= 0. 0: each packet is
+    # independent of the others.
+    correlation_time: float = Number(0.0, "s", minimum=0)
+    # Whether no packet overtakes another one. What waits arrives later than the mean
+    # and std say, the more so the shorter the sample period and the correlation time.
+    keeps_order: bool = False
 
 
 @dataclass(kw_only=True)
@@ -87,13 +107,18 @@ class Loss(FixedFields):
 
 @dataclass
 class _Block:
-    """The fates of _BLOCK packets, and the state of the loss after the last one.
+    """The fates of _BLOCK packets, and what the next block goes on from.
 
     A packet is lost if it arrives at infinity; NaN is beyond the network's duration.
     """
 
     arrivals: list[float]
+    # Of the loss.
     is_bad: bool
+    # The last g of the jitter.
+    deviate: float
+    # When the latest packet so far arrives.
+    latest: float
 
 
 class PacketNetwork:
@@ -149,8 +174,10 @@ class PacketNetwork:
         if jitter.kind not in JITTERS:
             Refuse("jitter.kind", jitter.kind, f"one of {', '.join(JITTERS)}")
         jitter.CheckNumbers("jitter")
-        if jitter.kind == "none" and jitter.std != 0:
-            Refuse("jitter.std", jitter.std, "0 where jitter.kind is none")
+        if jitter.kind == "none":
+            for name in ("std", "correlation_time"):
+                if value := getattr(jitter, name):
+                    Refuse(f"jitter.{name}", value, "0 where jitter.kind is none")
         if jitter.kind in ("none", "uniform"):
             if jitter.minimum != 0:
                 Refuse(
@@ -272,9 +299,10 @@ class PacketNetwork:
         return np.random.Generator(np.random.Philox(key=key, counter=block << 128))
 
     def _MakeBlock(self, block: int) -> _Block:
-        jitter = self._JitterOf(block)
+        jitter, deviate = self._JitterOf(block)
         is_lost, is_bad = self._LossOf(block)
         arrivals = []
+        latest = self._blocks[block - 1].latest if block else 0.0
         end = self._profile.duration * (1 + SNAP)
         for i in range(_BLOCK):
             sent = (block * _BLOCK + i) * self._period
@@ -282,34 +310,60 @@ class PacketNetwork:
                 arrivals.append(math.nan if sent > end else math.inf)
                 continue
             arrival = sent + max(self._profile(sent) + jitter[i], 0.0)
+            if self._jitter.keeps_order:
+                latest = arrival = max(arrival, latest)
             arrivals.append(self._Snap(arrival))
-        return _Block(arrivals, is_bad)
+        return _Block(arrivals, is_bad, deviate, latest)
 
     def _Snap(self, time: float) -> float:
         periods = time / self._period
         whole = round(periods)
         return whole * self._period if abs(periods - whole) < SNAP else time
 
-    def _JitterOf(self, block: int) -> list[float]:
+    def _JitterOf(self, block: int) -> tuple[list[float], float]:
+        """Returns the jitter, and the last deviate g if it is correlated."""
         jitter, mean = self._jitter, self._profile.delay
         if jitter.kind == "none" or jitter.std == 0:
-            return [0.0] * _BLOCK
+            return [0.0] * _BLOCK, 0.0
         random = self._Random("jitter", block)
         values: list[float]
-        excess = mean - jitter.minimum
-        if jitter.kind == "gamma":
-            shape, scale = (excess / jitter.std) ** 2, jitter.std**2 / excess
+        deviate, excess = 0.0, mean - jitter.minimum
+        shape = (excess / jitter.std) ** 2
+        if jitter.correlation_time:
+            deviates = self._Deviates(block, random.standard_normal(_BLOCK).tolist())
+            deviate = deviates[-1]
+            u = np.array([_NORMAL.cdf(g) for g in deviates])
+        elif jitter.kind == "gamma":
+            scale = jitter.std**2 / excess
             values = (random.gamma(shape, scale, _BLOCK) - excess).tolist()
-            return values
-        u = np.maximum(random.random(_BLOCK), 2.0**-53)
-        if jitter.kind == "uniform":
+            return values, deviate
+        else:
+            u = random.random(_BLOCK)
+        u = np.clip(u, 2.0**-53, 1 - 2.0**-53)
+        if jitter.kind == "gamma":
+            from scipy.special import gammaincinv  # It takes a tenth of a second.
+
+            values = (gammaincinv(shape, u) * jitter.std**2 / excess - excess).tolist()
+        elif jitter.kind == "uniform":
             values = (_SQRT_3 * jitter.std * (2 * u - 1)).tolist()
-            return values
-        # The inverse of the cumulative distribution above the minimum.
-        above = _NORMAL.cdf(excess / jitter.std)
-        return [
-            max(-jitter.std * _NORMAL.inv_cdf(p * above), -excess) for p in u.tolist()
-        ]
+        else:
+            # The inverse of the cumulative distribution above the minimum.
+            above = _NORMAL.cdf(excess / jitter.std)
+            values = [
+                max(-jitter.std * _NORMAL.inv_cdf(p * above), -excess)
+                for p in u.tolist()
+            ]
+        return values, deviate
+
+    def _Deviates(self, block: int, noise: list[float]) -> list[float]:
+        """Returns g of a block, which goes on from the block before."""
+        a = math.exp(-self._period / self._jitter.correlation_time)
+        g = self._blocks[block - 1].deviate if block else noise[0]
+        deviates = [] if block else [g]
+        for n in noise if block else noise[1:]:
+            g = a * g + math.sqrt(1 - a * a) * n
+            deviates.append(g)
+        return deviates
 
     def _LossOf(self, block: int) -> tuple[list[bool], bool]:
         """Returns what is lost, and whether the chain ends in its bad state."""

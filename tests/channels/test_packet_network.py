@@ -1,5 +1,6 @@
 """Networks that delay, lose and reorder packets."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -93,6 +94,43 @@ def test_delays_have_the_distribution_of_their_parameters(jitter, name, argument
     assert abs(np.corrcoef(sample[1:], sample[:-1])[0, 1]) < 4 / math.sqrt(COUNT)
 
 
+@pytest.mark.parametrize(
+    ("jitter", "kurtosis"),
+    [
+        (Jitter(kind="uniform", std=0.02), 1.8),
+        (Jitter(kind="normal", std=0.01), 3.0),
+        (Jitter(kind="gamma", std=0.02, minimum=0.06), 3 + 6 / 4),
+    ],
+)
+def test_correlated_delays_have_the_same_distribution(jitter, kurtosis):
+    jitter.correlation_time = 5 * H
+    a = math.exp(-1 / 5)
+    sample = delays(make(jitter=jitter, seed=2))
+    independent = COUNT * (1 - a) / (1 + a)
+    assert abs(sample.mean() - MEAN) < 4 * jitter.std / math.sqrt(independent)
+    error = math.sqrt((kurtosis - 1) / 4 / independent)
+    assert sample.std() == pytest.approx(jitter.std, rel=4 * error)
+    ranks = np.argsort(np.argsort(sample))
+    for m in (1, 3, 8):
+        expected = 6 / math.pi * math.asin(a**m / 2)
+        found = np.corrcoef(ranks[m:], ranks[:-m])[0, 1]
+        assert found == pytest.approx(expected, abs=4 / math.sqrt(independent))
+
+
+def test_in_order_a_packet_waits_for_the_one_before():
+    loss = Loss(kind="burst", probability=0.1, burst_length=4)
+    jitter = {"kind": "gamma", "std": 0.02, "minimum": 0.05}
+    free, ordered = (
+        make(jitter=Jitter(**jitter, keeps_order=order), loss=loss).Arrivals(3000)
+        for order in (False, True)
+    )
+    arrived = np.isfinite(free)
+    assert np.diff(free[arrived]).min() < 0
+    np.testing.assert_array_equal(np.isfinite(ordered), arrived)
+    waiting = np.maximum.accumulate(free[arrived])
+    np.testing.assert_array_equal(ordered[arrived], waiting)
+
+
 @pytest.mark.parametrize("kind", ["uniform", "normal", "gamma"])
 def test_no_spread_is_no_jitter(kind):
     jitter = Jitter(kind=kind, std=0.0)
@@ -167,8 +205,11 @@ BUSY = {
 }
 
 
-def test_packets_do_not_depend_on_who_asks():
-    network, other = make(**BUSY, seed=7), make(**BUSY, seed=7)
+@pytest.mark.parametrize("correlated", [False, True])
+def test_packets_do_not_depend_on_who_asks(correlated):
+    new = {"correlation_time": 0.01, "keeps_order": True} if correlated else {}
+    busy = {**BUSY, "jitter": dataclasses.replace(BUSY["jitter"], **new)}
+    network, other = make(**busy, seed=7), make(**busy, seed=7)
     numbers = [5000, 3, 1024, 1023, 5000, 0]
     backwards = [network.Arrival(k) for k in numbers]
     forwards = other.Arrivals(6000)
@@ -248,6 +289,10 @@ TRACE = ([0.0, 1.0], [0.1, 0.2])
         ({"seed": -1}, "seed = -1: must be"),
         ({"jitter": Jitter(kind="norm")}, "jitter.kind = 'norm': must be one of none,"),
         ({"jitter": Jitter(std=0.1)}, "jitter.std = 0.1: must be 0 where"),
+        (
+            {"jitter": Jitter(correlation_time=1)},
+            "jitter.correlation_time = 1: must be",
+        ),
         ({"jitter": Jitter(kind="normal", std=-1)}, "jitter.std = -1: must be"),
         ({"jitter": Jitter(kind="uniform", std=0.06)}, "jitter.std = 0.06: must be"),
         ({"jitter": Jitter(kind="uniform", minimum=0.1)}, "minimum = 0.1: must be 0"),

@@ -24,7 +24,7 @@ def Channels(capsys, *options):
 
 def test_a_kind_has_its_own_delay_unless_another_is_given(capsys):
     for channel in Channels(capsys, "--channel", "lte"):
-        assert (channel["kind"], channel["delay"]) == ("lte", 0.0272)
+        assert (channel["kind"], channel["delay"]) == ("lte", 0.0459)
     forward, back = Channels(
         capsys, "--channel", "wifi", "--delay", "0.2", "--set", "return_channel.seed=3"
     )
