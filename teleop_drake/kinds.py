@@ -100,21 +100,10 @@ class KindTable(Generic[_T]):
             if name in self._kinds:
                 return self._kinds[name]
             if ":" in name:
-                return self._CheckBase(self._Import(name, path), name, path)
+                return self._CheckBase(ImportOwn(name, path), name, path)
             for entry in metadata.entry_points(group=ENTRY_POINT_GROUP, name=name):
-                return self._CheckBase(self._Import(entry.value, path), name, path)
+                return self._CheckBase(ImportOwn(entry.value, path), name, path)
         Refuse(path, name, f"{Choices(name, self._kinds)}, or module:Class of your own")
-
-    def _Import(self, place: str, path: str) -> Any:
-        module, _, attribute = place.partition(":")
-        try:
-            return getattr(importlib.import_module(module), attribute)
-        except Exception as e:
-            # Whatever the user's module raises when it is imported.
-            reason = " ".join(f"{type(e).__name__}: {e}".split())
-            raise ScenarioError(
-                f"{path} = {Show(place)}: must be importable ({reason})"
-            ) from e
 
     def _CheckBase(self, kind: Any, name: str, path: str) -> type[_T]:
         if not (
@@ -129,6 +118,27 @@ class KindTable(Generic[_T]):
                 f"{self.base.__qualname__}",
             )
         return cast(type[_T], kind)
+
+
+def ImportOwn(place: str, path: str) -> Any:
+    """Returns what a scenario names as `module:Name`; this runs the module.
+
+    Args:
+        place: The module and the name in it.
+        path: The field that names it, for messages.
+
+    Raises:
+        ScenarioError: If it cannot be imported.
+    """
+    module, _, attribute = place.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except Exception as e:
+        # Whatever the user's module raises when it is imported.
+        reason = " ".join(f"{type(e).__name__}: {e}".split())
+        raise ScenarioError(
+            f"{path} = {Show(place)}: must be importable ({reason})"
+        ) from e
 
 
 def TableOf(base: Any) -> "KindTable[Any] | None":

@@ -1,13 +1,18 @@
-"""Kinds of a user's own, that scenarios name: a control law, a robot, an operator."""
+"""Kinds of one's own: a control law, a robot, an operator and a task."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from teleop_drake.architectures import ControlLawConfig
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.operators import OperatorConfig
+from teleop_drake.recording import Event
 from teleop_drake.robots import RobotConfig
+from teleop_drake.tasks import Insertion, SpeedLimit
+from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import CheckNumber
 
 
@@ -135,3 +140,31 @@ class FadingConfig(OperatorConfig):
 
     def MakeOperator(self, *, start, contact_surface=None):
         return Fading(np.asarray(self.velocity, dtype=float))
+
+
+class Reach(Insertion):
+    """An insertion with a law, a limit, an event, a metric and a figure of its own."""
+
+    units: ClassVar = {**Insertion.units, "path_length": "m"}
+
+    def MakeDiagram(self, scenario):
+        return MakeTeleoperator(scenario, control_law=DirectForce(num_axes=1))
+
+    def MakeSpeedLimit(self, scenario):
+        return SpeedLimit(speed=1.0, name="1 m/s")
+
+    def FindEvents(self, recording):
+        halfway = Event(name="halfway", time=float(recording.time[-1]) / 2)
+        return sorted(
+            [*super().FindEvents(recording), halfway], key=lambda event: event.time
+        )
+
+    def Metrics(self, recording):
+        steps = np.linalg.norm(np.diff(recording["tool_position"], axis=0), axis=1)
+        return {**super().Metrics(recording), "path_length": float(steps.sum())}
+
+    def Particulars(self, recording):
+        return {**super().Particulars(recording), "stretch": "short"}
+
+    def Panels(self, recordings):
+        return super().Panels(recordings)[:1]

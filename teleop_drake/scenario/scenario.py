@@ -98,6 +98,9 @@ class _ScenarioBase(FixedFields):
     description: str = ""
     # Where the task comes from.
     source: str = ""
+    # `module:Class` of a task of one's own, which derives from tasks.Task; null: the
+    # task of this class of scenarios.
+    task: str | None = None
     # Simulated time, s, > 0.
     duration: float = REQUIRED
     robot: RobotConfig = REQUIRED

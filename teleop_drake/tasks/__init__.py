@@ -2,24 +2,34 @@
 
 from typing import Any
 
+from teleop_drake.kinds import ImportOwn
 from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.insertion import Insertion
 from teleop_drake.tasks.tracking import Tracking
+from teleop_drake.validation import Refuse
 
 TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Tracking()}
 """The task of each class of scenarios, and of those that derive from it."""
 
 
 def TaskOf(scenario: AnyScenario) -> Task[Any]:
-    """Returns the task that a scenario describes.
+    """Returns the task that a scenario names, else that of its class.
 
     Args:
         scenario: Any.
 
     Raises:
+        ScenarioError: If it names a task that is none.
         TypeError: If it is no scenario.
     """
+    own = getattr(scenario, "task", None)
+    if own is not None:
+        task = ImportOwn(own, "task")
+        if not (isinstance(task, type) and issubclass(task, Task)):
+            Refuse("task", own, "a class that derives from teleop_drake.tasks.Task")
+        made: Task[Any] = task()
+        return made
     for scenario_class in type(scenario).__mro__:
         if scenario_class in TASKS:
             return TASKS[scenario_class]

@@ -41,8 +41,8 @@ class Task(ABC, Generic[_S]):
     """What a scenario of class S is run for. It has no state.
 
     A task of one's own derives from this class, or from one of the package's tasks and
-    changes what is different. It is given to simulate(), RunMetrics(), RunSummary() and
-    PlotRun(); entered in TASKS it is the task of all scenarios of a class.
+    changes what is different. A scenario names it as `task: my_module:MyTask`, or it is
+    given to simulate(), RunMetrics(), RunSummary() and PlotRun().
 
     Attributes:
         controllers: Kinds that are compared unless others are asked for; none if there

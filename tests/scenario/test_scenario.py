@@ -119,7 +119,9 @@ def test_files_state_every_field_with_its_source(name):
         unused["robot"] = held - {"start", "posture"}
     if name in LEARNING:
         unused["robot"] = held - {"start", "posture", "gravity"}
-    unused[""] = {"name"} if name in TRACKING else {"name", "actuator", "sensor"}
+    unused[""] = {"name", "task"}
+    if name not in TRACKING:
+        unused[""] |= {"actuator", "sensor"}
     unused["simulator"] = {"start_time", "target_realtime_rate"}
     text = (SCENARIOS / f"{name}.yaml").read_text()
 

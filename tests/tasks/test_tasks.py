@@ -1,52 +1,22 @@
 """Tasks: the package's, and those of a user's own."""
 
+import csv
 import json
-from typing import ClassVar
 
 import numpy as np
 import pytest
+from own_kinds import Reach
 
-from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.cli import main
 from teleop_drake.environments import CONTACT
 from teleop_drake.figures.runs import PlotComparison, PlotRun
-from teleop_drake.recording import Event
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.simulation import MakeDiagram, simulate
 from teleop_drake.sweep import MetricUnits
-from teleop_drake.tasks import TASKS, Insertion, SpeedLimit, TaskOf, Tracking
+from teleop_drake.tasks import Insertion, SpeedLimit, TaskOf, Tracking
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
-from teleop_drake.teleoperator import MakeTeleoperator
 
 SHORT = "duration=0.2"
-
-
-class Reach(Insertion):
-    """An insertion with a law, a limit, an event, a metric and a figure of its own."""
-
-    units: ClassVar = {**Insertion.units, "path_length": "m"}
-
-    def MakeDiagram(self, scenario):
-        return MakeTeleoperator(scenario, control_law=DirectForce(num_axes=1))
-
-    def MakeSpeedLimit(self, scenario):
-        return SpeedLimit(speed=1.0, name="1 m/s")
-
-    def FindEvents(self, recording):
-        halfway = Event(name="halfway", time=float(recording.time[-1]) / 2)
-        return sorted(
-            [*super().FindEvents(recording), halfway], key=lambda event: event.time
-        )
-
-    def Metrics(self, recording):
-        steps = np.linalg.norm(np.diff(recording["tool_position"], axis=0), axis=1)
-        return {**super().Metrics(recording), "path_length": float(steps.sum())}
-
-    def Particulars(self, recording):
-        return {**super().Particulars(recording), "stretch": "short"}
-
-    def Panels(self, recordings):
-        return super().Panels(recordings)[:1]
 
 
 class Slow(Insertion):
@@ -106,17 +76,22 @@ def test_a_task_limits_the_speed(engine):
     assert recording.reason.endswith("m/s, exceeds a snail")
 
 
-def test_a_task_of_ones_own_for_a_class_of_scenarios(monkeypatch, capsys):
-    """Entered in the table it is the task wherever a scenario is run."""
-    monkeypatch.setitem(TASKS, Scenario, Reach())
-    assert MetricUnits(LoadScenario("one_dof"))["path_length"] == "m"
-    arguments = ["run", "one_dof", "--quiet", "--set", SHORT]
-    assert main([*arguments, "--json", "-"]) == 0
+def test_a_scenario_names_a_task_of_ones_own(capsys, tmp_path):
+    """Its metrics reach runs and sweeps."""
+    options = ["one_dof", "--set", SHORT, "--set", "task=own_kinds:Reach", "--quiet"]
+    assert main(["run", *options, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"]["path_length"] > 0
-    assert main(arguments) == 0
-    rows = capsys.readouterr().out.splitlines()
-    (row,) = (row for row in rows if row.startswith("path length"))
-    assert row.endswith(" m")
+    assert main(["sweep", *options, "--delay", "0.1", "--out", str(tmp_path)]) == 0
+    header, *rows = csv.DictReader((tmp_path / "runs.csv").read_text().splitlines())
+    assert float(header["path_length"]) > 0 and len(rows) == 1
+    assert MetricUnits(LoadScenario("one_dof", options[4:5]))["path_length"] == "m"
+    capsys.readouterr()
+    for task, allowed in (
+        ("own_kinds:Puck", "a class that derives from teleop_drake.tasks.Task"),
+        ("own_kinds:Nothing", "importable (AttributeError"),
+    ):
+        assert main(["run", "one_dof", "--set", f"task={task}"]) == 2
+        assert f"task = '{task}': must be {allowed}" in capsys.readouterr().err
 
 
 def test_runs_of_a_tracking_are_not_compared():
