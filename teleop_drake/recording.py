@@ -193,8 +193,9 @@ class Recording:
         """Returns the signals as a table, which needs pandas (the extra `data`).
 
         A column has a signal's name and the number of its component: `table["psi"]`
-        has all components of psi, `table["psi", 0]` the first. The index is the time in
-        s, which stands twice where something jumps.
+        has all components of psi, `table["psi", 0]` the first. Those of a packet have
+        names, as `table["forward_packet_sent", "F_h x"]`. The index is the time in s,
+        which stands twice where something jumps.
 
         Raises:
             ImportError: If pandas is not installed.
@@ -205,13 +206,26 @@ class Recording:
             index=pandas.Index(self.time, name="time"),
             columns=pandas.MultiIndex.from_tuples(
                 [
-                    (name, k)
+                    (name, component)
                     for name, x in self.signals.items()
-                    for k in range(x.shape[1])
+                    for component in self._Components(name, x.shape[1])
                 ],
                 names=["signal", "component"],
             ),
         )
+
+    def _Components(self, name: str, size: int) -> list[Any]:
+        """Returns what the components of a signal are called."""
+        direction, _, kind = name.partition("_")
+        if kind.startswith("packet_") and isinstance(self.scenario, Scenario):
+            architecture = self.scenario.controller.Chosen()
+            axes = AxesOf(self["tool_position"].shape[1])
+            # A packet may lack the last parts.
+            parts = getattr(architecture, f"{direction}_parts")[: size // len(axes)]
+            names = [f"{part} {axis}" for part in parts for axis in axes]
+            if len(names) == size:
+                return names
+        return list(range(size))
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the signals as a Dataset, which needs xarray (the extra `data`).

@@ -153,6 +153,8 @@ def Show(value: Any) -> str:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.size:
+        value = np.vectorize(lambda x: float(f"{x:.6g}"), otypes=[float])(value)
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     return _SHORT.repr(value)

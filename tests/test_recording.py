@@ -83,6 +83,7 @@ def test_dataframe_has_every_sample():
     for name in recording:
         np.testing.assert_array_equal(table[name], recording[name])
     assert table["psi", 3].iloc[-1] == recording["psi"][-1, 3]
+    assert list(table["forward_packet_sent"]) == ["F_h x", "F_h y", "v_d x", "v_d y"]
 
 
 def test_dataset_has_every_sample_with_its_unit():

@@ -288,7 +288,7 @@ class BacksteppingParameters(FixedFields):
             raise ScenarioError(
                 f"{path}.initial_psi = {value}: must be auto, a positive number or a "
                 f"{n} x {n} matrix with positive determinant, its singular values > "
-                f"minimum_psi = {self.minimum_psi:g}"
+                f"minimum_psi = {self.minimum_psi:g}, which may be lowered"
             )
 
 

@@ -11,6 +11,7 @@ affair; those of the thesis are
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
@@ -52,7 +53,15 @@ class ArchitectureConfig(KindConfig, ABC):
     the field's comment; Resolve() applies it. An architecture of your own derives from
     this class and can be named in a scenario: `kind: my_module:MyArchitecture`, its
     fields in the mapping `parameters`.
+
+    Attributes:
+        forward_parts: Names of the vectors (n each) in a forward packet, for tables;
+            empty: they are numbered.
+        return_parts: The same of a return packet.
     """
+
+    forward_parts: ClassVar[tuple[str, ...]] = ()
+    return_parts: ClassVar[tuple[str, ...]] = ()
 
     @property
     def has_gains_of_delay(self) -> bool:
@@ -103,6 +112,9 @@ class ControlLawConfig(ArchitectureConfig):
 
     A control law of your own derives from this class.
     """
+
+    forward_parts = ("F_h", "v_d")
+    return_parts = ("p_WT", "v_WT")
 
     @abstractmethod
     def MakeControlLaw(self, facts: Facts, path: str) -> System:

@@ -329,6 +329,8 @@ class FourChannelConfig(ArchitectureConfig):
     """Lawrence's architecture; see architectures.four_channel."""
 
     kind = "four_channel"
+    forward_parts = ("x_m", "v_m", "F_h", "a_m")
+    return_parts = ("p_WT", "v_WT", "F_e", "a_WT")
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).

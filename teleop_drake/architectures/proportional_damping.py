@@ -183,6 +183,8 @@ class ProportionalDampingConfig(ArchitectureConfig):
     """P+d; see architectures.proportional_damping.ProportionalMaster."""
 
     kind = "proportional_damping"
+    forward_parts = ("x_m",)
+    return_parts = ("p_WT",)
 
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
     master_mass: np.ndarray | float = GainField(0.5)

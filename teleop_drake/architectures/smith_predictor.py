@@ -138,6 +138,8 @@ class SmithPredictorConfig(ArchitectureConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
 
     kind = "smith_predictor"
+    forward_parts = ("F_h", "v_d")
+    return_parts = ("p_WT", "v_ret")
 
     # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
     mass: np.ndarray | float | None = GainField(None)

@@ -293,6 +293,8 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     """Direct force under passivity control; see architectures.time_domain_passivity."""
 
     kind = "time_domain_passivity"
+    forward_parts = ("F_h", "E_in")
+    return_parts = ("p_WT", "v_WT", "E_in")
 
     # Time for which the energy must last at the present power, s, > 0. It plays the
     # part of the sample period of the customary controllers, 1 ms; the shorter, the

@@ -288,6 +288,8 @@ class WaveVariablesConfig(ArchitectureConfig):
     """The wave line; see architectures.wave_variables.WaveMaster."""
 
     kind = "wave_variables"
+    forward_parts = ("u", "x_m")
+    return_parts = ("w", "p_WT")
 
     # b, wave impedance, N s/m, > 0. Null: matched to the operator, whose force is
     # H = K/s + b + O(s) at low frequency: b is the resistance of the haptic device.

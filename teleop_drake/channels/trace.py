@@ -200,6 +200,11 @@ def _ReadCsv(
         names = [""]
     time_column, delay_column = _Columns(names, columns, needs_time, f"{path}_columns")
     time_scale = UNITS[_UnitOf(names[time_column])] if names else 1.0
+    named = names[delay_column] if len(names) > delay_column else ""
+    time_unit, delay_unit = _UnitOf(names[time_column] if names else ""), _UnitOf(named)
+    allowed = f"time,delay in {delay_unit}"
+    if needs_time and time_unit != delay_unit:
+        allowed = f"time in {time_unit}, delay in {delay_unit}"
     times: list[float] = []
     delays: list[float] = []
     for number, line in rows:
@@ -212,7 +217,7 @@ def _ReadCsv(
             delay = math.nan if delay_text in _LOST else float(delay_text)
             time = float(cells[time_column]) * time_scale if needs_time else 0.0
         except (ValueError, IndexError):
-            raise ScenarioError(f"{place}: must be time,delay in s") from None
+            raise ScenarioError(f"{place}: must be {allowed}") from None
         wrong = ""
         if not math.isfinite(time):
             wrong = "finite numbers"
@@ -224,7 +229,6 @@ def _ReadCsv(
             raise ScenarioError(f"{place}: must be {wrong}")
         times.append(time)
         delays.append(delay)
-    named = names[delay_column] if len(names) > delay_column else ""
     return times, delays, named
 
 

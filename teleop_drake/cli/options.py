@@ -178,6 +178,28 @@ def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
     return {"signals": signals, "time": time, "columns": args.columns}
 
 
+def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
+    """Refuses names in --signals that a run of the scenario does not record.
+
+    Args:
+        args: The options.
+        scenario: A valid one.
+
+    Raises:
+        BadInput: Naming the first one.
+    """
+    if args.signals is None:
+        return
+    from teleop_drake.signals import NamedSignals
+    from teleop_drake.simulation import MakeDiagram
+    from teleop_drake.validation import Choices
+
+    known = NamedSignals(MakeDiagram(scenario).GetSystems())
+    for name in FigureOptionsOf(args)["signals"]:
+        if name not in known:
+            raise BadInput(f"--signals = {name!r}: must be {Choices(name, known)}")
+
+
 def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
     """Adds --html.
 

@@ -148,7 +148,7 @@ def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
     """Plots metrics of a sweep that varies the seed, and at most the controller.
 
     Each metric has a panel. A dot is a run; a line is the median, and a bar its
-    bootstrap interval. Under each controller stands how many of its runs have no such
+    bootstrap interval. A note tells how many runs of a controller have no such
     number.
 
     Args:
@@ -212,8 +212,18 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
             ax.plot(ends, [np.median(y)] * 2, color=color, linewidth=1.2)
             ax.vlines(i, *MedianInterval(y), color=color, linewidth=2.4)
         missing = len(row) - y.size
-        note = f"\n{missing} of {len(row)} have none" if missing else ""
-        labels.append(ValueLabel(name).replace(" ", "\n", 1) + note)
+        if missing:
+            ax.text(
+                i,
+                0.02,
+                f"none in\n{missing} of {len(row)}",
+                transform=ax.get_xaxis_transform(),
+                fontsize=SMALL_FONT_SIZE,
+                color=GREY,
+                horizontalalignment="center",
+                verticalalignment="bottom",
+            )
+        labels.append(ValueLabel(name).replace(" ", "\n", 1))
     ax.set_xticks(range(len(names)), labels, fontsize=SMALL_FONT_SIZE)
     ax.set_xlim(-0.6, len(names) - 0.4)
     label = metric.replace("_", " ").replace(".", " ")

@@ -38,6 +38,8 @@ class ArmConfig(DrivenArmConfig):
     # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a
     # scenario file the path is relative to that file.
     file: str = REQUIRED
+    # Whether joints without a motor in the file get one.
+    add_motors: bool = False
     # The frame or link whose origin touches the environment.
     tool_frame: str = TOOL
 
@@ -58,6 +60,8 @@ class ArmConfig(DrivenArmConfig):
                 _WeldBase(plant, instance)
                 self._MarkTool(plant, instance)
                 AddPayload(plant, payload)
+                if self.add_motors:
+                    _AddMotors(plant, instance)
         except ScenarioError:
             raise
         except (RuntimeError, ValueError, SystemExit) as e:
@@ -69,7 +73,7 @@ class ArmConfig(DrivenArmConfig):
                 "file",
                 self.file,
                 f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
-                "joint velocities",
+                "joint velocities; add_motors: true adds those that are missing",
             )
         return plant
 
@@ -115,6 +119,18 @@ def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
     bases = [i for i in plant.GetBodyIndices(instance) if i not in children]
     if len(bases) == 1:
         plant.WeldFrames(plant.world_frame(), plant.get_body(bases[0]).body_frame())
+
+
+def _AddMotors(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+    """Adds an actuator to each joint of one degree of freedom that has none."""
+    driven = {
+        int(plant.get_joint_actuator(i).joint().index())
+        for i in plant.GetJointActuatorIndices()
+    }
+    for i in plant.GetJointIndices(instance):
+        joint = plant.get_joint(i)
+        if joint.num_velocities() == 1 and int(i) not in driven:
+            plant.AddJointActuator(f"{joint.name()}_motor", joint)
 
 
 def _OneLine(error: BaseException) -> str:

@@ -1,6 +1,6 @@
 """Many runs: a grid of values times controllers."""
 
-from teleop_drake.sweep.folder import TableNames
+from teleop_drake.sweep.folder import TableNames, WriteTables
 from teleop_drake.sweep.plan import ALIASES, MAX_RUNS, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     CHANNEL_METRICS,
@@ -39,4 +39,5 @@ __all__ = [
     "SweepResult",
     "TableNames",
     "VariesSeedsOnly",
+    "WriteTables",
 ]

@@ -105,8 +105,7 @@ class SweepFolder:
     def Finish(self, result: SweepResult) -> None:
         """Writes all files in their final form."""
         self.FinishPart(result.records)
-        for name, table in _Tables(result).items():
-            self._Write(name, _Csv(table))
+        WriteTables(result, self._path)
 
     def _Title(self) -> str:
         return f"out = {str(self._path)!r}"
@@ -267,14 +266,24 @@ def TableNames(result: SweepResult) -> list[str]:
     return [*names, "differences.csv"] if HasPairs(result) else names
 
 
-def _Tables(result: SweepResult) -> dict[str, list[dict[str, Any]]]:
-    """Returns the rows of each CSV file."""
+def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Path]:
+    """Writes the tables of a sweep as CSV files; returns their paths.
+
+    Args:
+        result: The sweep.
+        folder: Where to.
+        prefix: What the files' names begin with.
+    """
     makers: dict[str, Callable[[SweepResult], list[dict[str, Any]]]] = {
         "runs.csv": SweepResult.Table,
         "statistics.csv": Statistics,
         "differences.csv": Differences,
     }
-    return {name: makers[name](result) for name in TableNames(result)}
+    paths = [folder / (prefix + name) for name in TableNames(result)]
+    for path, name in zip(paths, TableNames(result), strict=True):
+        with Replacing(path) as temporary:
+            temporary.write_text(_Csv(makers[name](result)), encoding="utf-8")
+    return paths
 
 
 def _Csv(table: Sequence[Mapping[str, Any]]) -> str:

@@ -43,6 +43,10 @@ def test_no_row_is_lost(header, mark, tmp_path):
         ("0,0.1\n1\n", "line 2, '1': must be time,delay in s"),
         ("0,0.1,3\n1,0.1\n", "line 1, '0,0.1,3': must be time,delay in s"),
         ("time,delay\nx,y\n0,1\n", "line 2, 'x,y': must be time,delay in s"),
+        (
+            "time,rtt_ms\nx,y\n0,1\n",
+            "line 2, 'x,y': must be time in s, delay in ms",
+        ),
         # No header, but a typing error.
         ("O.0,0.1\n1,0.1\n30,0.1\n", "line 1, 'O.0,0.1': must be time,delay in s"),
         ("x0,0.1\n1,0.1\n30,0.1\n", "line 1, 'x0,0.1': must be time,delay in s"),

@@ -361,7 +361,11 @@ def test_compare_values(capsys):
         ("compare", ["--vary", "delay=0.1", "--seeds", "2"], "left out with --seeds"),
         ("run", ["--format", "gif"], "--format = 'gif': must be one of png, svg, pdf"),
         ("run", ["--window", "2:1"], "--window = '2:1': must be FROM:TO"),
-        ("run", ["--signals", "psy", "--out", "."], "signal 'psy': must be one of"),
+        (
+            "run",
+            ["--signals", "psy", "--out", "."],
+            "--signals = 'psy': must be one of",
+        ),
         ("run", ["--window", "1:2", "--out", "."], "time = [1.0, 2.0]: must be before"),
     ],
 )

@@ -164,6 +164,8 @@ def test_a_joint_without_a_motor(tmp_path):
     message = "one actuator for each joint.* not 2 actuators for 3 joint velocities"
     with pytest.raises(ScenarioError, match=message):
         arm(file=str(path)).Check("robot")
+    plant = arm(file=str(path), add_motors=True).LoadPlant()
+    np.testing.assert_array_equal(plant.MakeActuationMatrix(), np.eye(3))
 
 
 def transmissions():

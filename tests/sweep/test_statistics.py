@@ -107,7 +107,8 @@ def test_figure_without_any_other_key():
     assert VariesSeedsOnly(result)
     (ax,) = PlotSeeds(result, METRIC).axes
     labels = [label.get_text() for label in ax.get_xticklabels()]
-    assert labels == ["a", "b\n4 of 40 have none"]
+    assert labels == ["a", "b"]
+    assert [text.get_text() for text in ax.texts] == ["none in\n4 of 40"]
     dots = [line.get_ydata() for line in ax.lines if line.get_marker() == "."]
     np.testing.assert_allclose(dots[0], result.Values(METRIC)[0])
     assert not VariesSeedsOnly(Result(delay=[0.1, 0.2]))
@@ -149,6 +150,8 @@ def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered
     records = json.loads(capsys.readouterr().out)
     assert [record["varied"]["seed"] for record in records] == [0, 1, 2] * 2
     assert Path("of/one_dof_seeds.png").exists()
+    assert len(Csv("of/one_dof_seeds_runs.csv")) == 6
+    assert Path("of/one_dof_seeds_differences.csv").exists()
 
 
 def test_without_scipy(monkeypatch):

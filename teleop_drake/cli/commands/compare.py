@@ -3,6 +3,7 @@
 import argparse
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
@@ -12,6 +13,7 @@ from teleop_drake.cli.options import (
     AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
+    CheckSignals,
     ControllersOf,
     FigureOptionsOf,
     FormatsOf,
@@ -88,6 +90,8 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
     scenarios = {
         case.label: LoadToRun(args, *case.overrides) for case in cases.values()
     }
+    for scenario in scenarios.values():
+        CheckSignals(args, scenario)
     name = next(iter(scenarios.values())).name
     CheckJson(args.json)
     CheckHtml(args.html)
@@ -203,7 +207,12 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
 
     from teleop_drake.figures.runs import SaveFigure
     from teleop_drake.figures.sweeps import PlotSeeds
-    from teleop_drake.sweep import HasIntervals, RunSweep, SelectMetrics
+    from teleop_drake.sweep import (
+        HasIntervals,
+        RunSweep,
+        SelectMetrics,
+        WriteTables,
+    )
 
     with SweepProgress(args.quiet) as show:
         result = RunSweep(plan, progress=show)
@@ -215,11 +224,12 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
     figure = PlotSeeds(result, *metrics)
     for path in figure_paths:
         SaveFigure(figure, path)
+    tables = WriteTables(result, Path(args.out), f"{plan.scenario.name}_seeds_")
     if args.json is not None:
         WriteJson(args.json, result.records)
     if args.json != "-":
         if not HasIntervals():
             print(NO_INTERVALS)
         print(SeedsTable(result, metrics))
-        print("Written:", ", ".join(map(str, figure_paths)))
+        print("Written:", ", ".join(map(str, [*figure_paths, *tables])))
     return 0

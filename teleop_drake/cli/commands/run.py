@@ -12,6 +12,7 @@ from teleop_drake.cli.options import (
     AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
+    CheckSignals,
     FigureOptionsOf,
     FormatsOf,
     LoadToRun,
@@ -48,6 +49,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario, writes and prints what comes out."""
     scenario = LoadToRun(args)
+    CheckSignals(args, scenario)
     stem = f"{scenario.name}_{scenario.controller.kind}"
     CheckJson(args.json)
     CheckHtml(args.html)
