@@ -21,7 +21,11 @@ def Headline(recording: "Recording") -> str:
             f"{_Delay(channels['return_channel'])} back, "
         )
     line += f"{recording.time[-1]:g} s simulated, {recording.termination}"
-    return f"{line} ({recording.reason})" if recording.reason else line
+    if recording.reason:
+        line += f" ({recording.reason})"
+    if channels and recording.termination == "diverged":
+        line += "\n`teleop-drake analyze` with the same options finds the delay margins"
+    return line
 
 
 def _Delay(channel: Any) -> str:
@@ -30,15 +34,20 @@ def _Delay(channel: Any) -> str:
     return f"{channel.delay:g} s" + (f" and {trace}" if trace else "")
 
 
-def Table(records: Mapping[str, Mapping[str, Any]]) -> str:
-    """Returns the metrics of some runs: a row for each, a column for each run."""
+def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
+    """Returns the metrics of some runs: a row for each, a column for each run.
+
+    Args:
+        recordings: By name.
+        records: Their RunSummary().
+    """
     from teleop_drake.sweep import CHANNEL_METRICS, FlattenMetrics
-    from teleop_drake.tasks import TASKS
+    from teleop_drake.tasks import TaskOf
 
     # By the last part of the name.
     units = {"wall_time_s": "s"} | CHANNEL_METRICS
-    for task in TASKS.values():
-        for name, unit in task.units.items():
+    for recording in recordings.values():
+        for name, unit in TaskOf(recording.scenario).units.items():
             units[name.removesuffix(".*").split(".")[-1]] = unit
     columns = {
         name: FlattenMetrics(record["metrics"])
@@ -47,7 +56,7 @@ def Table(records: Mapping[str, Mapping[str, Any]]) -> str:
             key: record["solver"][key]
             for key in ("steps", "derivative_evaluations", "wall_time_s")
         }
-        for name, record in records.items()
+        for name, record in zip(recordings, records, strict=True)
     }
     # A group such as `puncture` is null where there was none.
     rows: dict[str, None] = {}

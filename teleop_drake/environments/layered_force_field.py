@@ -80,7 +80,8 @@ class LayeredForceField(LeafSystem):
     needle, and tissue that was punctured is whole again if the tool comes back.
 
     Args:
-        layers: The layers, by ascending start; see laws.layered_force.Layer.
+        layers: The layers, by ascending start: LayerConfig(name="bone", start=1.1,
+            stiffness=150.0, reference=1.1), for instance.
         num_axes: n, number of task axes.
         starts_inside: Whether the tool starts in a layer. The first layer is then
             nothing that it can collide with.

@@ -86,6 +86,10 @@ def test_a_scenario_names_a_task_of_ones_own(capsys, tmp_path):
     assert float(header["path_length"]) > 0 and len(rows) == 1
     assert MetricUnits(LoadScenario("one_dof", options[4:5]))["path_length"] == "m"
     capsys.readouterr()
+    assert main(["run", *options]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    (row,) = (row for row in rows if row.startswith("path length"))
+    assert row.endswith(" m")
     for task, allowed in (
         ("own_kinds:Puck", "a class that derives from teleop_drake.tasks.Task"),
         ("own_kinds:Nothing", "importable (AttributeError"),

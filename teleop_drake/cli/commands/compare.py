@@ -111,7 +111,7 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
         recordings[label].Save(path)
         if recordings[label].termination == "interrupted":
             break
-    records = {label: RunSummary(recording) for label, recording in recordings.items()}
+    records = [RunSummary(recording) for recording in recordings.values()]
     names = {label.replace("_", " "): x for label, x in recordings.items()}
     try:
         figure = PlotComparison(names, **options)
@@ -124,11 +124,11 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
 
         MakeReplay(names).Save(args.html)
     if args.json is not None:
-        WriteJson(args.json, list(records.values()))
+        WriteJson(args.json, records)
     if args.json != "-":
         for recording in recordings.values():
             print(Headline(recording))
-        print(Table(records))
+        print(Table(recordings, records))
         written = [*figure_paths, *recording_paths[: len(recordings)]]
         written += [args.html] if args.html is not None else []
         print("Written:", ", ".join(map(str, written)))

@@ -77,7 +77,7 @@ def Execute(args: argparse.Namespace) -> int:
         WriteJson(args.json, record)
     if args.json != "-":
         print(Headline(recording))
-        print(Table({record["controller"]: record}))
+        print(Table({record["controller"]: recording}, [record]))
         if written:
             print("Written:", ", ".join(map(str, written)))
     return INTERRUPTED if recording.termination == "interrupted" else 0
