@@ -334,18 +334,37 @@ def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
 
 def _Layout(dot: str, file_format: str) -> bytes:
     """Lays DOT text out as svg, png or pdf."""
-    if program := shutil.which("dot"):
-        return _RunDot(program, dot, file_format)
-    if program := _EmbeddedDot():
-        # That one writes no PDF.
-        if file_format == "pdf":
-            return _SvgsToPdf([_RunDot(program, dot, "svg")])
-        return _RunDot(program, dot, file_format)
+    if program := shutil.which("dot") or _EmbeddedDot():
+        if file_format == "pdf":  # The one in the wheel writes none.
+            return _SvgsToPdf([_Layout(dot, "svg")])
+        # Dot's frame of a diagram is made for the boxes in it, and lines that run
+        # around them leave it. The picture is made for both.
+        inner = dot.replace("diagram {\ncolor=black", "diagram {\ncolor=white", 1)
+        picture = _RunDot(program, inner, file_format)
+        if inner == dot:
+            return picture
+        if file_format == "png":
+            return _FramedPng(picture)
+        return re.sub(
+            rb'stroke="(none|transparent)"', b'stroke="black"', picture, count=1
+        )
     raise RuntimeError(
         f"nothing here can lay out a diagram as {file_format}: install Graphviz, so "
         "that `dot` is on the PATH, or `pip install graphviz-pure`; a path that ends "
         "in .dot needs neither"
     )
+
+
+def _FramedPng(png: bytes) -> bytes:
+    """Draws a line around a picture."""
+    from PIL import Image, ImageDraw
+
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    width, height = image.size
+    ImageDraw.Draw(image).rectangle((2, 2, width - 3, height - 3), outline=0, width=3)
+    file = io.BytesIO()
+    image.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
+    return file.getvalue()
 
 
 def _EmbeddedDot() -> str | None:

@@ -116,14 +116,15 @@ def PlotMap(
     bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
     bar.set_label(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
     bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
-    handles = [Patch(color=_ENDED, label="diverges or fails")]
-    _Finish(
-        figure,
-        axes,
-        grid,
-        handles if np.isfinite(has_ended).any() else [],
-        boundaries or {},
-    )
+    is_ended = np.isfinite(has_ended)
+    handles = []
+    if is_ended.any():
+        handles.append(Patch(color=_ENDED, label="diverges or fails"))
+    if (np.isnan(medians) & ~is_ended).any():
+        handles.append(
+            Patch(facecolor="white", edgecolor=GREY, label="has no such number")
+        )
+    _Finish(figure, axes, grid, handles, boundaries or {})
     return figure
 
 
@@ -179,16 +180,20 @@ def _Finish(
             [],
             [],
             color="black",
-            linestyle=styles[name] if label.startswith(_END) else "none",
+            linestyle=styles[name],
             label=label,
         )
         for name, label in labels.items()
+        if label.startswith(_END)
     ]
+    notes = [label for label in labels.values() if not label.startswith(_END)]
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize=SMALL_FONT_SIZE)
     if handles:
         figure.legend(
             handles=handles,
             loc="outside upper center",
-            ncols=len(handles) if len(handles) <= 4 else 3,
+            ncols=min(len(handles), 3),
             fontsize=FONT_SIZE,
             frameon=False,
         )
