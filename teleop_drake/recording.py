@@ -217,8 +217,8 @@ class Recording:
     def _Components(self, name: str, size: int) -> list[Any]:
         """Returns what the components of a signal are called."""
         direction, _, kind = name.partition("_")
-        if kind.startswith("packet_") and isinstance(self.scenario, Scenario):
-            architecture = self.scenario.controller.Chosen()
+        if kind.startswith("packet_"):
+            architecture = self.teleoperation.controller.Chosen()
             axes = AxesOf(self["tool_position"].shape[1])
             # A packet may lack the last parts.
             parts = getattr(architecture, f"{direction}_parts")[: size // len(axes)]
