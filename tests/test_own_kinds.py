@@ -95,6 +95,13 @@ def test_a_scenario_keeps_it():
     assert again.return_channel.kind == "own_channel:BandLimitedChannel"
 
 
+def test_parameters_given_together_are_written():
+    law = {"controller.kind": LAW[0].split("=")[1]}
+    law["controller.parameters"] = {"damping": 0.4}
+    scenario = LoadScenario("one_dof", law)
+    assert ScenarioFromYaml(ScenarioToYaml(scenario)) == scenario
+
+
 def test_the_law_is_the_own_one():
     law = MakeTeleoperator(LoadScenario("one_dof", LAW)).GetSubsystemByName(
         "controller"

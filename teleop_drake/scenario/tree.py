@@ -287,7 +287,7 @@ def FieldTypes(schema: Any) -> dict[str, Any]:
 
 
 def ToTree(value: Any) -> Any:
-    """Returns the tree of a config, an array, a list or a plain value."""
+    """Returns the tree of a config, an array, a list, a dict or a plain value."""
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
         return {
             key: _KindToTree(getattr(value, key), schema)
@@ -297,6 +297,8 @@ def ToTree(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, (list, tuple)):
         return [ToTree(item) for item in value]
+    if isinstance(value, dict):
+        return {key: ToTree(item) for key, item in value.items()}
     return value
 
 
