@@ -214,8 +214,9 @@ leaves open is a field of a scenario, marked there as assumed or fitted.
 _LEDGER_INTRODUCTION = """
 One row for each claim, turned into something that can be measured; the verdicts are
 computed from the runs. <em>Reproduced</em>: our number is within the tolerance, or the
-criterion holds. <em>Reproduced in kind</em>: the number is another, but what it stands
-for holds. <em>Refuted</em>: neither. <em>Not determinable</em>: no run can decide.
+criterion holds. <em>Reproduced in kind</em>: the number is another but what it stands
+for holds, or what the thesis leaves open was fitted to it. <em>Refuted</em>: neither.
+<em>Not determinable</em>: no run can decide.
 """
 
 _OWN_CLAIMS = {

@@ -37,11 +37,9 @@ def Alternatives(evidence: Evidence) -> list[Row]:
 
 
 def _AdaptationMatters(evidence: Evidence) -> Row:
-    metrics = (*COMPARED[1:], "collision.rebound_velocity", "collision.settling_time")
+    metrics = (*COMPARED, "collision.rebound_velocity", "collision.settling_time")
     changes = {}
     for name in TASKS:
-        if name == "two_dof_puncture":
-            continue
         without, with_ = (
             evidence(name, ADAPTIVE, NO_ADAPTATION),
             evidence(name, ADAPTIVE),
@@ -49,16 +47,16 @@ def _AdaptationMatters(evidence: Evidence) -> Row:
         for metric in metrics:
             if without[metric] is not None:
                 ratio = without.Number(metric) / with_.Number(metric)
-                changes[f"{name} {metric.split('.')[-1]}"] = abs(ratio - 1)
-    largest = max(changes, key=lambda key: changes[key])
+                changes[f"{name} {metric.split('.')[-1]}"] = ratio - 1
+    largest = max(changes, key=lambda key: abs(changes[key]))
     return Statement(
         key="A-adaptation-matters",
         place="plain alternative to chapters 4 and 5: no adaptation",
         claim="The adapting networks bring about the improvement.",
-        criterion="without adaptation some number of the collision tasks changes by "
-        "10 % or more",
-        holds=changes[largest] >= 0.1,
-        ours=f"largest change {changes[largest]:.1%} ({largest})",
+        criterion="without adaptation some overshoot, force on the bone, rebound or "
+        "settling time grows by 10 % or more",
+        holds=max(changes.values()) >= 0.1,
+        ours=f"largest change {changes[largest]:+.1%} ({largest})",
         reason="The same law with all weights at 0 and Psi at Psi0, a linear "
         "controller with fixed gains, does as well.",
     )

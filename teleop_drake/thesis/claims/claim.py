@@ -52,14 +52,7 @@ def Statement(
 ) -> Row:
     """Returns the row of a claim without a number.
 
-    Args:
-        key: See Row.
-        place: See Row.
-        claim: See Row.
-        criterion: See Row.
-        holds: Whether our runs meet the criterion; None: no run can decide.
-        ours: What they show, as text.
-        reason: See Row.
+    `holds` says whether our runs meet the criterion; None: no run can decide.
     """
     verdict = REPRODUCED if holds else REFUTED
     if holds is None:
@@ -90,33 +83,28 @@ def PrintedNumber(
     is_in_kind: bool | np.bool_,
     reason: str = "",
     is_absolute: bool = False,
+    is_fitted: bool = False,
 ) -> Row:
     """Returns the row of a number that the thesis prints.
 
-    Args:
-        key: See Row.
-        place: See Row.
-        claim: See Row.
-        printed: The thesis's value, in SI units.
-        ours: Our value, in SI units.
-        unit: (how many of the unit shown there are in one SI unit, its symbol).
-        tolerance: Relative, or absolute in the unit shown.
-        in_kind: The statement that the number stands for.
-        is_in_kind: Whether that statement holds.
-        reason: See Row.
-        is_absolute: Whether the tolerance is absolute.
+    `printed` and `ours` are in SI units; `unit` is how many of the unit shown there are
+    in one SI unit, and its symbol. The tolerance is relative, or absolute in the unit
+    shown. `in_kind` is the statement that the number stands for, and `is_in_kind`
+    whether it holds. A number to which fields of the scenario were fitted is
+    reproduced in kind at best.
     """
     scale, symbol = unit
     width = tolerance / scale if is_absolute else tolerance * abs(printed)
+    verdict = IN_KIND if is_in_kind else REFUTED
     if abs(ours - printed) <= width:
-        verdict = REPRODUCED
-    else:
-        verdict = IN_KIND if is_in_kind else REFUTED
+        verdict = IN_KIND if is_fitted else REPRODUCED
     return Row(
         key=key,
         place=place,
         claim=claim,
-        criterion=f"the number within the tolerance; in kind: {in_kind}",
+        criterion="the number within the tolerance"
+        + (", to which fields were fitted" if is_fitted else "")
+        + f"; in kind: {in_kind}",
         thesis=f"{scale * printed:.4g} {symbol}",
         ours=f"{scale * ours:.4g} {symbol}" if math.isfinite(ours) else "none",
         tolerance=f"{tolerance:g} points" if is_absolute else f"{100 * tolerance:g} %",

@@ -55,11 +55,7 @@ class Both(NamedTuple):
 
 
 class Evidence:
-    """The runs with their metrics, each computed once.
-
-    Args:
-        runs: Where the recordings come from.
-    """
+    """The runs with their metrics, each computed once."""
 
     def __init__(self, runs: ThesisRuns):
         self._runs = runs

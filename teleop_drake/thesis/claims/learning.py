@@ -6,16 +6,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import Recording
 from teleop_drake.robots.base import PlantRobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.scenario import Scenario
-from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
+from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate, Rms
 from teleop_drake.validation import GainMatrix
 
 # Square of the smallest singular value of a least-squares problem that counts, as a
 # share of the largest one's.
 _SMALLEST_SQUARE = 1e-12
+
+
+INSIDE = np.stack(
+    np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
+).reshape(-1, 2)
+"""Points in m (15, 2) inside of the way round of two_dof_learning."""
 
 
 def CommandedPath(recording: Recording) -> np.ndarray:
@@ -34,16 +41,14 @@ def CommandedPath(recording: Recording) -> np.ndarray:
 
 
 def PathDistance(recording: Recording) -> np.ndarray:
-    """Returns how far the tool is from where the command has led it, in m (T,).
-
-    Args:
-        recording: A run of direct force or of the adaptive controller.
-    """
+    """Returns how far the tool is from where the command has led it, in m (T,)."""
     error = recording["tool_position"] - CommandedPath(recording)
     return np.asarray(np.linalg.norm(error, axis=1))
 
 
-def UnrepresentedShare(recording: Recording, num_speeds: int = 1) -> float:
+def UnrepresentedShare(
+    recording: Recording, num_speeds: int = 1, count: int | None = None
+) -> float:
     """Returns what the best constant weights leave of dF_e/dt along x, as rms share.
 
     They are those of least squares over the whole run, chosen in hindsight: no rule of
@@ -54,8 +59,9 @@ def UnrepresentedShare(recording: Recording, num_speeds: int = 1) -> float:
         num_speeds: 1: the basis functions of the run, which see the position. More:
             each of them times as many Gaussians of v_x, equidistant over the speeds
             of the run and as wide as their spacing.
+        count: Of basis functions per axis; None: that of the run.
     """
-    rate, Phi = ForceRate(recording), BasisFunctions(recording)
+    rate, Phi = ForceRate(recording), BasisFunctions(recording, count)
     if num_speeds > 1:
         v = recording["tool_velocity"][:, :1]
         centres, spacing = np.linspace(v.min(), v.max(), num_speeds, retstep=True)
@@ -72,6 +78,47 @@ def UnrepresentedShare(recording: Recording, num_speeds: int = 1) -> float:
     V = directions[:, kept]
     weights = V @ ((V.T @ (A.T @ b)) / squares[kept])
     return float(np.linalg.norm(b - A @ weights) / np.linalg.norm(b))
+
+
+def WithVelocities(recording: Recording) -> np.ndarray:
+    """Returns basis functions (T, N) of position and velocity at the samples of a run.
+
+    The lattice is that of the run, with five means per axis over its speeds.
+
+    Args:
+        recording: A run of the adaptive controller.
+    """
+    network = recording.teleoperation.controller.network
+    v = recording["tool_velocity"]
+    lattice = GaussianNetwork(
+        lower=[*network.lower, *v.min(axis=0)],
+        upper=[*network.upper, *v.max(axis=0)],
+        count=[*network.count, *(5 for _ in v.T)],
+        width=network.width,
+    )
+    inputs = np.hstack([recording["tool_position"], v])
+    return np.array([lattice.evaluate(u) for u in inputs])
+
+
+def ReplayedShare(recording: Recording, Phi: np.ndarray) -> float:
+    """Returns what the third network leaves of dF_e/dt along x with other inputs.
+
+    Its update law runs over the recorded z; it learns too little to change that.
+
+    Args:
+        recording: A run of the adaptive controller in layers, see ForceRate.
+        Phi: Basis functions at the samples (T, N).
+    """
+    controller = recording.teleoperation.controller
+    beta, nu = controller.adaptation_rate, controller.leakage
+    drive = -beta * recording["control_force_error"][:, :1] * Phi
+    weights = np.zeros_like(Phi)
+    for i, h in enumerate(np.diff(recording.time)):
+        grown = weights[i] + h * (drive[i] + drive[i + 1]) / 2
+        weights[i + 1] = grown * math.exp(-beta * nu * h)
+    rate = ForceRate(recording)
+    estimate = np.einsum("tn,tn->t", weights, Phi)
+    return Rms(recording, rate - estimate) / Rms(recording, rate)
 
 
 def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:

@@ -121,15 +121,19 @@ def ForceRate(recording: Recording) -> np.ndarray:
     return np.asarray(k * v + d * a)
 
 
-def BasisFunctions(recording: Recording) -> np.ndarray:
+def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray:
     """Returns the networks' basis functions Phi (T, N) at the samples of a run.
 
     Args:
         recording: A run of the adaptive controller.
+        count: Per axis, of another lattice with the same bounds; None: the run's.
     """
     config = recording.scenario.controller.network
     network = GaussianNetwork(
-        lower=config.lower, upper=config.upper, count=config.count, width=config.width
+        lower=config.lower,
+        upper=config.upper,
+        count=config.count if count is None else [count] * len(config.count),
+        width=config.width,
     )
     return np.array([network.evaluate(u) for u in recording["tool_position"]])
 
@@ -159,6 +163,12 @@ def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
     kept = recording.time >= 0.75 * recording.time[-1]
     last = dataclasses.replace(recording, time=recording.time[kept])
     return np.array([Rms(last, values[kept, i]) for i in range(values.shape[1])])
+
+
+def LargestRemainder(recording: Recording) -> float:
+    """Returns the largest |dF_e/dt - W3 Phi| along x in N/s."""
+    unlearned = ForceRate(recording) - NetworkOutput(recording, "weights_3")[:, 0]
+    return float(np.abs(unlearned).max())
 
 
 def UnlearnedShare(recording: Recording) -> float:

@@ -5,13 +5,17 @@ from matplotlib.figure import Figure
 from teleop_drake.figures.style import COLORS, FONT_SIZE, LINES
 from teleop_drake.thesis.claims.future_work import (
     AS_IN_THE_THESIS,
-    LEARNING,
     PUMA,
     Varying,
 )
 from teleop_drake.thesis.claims.learning import PathDistance, WeightDrift
 from teleop_drake.thesis.claims.measures import NetworkOutput
-from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT, NO_ADAPTATION
+from teleop_drake.thesis.claims.requests import (
+    ADAPTIVE,
+    DIRECT,
+    LEARNING,
+    NO_ADAPTATION,
+)
 from teleop_drake.thesis.figures.figure import AddLegendAbove, ThesisFigure, TimeFigure
 from teleop_drake.thesis.runs import ThesisRuns
 

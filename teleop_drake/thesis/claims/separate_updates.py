@@ -1,0 +1,86 @@
+"""The law of chapters 4 and 5 without tuning functions, to compare with.
+
+Each stage of backstepping adapts by its own error: W1 and Psi by P s, W3 by z. With
+tuning functions W1 and Psi adapt by P s + G1^T Psi^-T z instead (4.21, 5.20).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+    AdaptiveBacksteppingConfig,
+)
+from teleop_drake.architectures.facts import Facts
+from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    adaptive_errors,
+    adaptive_rate,
+    auxiliary_error,
+    gains_from_arrays,
+    pack_state,
+    unpack_state,
+)
+from teleop_drake.laws.gaussian_network import GaussianNetwork, basis_functions
+
+Array = NDArray[np.float64]
+
+
+def SeparateRate(
+    matrices: Array,
+    numbers: Array,
+    centres: Array,
+    widths: Array,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Array:
+    """Returns adaptive_rate() less the share of z in the updates of W1 and Psi."""
+    rate = unpack_state(
+        adaptive_rate(matrices, numbers, centres, widths, x, r, v, v_dd, F_e, F_hd),
+        v.size,
+    )
+    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
+    Phi = basis_functions(r, centres, widths)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    Psi_inv = np.linalg.inv(state.Psi)
+    offset = Psi_inv @ (state.W1 @ Phi + gains.G1 @ s)
+    z = state.F_c - F_e + offset
+    share = (gains.G1.T @ (Psi_inv.T @ z))[:, np.newaxis]
+    W1, Psi = gains.beta1 * share * Phi, gains.beta2 * share * (state.F_c - F_e)
+    # The rates of W1 and Psi stand in alpha' too (4.31, 5.30).
+    F_c = Psi_inv @ (Psi @ offset - W1 @ Phi)
+    return pack_state(
+        rate._replace(F_c=rate.F_c - F_c, W1=rate.W1 - W1, Psi=rate.Psi - Psi)
+    )
+
+
+class SeparateUpdates(AdaptiveBackstepping):
+    """AdaptiveBackstepping with SeparateRate(); all else is the same.
+
+    The limit of Psi (4.53) takes no account of the difference: it must not be reached.
+    """
+
+    def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
+        KernelBlock.__init__(self)
+        self.set_name("separate_updates")
+        self._Declare(gains, network, SeparateRate, adaptive_errors)
+
+
+@dataclass(kw_only=True, eq=False)
+class SeparateUpdatesConfig(AdaptiveBacksteppingConfig):
+    """Chapters 4 and 5 without tuning functions."""
+
+    kind = f"{__name__}:SeparateUpdatesConfig"
+
+    def MakeControlLaw(self, facts: Facts, path: str) -> SeparateUpdates:
+        """Makes the law; see AdaptiveBacksteppingConfig."""
+        return SeparateUpdates(
+            gains=self.Resolve(facts, path), network=self.network.MakeNetwork()
+        )
