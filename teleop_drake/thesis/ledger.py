@@ -34,9 +34,6 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
     """Returns a row for each claim of chapters 3 to 6, in the thesis's order.
 
     The rows of plain alternatives come last; their keys begin with "A-".
-
-    Args:
-        runs: Where the runs of REQUESTS come from; they are started here.
     """
     runs.Prefetch(REQUESTS)
     runs.Prefetch(Alike(), are_alike=True)
@@ -51,11 +48,7 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
 
 
 def FutureWork(runs: ThesisRuns) -> list[Row]:
-    """Returns a row for each claim on future work; their keys begin with "F-".
-
-    Args:
-        runs: Where the runs come from; they are started here.
-    """
+    """Returns a row for each claim on future work; their keys begin with "F-"."""
     runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS])
     runs.Prefetch(EXTENSION_REQUESTS, are_alike=True)
     evidence = Evidence(runs)

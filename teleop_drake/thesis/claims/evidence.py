@@ -42,12 +42,7 @@ class Both(NamedTuple):
         return self.direct.Number(path), self.adaptive.Number(path)
 
     def IsBelow(self, path: str, factor: float = 1.0) -> bool:
-        """Returns whether a metric per axis of adaptive is below factor times direct's.
-
-        Args:
-            path: Name of the metric.
-            factor: How much of direct force's the adaptive one must stay below.
-        """
+        """Returns whether on each axis adaptive's is below factor times direct's."""
         return all(
             a < factor * d
             for a, d in zip(self.adaptive[path], self.direct[path], strict=True)
@@ -64,13 +59,7 @@ class Evidence:
     def __call__(
         self, name: str, kind: Mapping[str, Any] = {}, change: Mapping[str, Any] = {}
     ) -> Run:
-        """Returns a run; the full one if nothing is changed, else a short one.
-
-        Args:
-            name: The task.
-            kind: DIRECT or ADAPTIVE, or what else changes a full run.
-            change: What else differs from the scenario, by dotted paths.
-        """
+        """Returns a run; the full one if nothing is changed, else a short one."""
         overrides = Variant(name, kind, change)[1] if change else dict(kind)
         recording = self._runs(name, **overrides)
         if id(recording) not in self._cache:

@@ -84,9 +84,6 @@ def WithVelocities(recording: Recording) -> np.ndarray:
     """Returns basis functions (T, N) of position and velocity at the samples of a run.
 
     The lattice is that of the run, with five means per axis over its speeds.
-
-    Args:
-        recording: A run of the adaptive controller.
     """
     network = recording.teleoperation.controller.network
     v = recording["tool_velocity"]

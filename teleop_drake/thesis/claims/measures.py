@@ -139,12 +139,7 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray
 
 
 def NetworkOutput(recording: Recording, weights: str) -> np.ndarray:
-    """Returns what a network says (T, n) at the samples of a run.
-
-    Args:
-        recording: A run of the adaptive controller.
-        weights: Name of the signal, weights_1 or weights_3.
-    """
+    """Returns what a network says (T, n) at the samples of a run."""
     Phi = BasisFunctions(recording)
     W = recording[weights].reshape(len(Phi), -1, Phi.shape[1])
     return np.asarray(np.einsum("tnk,tk->tn", W, Phi))

@@ -65,13 +65,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
 def Variant(
     name: str, kind: Mapping[str, Any], change: Mapping[str, Any]
 ) -> tuple[str, dict[str, Any]]:
-    """Returns the short run of a task with a controller and a change.
-
-    Args:
-        name: The task.
-        kind: DIRECT or ADAPTIVE.
-        change: What else differs from the scenario, by dotted paths.
-    """
+    """Returns the short run of a task with a controller and a change."""
     return name, {**kind, **SHORT[name], **change}
 
 

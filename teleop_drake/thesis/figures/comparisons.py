@@ -95,14 +95,7 @@ _QUANTITIES = {
 def ComparisonFigure(
     *, number: str, task: str, about: str, quantity: str
 ) -> ThesisFigure:
-    """Returns a figure that shows a quantity with direct force and adaptive.
-
-    Args:
-        number: As in the thesis.
-        task: The scenario.
-        about: What happens in the task, the first sentence of the caption.
-        quantity: "velocity", "sensed_force", "position" or "control_force".
-    """
+    """Returns a figure that shows a quantity with direct force and adaptive."""
     shown = _QUANTITIES[quantity]
     return ThesisFigure(
         number=number,

@@ -34,14 +34,7 @@ _LEARNED: dict[str, tuple[str, str]] = {
 
 
 def LearnedFigure(*, number: str, task: str, about: str, quantity: str) -> ThesisFigure:
-    """Returns a figure that shows what the adaptive controller learns over time.
-
-    Args:
-        number: As in the thesis.
-        task: The scenario.
-        about: What happens in the task, the first sentence of the caption.
-        quantity: "weights_1", "psi" or "weights_3".
-    """
+    """Returns a figure that shows what the adaptive controller learns over time."""
     title, caption = _LEARNED[quantity]
     return ThesisFigure(
         number=number,

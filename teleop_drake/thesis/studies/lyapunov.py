@@ -124,11 +124,7 @@ def EstimateResidual(recording: Recording) -> Residual:
 
 
 def LyapunovTelemetry(runs: ThesisRuns) -> Study:
-    """Follows V2 where it is exact, and the residual set where it is not.
-
-    Args:
-        runs: Where the runs of the adaptive controller come from.
-    """
+    """Follows V2 where it is exact, and the residual set where it is not."""
     runs.Prefetch((task, ADAPTIVE) for task in _TASKS)
     right = SimulateSyntheticPlant()
     printed = SimulateSyntheticPlant(has_printed_sign=True)

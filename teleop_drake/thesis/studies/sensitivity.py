@@ -101,11 +101,7 @@ _Tried = list[tuple[_Change, _Metrics]]
 
 
 def SensitivityStudy(runs: ThesisRuns) -> Study:
-    """Moves every open parameter of the adaptive controller over a plausible range.
-
-    Args:
-        runs: Where the runs come from; they are started here.
-    """
+    """Moves every open parameter of the adaptive controller over a plausible range."""
     changes = _Changes()
     base_requests = {task: {**ADAPTIVE, **SHORT[task]} for task in _TASKS}
     runs.Prefetch(base_requests.items())

@@ -108,9 +108,6 @@ def SolverStudy(runs: ThesisRuns) -> Study:
     """Looks for the printed collision numbers of direct force in solver tolerances.
 
     Without scipy, whose solver it needs, the study says that it is left out.
-
-    Args:
-        runs: Where the runs with each accuracy come from.
     """
     if importlib.util.find_spec("scipy") is None:
         return Study(
