@@ -39,20 +39,26 @@ Term = tuple[Callable[..., Any] | Name | int, ...] | list[Name] | Name
 class Transition:
     """A change of a block's mode, and with it of its equations.
 
-    It happens as soon as the guard is positive, at an instant that is located. In the
-    new mode the guard must not be positive. Without a guard it happens periodically.
+    It happens as soon as the guard is not negative, at an instant that is located. In
+    the new mode the guard must be negative. Without a guard it happens periodically.
+
+    All transitions at one instant see what was there before any of them. Each changes
+    the elements of the mode in which the new mode differs from that.
 
     Attributes:
         mode: The new mode, a term.
         guard: One number, continuous between jumps, a term; None: periodic.
         period: In s, > 0; infinity: once.
         offset: When a periodic transition happens first, s.
+        is_discrete: Whether it is a discrete update of Drake, which comes after the
+            unrestricted ones at an instant, and sees what they have made.
     """
 
     mode: Term
     guard: Term | None = None
     period: float = math.inf
     offset: float = 0.0
+    is_discrete: bool = False
 
 
 class Packet(NamedTuple):

@@ -76,8 +76,8 @@ def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
     _, m, _ = evaluator.ReadContext(context)
     before, contexts = m.copy(), ContextsIn(evaluator.system, context)
     for _, guard, source, target in program.transitions:
-        if guard is None or y[guard][0] > 0:
-            m[target] = y[source]
+        if guard is None or y[guard][0] >= 0:
+            m[target] = np.where(y[source] != before[target], y[source], m[target])
     for block, part in zip(evaluator.blocks, program.modes, strict=True):
         own = contexts[block.system]
         first = part.start

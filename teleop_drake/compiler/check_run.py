@@ -154,6 +154,6 @@ def _NotHappened(system: System, run: CompiledRun, rows: Array) -> list[str]:
         if (
             transition.offset > _DURATION
             if guard is None
-            else not (rows[:, guard] > 0).any()
+            else not (rows[:, guard] >= 0).any()
         )
     ]

@@ -82,13 +82,6 @@ class CompiledRun:
             x=x,
             m=m,
             y=y,
-            next_times=np.array(
-                [
-                    x.offset if x.guard is None else np.inf
-                    for x, _, _, _ in program.transitions
-                ],
-                float,
-            ),
             time=context.get_time(),
             first_step=0.1 * max_step,
             room=_CHUNK,
@@ -279,10 +272,14 @@ def _Transitions(program: Program) -> Transitions:
     ]
     sources = [source.start for _, _, source, _ in program.transitions]
     targets = [target for _, _, _, target in program.transitions]
+    transitions = [transition for transition, _, _, _ in program.transitions]
+    offsets = [np.inf if x.guard is not None else x.offset for x in transitions]
     return Transitions(
         guards=np.array(guards, np.int64),
         sources=np.array(sources, np.int64),
         targets=np.array([target.start for target in targets], np.int64),
         sizes=np.array([target.stop - target.start for target in targets], np.int64),
-        periods=np.array([x.period for x, _, _, _ in program.transitions], float),
+        periods=np.array([x.period for x in transitions], float),
+        offsets=np.array(offsets, float),
+        are_discrete=np.array([x.is_discrete for x in transitions], np.int64),
     )

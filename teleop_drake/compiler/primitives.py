@@ -147,7 +147,9 @@ def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
         },
         outputs=outputs,
         rate=None if is_discrete else law,
-        transitions={"steps": Transition(mode=law, period=system.time_period())}
+        transitions={
+            "steps": Transition(mode=law, period=system.time_period(), is_discrete=True)
+        }
         if is_discrete and law is not None
         else {},
     )
@@ -216,7 +218,10 @@ def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
         outputs=_Output(system, "mode"),
         transitions={
             "samples": Transition(
-                mode=u, period=system.period(), offset=system.offset()
+                mode=u,
+                period=system.period(),
+                offset=system.offset(),
+                is_discrete=True,
             )
         },
     )

@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DiscreteValues,
     Event,
+    EventStatus,
     LeafSystem,
     State,
     UnrestrictedUpdateEvent,
@@ -30,7 +32,6 @@ from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
     Layer,
     contact_position,
-    layer_index,
     layer_regions,
     layer_row,
     layer_table,
@@ -67,7 +68,9 @@ class LayeredForceField(LeafSystem):
     which the force is continuous; between two regions it jumps. If the Context has
     an accuracy (context.SetAccuracy), the instant at which the tool crosses into
     another region is located by a witness function and the force of a step is
-    computed with the law of one region throughout. Without an accuracy the position
+    computed with the law of one region throughout. A position that jumps is looked at
+    at the end of each step. A tool on a border is in the region that begins there.
+    Without an accuracy the position
     alone decides, also in the middle of a step. A non-smooth point, such as
     touching an undamped spring, needs no event: error control handles it.
 
@@ -106,9 +109,8 @@ class LayeredForceField(LeafSystem):
         LeafSystem.__init__(self)
         _CheckLayers(layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
-        self._normal = UnitNormal(direction, num_axes)
         point = np.zeros(num_axes) if axis_point is None else axis_point
-        self._axis = np.array([self._normal, point], dtype=float)
+        self._axis = np.array([UnitNormal(direction, num_axes), point], dtype=float)
         self._layers = layer_table(layers)
         self._regions = layer_regions(layers)
         # Where no region is kept, the position alone decides: all layers are in one.
@@ -120,10 +122,10 @@ class LayeredForceField(LeafSystem):
             ]
             for regions in (everywhere, self._regions)
         )
-        # Where each region begins and ends.
-        boundaries = self._layers[self._regions[1:, 0], 0].tolist()
-        self._begins = [-math.inf, *boundaries]
-        self._ends = [*boundaries, math.inf]
+        # The last number before each region, and where the next one begins.
+        boundaries = self._layers[self._regions[1:, 0], 0]
+        self._before = np.array([-math.inf, *np.nextafter(boundaries, -math.inf)])
+        self._ends = np.array([*boundaries, math.inf])
 
         self._p = self.DeclareVectorInputPort("tool_position", num_axes)
         self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
@@ -142,17 +144,18 @@ class LayeredForceField(LeafSystem):
             prerequisites_of_calc={self._p.ticket(), *region},
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._SetRegion)
+        self.DeclarePerStepDiscreteUpdateEvent(self._CheckRegion)
         enters_next = self.MakeWitnessFunction(
             "enters_next_region",
             WitnessFunctionDirection.kNegativeThenNonNegative,
             Weakly(self._CalcPastEnd),
-            UnrestrictedUpdateEvent(Weakly(self._EnterNextRegion)),
+            UnrestrictedUpdateEvent(Weakly(self._EnterRegion)),
         )
         enters_previous = self.MakeWitnessFunction(
             "enters_previous_region",
-            WitnessFunctionDirection.kPositiveThenNonPositive,
-            Weakly(self._CalcPastStart),
-            UnrestrictedUpdateEvent(Weakly(self._EnterPreviousRegion)),
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            Weakly(self._CalcBeforeBegin),
+            UnrestrictedUpdateEvent(Weakly(self._EnterRegion)),
         )
         # By the region: there is nothing before the first and behind the last.
         last = len(self._regions) - 1
@@ -181,8 +184,8 @@ class LayeredForceField(LeafSystem):
                 "layers": self._layers,
                 "regions": self._regions,
                 "axis": self._axis,
-                "begins": np.array(self._begins),
-                "ends": np.array(self._ends),
+                "before": self._before,
+                "ends": self._ends,
             },
             outputs={
                 "environment_force": (force_in_region, *law, "tool_velocity"),
@@ -194,7 +197,7 @@ class LayeredForceField(LeafSystem):
                     mode=(next_region, "mode"),
                 ),
                 "enters_previous_region": Transition(
-                    guard=(before_begin, "begins", "mode", "axis", "tool_position"),
+                    guard=(before_begin, "before", "mode", "axis", "tool_position"),
                     mode=(previous_region, "mode"),
                 ),
             },
@@ -216,10 +219,6 @@ class LayeredForceField(LeafSystem):
     def _CalcLayer(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._Evaluate(1, context, self._p.Eval(context)))
 
-    def _EvalX(self, context: Context) -> float:
-        """Returns where the tool is along the axis, in m."""
-        return float(self._p.Eval(context) @ self._normal)
-
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the boundaries of the region, if events are to be located."""
         if context.get_accuracy() is None:
@@ -227,26 +226,31 @@ class LayeredForceField(LeafSystem):
         return self._witnesses[self._GetRegion(context)]
 
     def _CalcPastEnd(self, context: Context) -> float:
-        return float(self._EvalX(context) - self._ends[self._GetRegion(context)])
+        mode = context.get_discrete_state_vector().value()
+        return past_end(self._ends, mode, self._axis, self._p.Eval(context)).item()
 
-    def _CalcPastStart(self, context: Context) -> float:
-        return float(self._EvalX(context) - self._begins[self._GetRegion(context)])
+    def _CalcBeforeBegin(self, context: Context) -> float:
+        mode = context.get_discrete_state_vector().value()
+        position = self._p.Eval(context)
+        return before_begin(self._before, mode, self._axis, position).item()
+
+    def _RegionAtTool(self, context: Context) -> int:
+        x = np.sum(self._p.Eval(context) * self._axis[0])
+        return int(np.searchsorted(self._ends, x, side="right"))
 
     def _SetRegion(self, context: Context, state: State) -> None:
-        region = layer_index(self._begins, self._EvalX(context))
+        region = self._RegionAtTool(context)
         state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
 
-    def _EnterNextRegion(self, context: Context, event: Event, state: State) -> None:
-        self._MoveBy(1, context, state)
+    def _EnterRegion(self, context: Context, event: Event, state: State) -> None:
+        self._SetRegion(context, state)
 
-    def _EnterPreviousRegion(
-        self, context: Context, event: Event, state: State
-    ) -> None:
-        self._MoveBy(-1, context, state)
-
-    def _MoveBy(self, change: int, context: Context, state: State) -> None:
-        region = self._GetRegion(context) + change
-        state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
+    def _CheckRegion(self, context: Context, values: DiscreteValues) -> EventStatus:
+        region = self._RegionAtTool(context)
+        if context.get_accuracy() is None or region == self._GetRegion(context):
+            return EventStatus.DidNothing()
+        values.get_mutable_vector(self._region).SetAtIndex(0, region)
+        return EventStatus.Succeeded()
 
 
 def force_in_region(
@@ -269,9 +273,12 @@ def past_end(ends: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
     return np.array([np.sum(p_WT * axis[0]) - ends[int(mode[0])]])
 
 
-def before_begin(begins: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
-    """Returns how far the tool is before the begin of its region, m."""
-    return np.array([begins[int(mode[0])] - np.sum(p_WT * axis[0])])
+def before_begin(before: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
+    """Returns how far the tool is before the begin of its region, m.
+
+    Not negative from the last number before it: at the begin, the tool is inside.
+    """
+    return np.array([before[int(mode[0])] - np.sum(p_WT * axis[0])])
 
 
 def next_region(mode: Array) -> Array:

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -155,16 +154,6 @@ def layer_regions(layers: Sequence[Layer]) -> NDArray[np.int64]:
             firsts.append(row)
     lasts = [row - 1 for row in firsts[1:]] + [len(layers)]
     return np.column_stack((firsts, lasts))
-
-
-def layer_index(starts: Sequence[float], x: float) -> int:
-    """Returns the index of the layer at x, -1 before the first one.
-
-    Args:
-        starts: Ascending starts of the layers in m.
-        x: Position in m; a start belongs to the layer that begins there.
-    """
-    return bisect_right(starts, x) - 1
 
 
 def is_continuous(before: Layer, after: Layer) -> bool:

@@ -10,9 +10,9 @@ What comes out of a delay is put into y before each evaluation.
 * No step crosses a break: the instant of a transition, and its echoes through the
   delays. The step before a break sees what is before it, the step after it what is
   after it.
-* A transition happens when its guard becomes positive, at an instant that is located
-  on the dense output. A guard that comes near to 0 is looked at within the step as
-  well: it may have been positive for a moment.
+* A transition happens as soon as its guard is not negative, at an instant that is
+  located on the dense output. A guard that comes near to 0 is looked at within the step
+  as well: it may have crossed it for a moment.
 
 All functions here are in the part of Python that machine_code/typed_code compiles.
 """
@@ -29,6 +29,7 @@ from teleop_drake.numerics.delay_problem import (
     IS_STARTED,
     POLYNOMIALS,
     ROWS,
+    SAME,
     STEPS,
     Delays,
     Memory,
@@ -36,10 +37,10 @@ from teleop_drake.numerics.delay_problem import (
 )
 from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.numerics.transitions import (
-    SAME,
     change_modes,
     is_due,
     is_near,
+    next_time,
     note_guards,
 )
 
@@ -101,6 +102,18 @@ def _add_past(
                 share *= (theta - _NODES[b]) / (_NODES[a] - _NODES[b])
         for i in range(size):
             memory.y[first + i] += share * memory.values[low, a, column + i]
+
+
+def _add_sent(
+    s: float, weight: float, d: int, column: int, delays: Delays, memory: Memory
+) -> None:
+    """Adds a signal as it was at an instant before the events there; see _add_past."""
+    if abs(s - memory.clock[2]) <= SAME:
+        for i in range(delays.sizes[d]):
+            value = memory.first_values[column + i]
+            memory.y[delays.outputs[d] + i] += weight * value
+    else:
+        _add_past(s, False, weight, d, column, delays, memory)
 
 
 def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
@@ -178,18 +191,15 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
             s = t - delay_at(t, d, delays)
             _add_past(s, is_after, 1.0, d, column, delays, memory)
         elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
-            _add_past(-math.inf, False, 1.0, d, column, delays, memory)
+            _add_sent(-math.inf, 1.0, d, column, delays, memory)
         else:
             k = memory.next_packets[d] - 1
             shown, sent = delays.packets[k, 0], delays.packets[k, 1]
             previous, slope = delays.packets[k, 2], 0.0
             if previous > -math.inf:
                 slope = (t - shown) / (sent - previous)
-                is_first = previous <= memory.clock[2] + SAME
-                _add_past(previous, is_first, -slope, d, column, delays, memory)
-            # What was sent at an instant is what was there before its events.
-            is_first = sent <= memory.clock[2] + SAME
-            _add_past(sent, is_first, 1.0 + slope, d, column, delays, memory)
+                _add_sent(previous, -slope, d, column, delays, memory)
+            _add_sent(sent, 1.0 + slope, d, column, delays, memory)
         column += size
 
 
@@ -339,8 +349,6 @@ def _settle(
             order = 0
         _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
-        if not is_due(problem.transitions, memory):
-            break
     if order >= 0:
         _record(t, memory)
         _add_echoes(t, order, problem.delays, memory)
@@ -374,16 +382,16 @@ def _let_happen(
     _keep_node(0, delays, memory)
 
 
-def _next_stop(t_end: float, delays: Delays, memory: Memory) -> float:
+def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
     """Returns where the step has to end at the latest."""
-    stop = t_end
+    stop, delays, transitions = t_end, problem.delays, problem.transitions
     for d in range(len(delays.times)):
         if memory.next_packets[d] < delays.packet_ranges[d, 1]:
             stop = min(stop, delays.packets[memory.next_packets[d], 0])
     for i in range(memory.counts[BREAKS]):
         stop = min(stop, memory.breaks[i, 0])
-    for k in range(len(memory.next_times)):
-        stop = min(stop, memory.next_times[k])
+    for k in range(len(memory.ticks)):
+        stop = min(stop, next_time(k, transitions, memory))
     return stop
 
 
@@ -424,7 +432,7 @@ def _find_moment(
     problem: Problem,
     memory: Memory,
 ) -> float:
-    """Returns a share of the step at which a guard is positive, 1 if there is none."""
+    """Returns a share of the step at which a guard is due, 1 if there is none."""
     t = memory.clock[0]
     for node in range(1, 2 * len(_NODES)):
         share = node / (2 * len(_NODES))
@@ -445,7 +453,7 @@ def _locate(
     problem: Problem,
     memory: Memory,
 ) -> float:
-    """Returns the share of the step after which a guard is positive, at most `high`."""
+    """Returns the share of the step after which a guard is due, at most `high`."""
     t = memory.clock[0]
     low = 0.0
     while (high - low) * h > SAME:
@@ -470,6 +478,8 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
     clock[2] = clock[0]
+    _keep_node(0, delays, memory)
+    _copy(memory.values[0, 0], memory.first_values)
     _show_packets(clock[0], delays, memory)
     _settle(evaluate, 0, problem, memory)
     note_guards(True, problem.transitions, memory)
@@ -536,7 +546,7 @@ def advance(
         if _is_full(delays, memory):
             return FULL
         t = clock[0]
-        stop = _next_stop(t_end, delays, memory)
+        stop = _next_stop(t_end, problem, memory)
         if stop - t <= SAME:  # What the call before has left, at its very end.
             _let_happen(evaluate, problem, memory)
             continue

@@ -8,6 +8,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+SAME = 1e-12
+"""Instants closer together than this, in s, are one."""
+
+TIE = 1e-6
+"""Of two periodic instants that differ by less than this share of a period, the second
+one happens with the first: 15 * 0.02 is less than 3 * 0.1."""
+
 
 class Delays(NamedTuple):
     """What is delayed; d delays of w numbers in all.
@@ -50,7 +57,9 @@ class Transitions(NamedTuple):
         sources: Where in y the new mode begins (k).
         targets: Where in m it belongs (k).
         sizes: How many numbers it has (k).
-        periods: Of the periodic ones in s (k).
+        periods: Of the periodic ones in s (k); infinity: once.
+        offsets: When the periodic ones happen first, s (k); infinity for others.
+        are_discrete: 1 for what happens after the others at an instant, 0 for those.
     """
 
     guards: Indices
@@ -58,6 +67,8 @@ class Transitions(NamedTuple):
     targets: Indices
     sizes: Indices
     periods: Array
+    offsets: Array
+    are_discrete: Indices
 
 
 class Problem(NamedTuple):
@@ -85,18 +96,20 @@ class Memory(NamedTuple):
             first stage is known (6).
         x: Continuous state.
         m: Discrete state.
+        m_before: The same before the transitions under way.
         y: Signals; what is fed from outside is there beforehand.
         stages: Rates at the stages of a step (7, n).
         x_stage: State at a stage (n).
         x_next: State at the end of the step (n).
         dx: A rate that is not a stage's (n).
         next_packets: The next packet that will be shown of each delay (d).
-        next_times: When each periodic transition happens next, s (k).
+        ticks: The number of each periodic transition's next instant (k).
         guards: What each guard was at the begin of the step, and of the one before if
             nothing happened in between (k, 2).
         breaks: Time and order of the breaks ahead (b, 2).
         steps: Begin and end of each polynomial in s (c, 2).
         values: Delayed signals at the nodes (c, 5, w).
+        first_values: Delayed signals before anything has happened (w).
         row_times: Times of the recorded rows (r).
         rows: Signals of the recorded rows (r, y).
     """
@@ -105,17 +118,19 @@ class Memory(NamedTuple):
     counts: Indices
     x: Array
     m: Array
+    m_before: Array
     y: Array
     stages: Array
     x_stage: Array
     x_next: Array
     dx: Array
     next_packets: Indices
-    next_times: Array
+    ticks: Indices
     guards: Array
     breaks: Array
     steps: Array
     values: Array
+    first_values: Array
     row_times: Array
     rows: Array
 
@@ -130,7 +145,6 @@ def make_memory(
     x: Array,
     m: Array,
     y: Array,
-    next_times: Array,
     time: float = 0.0,
     first_step: float = 1e-3,
     room: int = 512,
@@ -143,29 +157,33 @@ def make_memory(
         x: Continuous state.
         m: Discrete state.
         y: Signals, with what is fed from outside.
-        next_times: When each periodic transition happens first, s; infinity for others.
-        time: In s.
+        time: In s. What is due before has happened.
         first_step: Length of the first step in s.
         room: For how many polynomials and rows.
         room_for_breaks: For how many breaks.
     """
     n, width = len(x), len(problem.delays.initial_values)
+    transitions, periods = problem.transitions, problem.transitions.periods
+    gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
+    ticks = np.where(periods < np.inf, np.ceil(gone / periods - TIE), gone > SAME)
     return Memory(
         clock=np.array([time, first_step, time]),
         counts=np.zeros(6, np.int64),
         x=x,
         m=m,
+        m_before=m.copy(),
         y=y,
         stages=np.zeros((7, n)),
         x_stage=np.zeros(n),
         x_next=np.zeros(n),
         dx=np.zeros(n),
         next_packets=problem.delays.packet_ranges[:, 0].copy(),
-        next_times=next_times,
-        guards=np.zeros((len(next_times), 2)),
+        ticks=np.maximum(ticks, 0).astype(np.int64),
+        guards=np.zeros((len(ticks), 2)),
         breaks=np.zeros((room_for_breaks, 2)),
         steps=np.zeros((room, 2)),
         values=np.zeros((room, 5, width)),
+        first_values=np.zeros(width),
         row_times=np.zeros(room),
         rows=np.zeros((room, len(y))),
     )

@@ -5,14 +5,20 @@ All functions here are in the part of Python that machine_code/typed_code compil
 
 import math
 
-from teleop_drake.numerics.delay_problem import Memory, Transitions
+from teleop_drake.numerics.delay_problem import SAME, TIE, Memory, Transitions
 
-SAME = 1e-12
-"""Instants closer together than this, in s, are one."""
+
+def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
+    """Returns when a periodic transition happens next, s; infinity for others.
+
+    Periods are not added up, so that nothing drifts.
+    """
+    ticks, time = memory.ticks[k], float(transitions.offsets[k])
+    return time + ticks * transitions.periods[k] if ticks > 0 else time
 
 
 def is_due(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard is positive.
+    """Returns whether a guard is not negative.
 
     Args:
         transitions: All of them.
@@ -20,7 +26,7 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
     """
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
-        if place >= 0 and memory.y[place] > 0:
+        if place >= 0 and memory.y[place] >= 0:
             return True
     return False
 
@@ -28,26 +34,38 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
 def change_modes(transitions: Transitions, memory: Memory) -> bool:
     """Makes the transitions that are due; returns whether there were any.
 
+    All see what was there before any of them, and each changes the elements in which
+    its new mode differs from that. Discrete updates wait until nothing else is due.
+
     Args:
         transitions: All of them.
         memory: Its y has the guards and the new modes.
     """
     t = memory.clock[0]
     has_changed = False
-    for k in range(len(transitions.guards)):
-        place = transitions.guards[k]
-        if place >= 0:
-            is_due = memory.y[place] > 0
-        else:
-            is_due = abs(memory.next_times[k] - t) <= SAME
+    for is_discrete in range(2):
+        if has_changed:
+            break
+        for k in range(len(transitions.guards)):
+            if transitions.are_discrete[k] != is_discrete:
+                continue
+            place, period = transitions.guards[k], transitions.periods[k]
+            if place >= 0:
+                is_due = memory.y[place] >= 0
+            else:
+                tie = max(SAME, TIE * period) if period < math.inf else SAME
+                is_due = abs(next_time(k, transitions, memory) - t) <= tie
+                if is_due:
+                    memory.ticks[k] += 1
             if is_due:
-                memory.next_times[k] += transitions.periods[k]
-        if is_due:
-            has_changed = True
-            for i in range(transitions.sizes[k]):
-                memory.m[transitions.targets[k] + i] = memory.y[
-                    transitions.sources[k] + i
-                ]
+                has_changed = True
+                for i in range(transitions.sizes[k]):
+                    element = transitions.targets[k] + i
+                    value = memory.y[transitions.sources[k] + i]
+                    if value != memory.m_before[element]:
+                        memory.m[element] = value
+    for i in range(len(memory.m)):
+        memory.m_before[i] = memory.m[i]
     return has_changed
 
 
@@ -68,7 +86,7 @@ def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> N
 
 
 def is_near(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard may have been positive within the step.
+    """Returns whether a guard may have ceased to be negative within the step.
 
     Then it is as near to 0 at the end as it has changed in this step and the last one.
     A guard on its way back has changed in the one or in the other.
@@ -84,6 +102,6 @@ def is_near(transitions: Transitions, memory: Memory) -> bool:
         if place >= 0 and memory.y[place] > -math.inf:
             change = abs(memory.y[place] - guards[k, 0])
             change += abs(guards[k, 0] - guards[k, 1])
-            if memory.y[place] + change > 0:
+            if memory.y[place] + change >= 0:
                 return True
     return False

@@ -21,6 +21,7 @@ from teleop_drake.environments import LayerConfig, Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.operators import Surgeon
 from teleop_drake.operators.modes import past_surface, with_stop
+from teleop_drake.operators.trapezoid import TrapezoidConfig
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram, simulate
 from teleop_drake.systems.channel_energy import ChannelEnergy
@@ -109,9 +110,17 @@ def surgeon():
     )
 
 
+def stopped_when_it_stays():
+    """Two transitions at one instant."""
+    return TrapezoidConfig(
+        velocity=[1.0, 2.0], contact_force=[1.0, 2.0], rise_time=0.5, stop_time=0.5
+    ).MakeOperator(start=[0.0, 0.0])
+
+
 # What changes its mode, or delays, and is therefore run.
 BLOCKS = {
     "surgeon": surgeon,
+    "trapezoid": stopped_when_it_stays,
     "layers": lambda: LayeredForceField(layers=layers(), num_axes=2),
     "transport": lambda: TransportDelay(delay=0.3, size=2, initial_value=[1, 2]),
     "sampled": lambda: SampledDelay(delay=0.3, size=2, sample_period=0.07),

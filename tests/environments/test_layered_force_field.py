@@ -15,9 +15,14 @@ from pydrake.systems.primitives import (
     Gain,
     Integrator,
 )
+from sources import Step
 
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.environments.layered_force_field import (
+    LayeredForceField,
+    before_begin,
+    past_end,
+)
 from teleop_drake.scenario import LayerConfig
 
 
@@ -191,6 +196,35 @@ def test_initial_region_follows_the_initial_position():
     context = dut.GetMyContextFromRoot(simulator.get_context())
     assert context.get_discrete_state_vector()[0] == 1
     assert dut.GetOutputPort("environment_force").Eval(context)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "region"),
+    [(0.5, 1.0, 1), (1.5, 1.0, 1), (1.5, np.nextafter(1.0, 0.0), 0), (0.5, 2.5, 2)],
+)
+def test_a_position_that_jumps(before, after, region):
+    """On a border the tool is in the layer that begins there, in both engines."""
+    layers = [
+        LayerConfig(name="air", start=-math.inf),
+        LayerConfig(name="gel", start=1.0, stiffness=1.0, reference=0.0),
+        LayerConfig(name="bone", start=2.0, stiffness=9.0, reference=0.0),
+    ]
+    builder = DiagramBuilder()
+    dut = builder.AddSystem(LayeredForceField(layers=layers, num_axes=1))
+    step = builder.AddSystem(Step(time=0.1, before=[before], after=[after]))
+    for name in ("tool_position", "tool_velocity"):
+        builder.Connect(step.get_output_port(), dut.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_context().SetAccuracy(1e-6)
+    simulator.AdvanceTo(0.2)
+    context = dut.GetMyContextFromRoot(simulator.get_context())
+    assert context.get_discrete_state_vector()[0] == region
+    parameters = dut.Kernel().parameters
+    p_WT, axis = np.array([after]), parameters["axis"]
+    for mode in map(np.array, ([0], [1], [2])):
+        is_past = past_end(parameters["ends"], mode, axis, p_WT) >= 0
+        is_before = before_begin(parameters["before"], mode, axis, p_WT) >= 0
+        assert [is_past, is_before] == [mode < region, mode > region]
 
 
 def test_feedthrough():

@@ -9,7 +9,6 @@ from teleop_drake.laws.layered_force import (
     contact_position,
     is_continuous,
     layer_force,
-    layer_index,
     puncture_position,
 )
 
@@ -33,17 +32,6 @@ def test_thesis_values():
     # The force at the puncture: 0.01 N/m 7.5 mm + 0.5 N s/m 1 mm/s.
     assert layer_force(TISSUE, 0.0075, 0.001) == pytest.approx(5.75e-4, rel=1e-12)
     assert layer_force(BONE, 0.016, 1.0) == pytest.approx(0.15)
-
-
-def test_layer_index():
-    starts = [0.0, 1.0, 2.0]
-    assert [layer_index(starts, x) for x in (-1.0, 0.0, 0.5, 1.0, 9.0)] == [
-        -1,
-        0,
-        0,
-        1,
-        2,
-    ]
 
 
 def test_continuity():

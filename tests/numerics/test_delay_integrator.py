@@ -33,6 +33,8 @@ NO_TRANSITIONS = Transitions(
     targets=np.empty(0, dtype=int),
     sizes=np.empty(0, dtype=int),
     periods=np.empty(0),
+    offsets=np.empty(0),
+    are_discrete=np.empty(0, dtype=int),
 )
 
 
@@ -47,7 +49,6 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
         x=np.array(x, dtype=float),
         m=np.array(m, dtype=float),
         y=np.zeros(num_signals),
-        next_times=problem.transitions.periods.copy(),
         room=room,
     )
 
@@ -152,6 +153,8 @@ def test_a_moment_within_a_step_is_found():
         targets=np.array([0]),
         sizes=one,
         periods=np.array([np.inf]),
+        offsets=np.array([np.inf]),
+        are_discrete=np.array([0]),
     )
     problem = MakeProblem(transitions=transitions)
     memory = MakeMemory([0.0, 1.0], m=[0.0], num_signals=2, problem=problem)
@@ -171,6 +174,8 @@ def test_a_transition_is_located():
         targets=np.array([0]),
         sizes=np.array([1]),
         periods=np.array([math.inf]),
+        offsets=np.array([math.inf]),
+        are_discrete=np.array([0]),
     )
     problem = MakeProblem(transitions=transitions)
     memory = MakeMemory([0.0], m=[0.0], num_signals=2, problem=problem)

@@ -3,7 +3,12 @@
 import numpy as np
 
 from teleop_drake.numerics import delay_problem
-from teleop_drake.numerics.delay_problem import Delays, Problem, make_memory
+from teleop_drake.numerics.delay_problem import (
+    Delays,
+    Problem,
+    Transitions,
+    make_memory,
+)
 
 
 def test_the_counts_have_places_of_their_own():
@@ -26,12 +31,21 @@ def test_there_is_room_for_what_is_kept():
         knots=np.empty(0),
         coefficients=np.empty((0, 8)),
     )
+    places = np.zeros(4, int)
+    transitions = Transitions(
+        guards=np.array([0, -1, -1, -1]),
+        sources=places,
+        targets=places,
+        sizes=places,
+        periods=np.array([np.inf, 0.3, np.inf, np.inf]),
+        offsets=np.array([np.inf, 0.0, 1.9, 2.1]),
+        are_discrete=places,
+    )
     memory = make_memory(
-        Problem(np.empty(0), np.empty(0, int), delays, None),
+        Problem(np.empty(0), np.empty(0, int), delays, transitions),
         x=np.zeros(4),
         m=np.zeros(1),
         y=np.zeros(10),
-        next_times=np.empty(0),
         time=2.0,
         room=30,
     )
@@ -40,3 +54,5 @@ def test_there_is_room_for_what_is_kept():
     assert memory.rows.shape == (30, 10)
     assert memory.stages.shape == (7, 4)
     assert memory.next_packets.tolist() == [0, 0]
+    # With a guard; every 0.3 s; once and gone; once and to come.
+    assert memory.ticks.tolist() == [0, 7, 1, 0]

@@ -10,7 +10,7 @@ import runs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_drake.laws.layered_force import layer_force, layer_index
+from teleop_drake.laws.layered_force import layer_force
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
@@ -84,7 +84,8 @@ def Record(
     for phase in phases:
         t = steps(phase.duration)
         # A phase ends on its own side of a border.
-        index = layer_index(starts, float(phase.x(np.array(phase.duration / 2))))
+        middle = float(phase.x(np.array(phase.duration / 2)))
+        index = int(np.searchsorted(starts, middle, side="right")) - 1
         times.append(begin + t)
         for k in range(len(t)):
             x, v, a, F_c, F_hd = (
