@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.ticks import DoNothing
 from teleop_drake.validation import CheckNumber, Refuse
 
 # Drake stretches a step by up to one per cent to end it on an event.
@@ -98,9 +99,7 @@ class DelayLine(LeafSystem):
             },
         )
         if max_sample_interval < math.inf:
-            self.DeclarePeriodicPublishEvent(
-                max_sample_interval, 0.0, lambda context: EventStatus.DidNothing()
-            )
+            self.DeclarePeriodicPublishEvent(max_sample_interval, 0.0, DoNothing)
         self.DeclarePerStepUnrestrictedUpdateEvent(self._RecordBeforeEvents)
         self.DeclarePerStepDiscreteUpdateEvent(self._RecordAfterEvents)
 

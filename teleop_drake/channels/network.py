@@ -9,7 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    EventStatus,
+    LeafSystem,
+    State,
+)
 
 from teleop_drake.channels.base import ConstantDelay
 from teleop_drake.channels.delay_line import CheckChannel
@@ -22,6 +28,8 @@ from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
 from teleop_drake.kernel import Delay, Kernel, Packet
+from teleop_drake.numerics.delay_problem import TIE
+from teleop_drake.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -105,11 +113,12 @@ class NetworkDelay(LeafSystem):
     State: the packet shown and those under way (one abstract value). The random
     numbers are no state: they are functions of the packet's number.
 
-    Jumps: packets are sent in a periodic unrestricted update. They arrive at times of
-    their own, which no event of Drake marks: a step should end at NextJumpTime(), as
-    simulate() makes it, or the integrator has to find the jump by refusing steps. At
-    the very instant the output keeps the value before the jump until the unrestricted
-    update at the end of that step, so blocks that record jumps see both sides.
+    Jumps: packets are sent in an unrestricted update, with what was there before other
+    updates at the same instant; see ticks. They arrive at times of their own, which no
+    event of Drake marks: a step should end at NextJumpTime(), as simulate() makes it,
+    or the integrator has to find the jump by refusing steps. At the very instant the
+    output keeps the value before the jump until the unrestricted update at the end of
+    that step, so blocks that record jumps see both sides.
 
     Initial value: `initial_value` is delivered until the first packet is shown.
 
@@ -162,9 +171,8 @@ class NetworkDelay(LeafSystem):
                 self.abstract_state_ticket(self._packets),
             },
         )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(
-            network.sample_period, 0.0, self._Send
-        )
+        self._tie = TIE * network.sample_period
+        DeclareTicks(self, Ticks(network.sample_period), self._Send)
         self.DeclarePerStepUnrestrictedUpdateEvent(self._Deliver)
 
     def Kernel(self) -> Kernel:
@@ -221,30 +229,30 @@ class NetworkDelay(LeafSystem):
         )
 
     def _Send(self, context: Context, state: State) -> None:
-        # Both updates may happen at once; the second one goes on from the first.
-        packets = state.get_abstract_state(self._packets).get_value()
-        time = context.get_time()
-        k = round(time / self._network.sample_period)
+        packets = context.get_abstract_state(self._packets).get_value()
+        k = round(context.get_time() / self._network.sample_period)
         shown = self._network.Shown(k, self._receiver)
-        packet = _Packet(time, tuple(self._signal.Eval(context).tolist()))
+        sent = k * self._network.sample_period
+        packet = _Packet(sent, tuple(self._signal.Eval(context).tolist()))
         is_line = self._receiver.policy == "extrapolate"
         state.get_mutable_abstract_state(self._packets).set_value(
-            packets.Send(k, packet, shown, is_line=is_line).Deliver(time)
+            packets.Send(k, packet, shown, is_line=is_line)
         )
 
-    def _Deliver(self, context: Context, state: State) -> None:
+    def _Deliver(self, context: Context, state: State) -> EventStatus:
+        # What is sent now may be delivered now.
         packets = state.get_abstract_state(self._packets).get_value()
-        time = context.get_time()
-        if len(packets.times) > 1 and packets.times[1] <= time:
-            state.get_mutable_abstract_state(self._packets).set_value(
-                packets.Deliver(time)
-            )
+        now = context.get_time() + self._tie
+        if len(packets.times) == 1 or packets.times[1] > now:
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(self._packets).set_value(packets.Deliver(now))
+        return EventStatus.Succeeded()
 
     def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
         packets = context.get_abstract_state(self._packets).get_value()
         time = context.get_time()
         # What arrives now is shown once the step has ended here.
-        i = max(bisect_left(packets.times, time) - 1, 0)
+        i = max(bisect_left(packets.times, time - self._tie) - 1, 0)
         packet = packets.packets[i]
         if packet.slope is None:
             output.SetFromVector(packet.value)

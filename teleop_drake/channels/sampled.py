@@ -14,6 +14,8 @@ from teleop_drake.channels.base import (
 )
 from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.kernel import Delay, Kernel, Packet
+from teleop_drake.numerics.delay_problem import TIE
+from teleop_drake.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 
@@ -32,9 +34,10 @@ class SampledDelay(LeafSystem):
     | out  | delayed_signal | size | of signal |
 
     State (discrete): the packets under way, newest first (floor(delay / h) + 1
-    packets of `size`), and the packet that is held (size). Both change in periodic
-    unrestricted updates, so blocks that record jumps see them. NextJumpTime() tells
-    simulate() when to record both sides of a jump.
+    packets of `size`), and the packet that is held (size). Both change in unrestricted
+    updates, so blocks that record jumps see them; see ticks. A packet carries what was
+    there before other updates at the same instant. NextJumpTime() tells simulate() when
+    to record both sides of a jump.
 
     Initial value: `initial_value` is delivered until the first packet, sent at
     t = 0, arrives.
@@ -68,8 +71,7 @@ class SampledDelay(LeafSystem):
         if 0 < delay < sample_period:
             Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
         self._size = size
-        self._period = sample_period if delay > 0 else math.inf
-        self._offset = 0.0
+        self._delay = delay
         self._signal = self.DeclareVectorInputPort("signal", size)
         if delay == 0:
             self.DeclareVectorOutputPort(
@@ -80,8 +82,11 @@ class SampledDelay(LeafSystem):
             )
             return
         # The margin keeps 0.1 / 0.01 at ten whole periods.
-        num_periods = math.floor(delay / sample_period + 1e-9)
-        offset = max(delay - num_periods * sample_period, 0.0)
+        num_periods = math.floor(delay / sample_period + TIE)
+        self._sends = Ticks(sample_period)
+        offset = delay - num_periods * sample_period
+        is_late = offset > TIE * sample_period
+        self._delivers = Ticks(sample_period, offset if is_late else 0.0)
         initial = np.zeros(size) if initial_value is None else np.array(initial_value)
         self._num_periods, self._initial_value = num_periods, initial.tolist()
         self._packets = self.DeclareDiscreteState(np.tile(initial, num_periods + 1))
@@ -92,20 +97,12 @@ class SampledDelay(LeafSystem):
             self._CopyHeld,
             prerequisites_of_calc={self.discrete_state_ticket(self._held)},
         )
-        if offset < 1e-9 * sample_period:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(
-                sample_period, 0.0, self._SendAndDeliver
-            )
-        else:
-            self._offset = offset
-            self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Send)
-            self.DeclarePeriodicUnrestrictedUpdateEvent(
-                sample_period, offset, self._Deliver
-            )
+        DeclareTicks(self, self._sends, self._Send)
+        DeclareTicks(self, self._delivers, self._Deliver)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
-        if self._period == math.inf:
+        if self._delay == 0:
             return Kernel(outputs={"delayed_signal": "signal"})
         return Kernel(
             delays=[
@@ -120,8 +117,8 @@ class SampledDelay(LeafSystem):
 
     def _Packets(self, end: float) -> list[Packet]:
         """Returns the packets that are shown until a time."""
-        h = self._period
-        late = self._num_periods * h + self._offset
+        h = self._sends.period
+        late = self._num_periods * h + self._delivers.offset
         count = max(math.floor((end - late) / h + 1), 0)
         return [Packet(shown=k * h + late, sent=k * h) for k in range(count)]
 
@@ -131,13 +128,9 @@ class SampledDelay(LeafSystem):
         Args:
             context: The Context of this block.
         """
-        if self._period == math.inf:
+        if self._delay == 0:
             return math.inf
-        time: float = context.get_time()
-        k = max(math.floor((time - self._offset) / self._period), 0)
-        while (tick := self._offset + k * self._period) <= time:
-            k += 1
-        return tick
+        return self._delivers.After(context.get_time())
 
     def _Send(self, context: Context, state: State) -> None:
         packets = context.get_discrete_state(self._packets).CopyToVector()
@@ -146,13 +139,7 @@ class SampledDelay(LeafSystem):
         )
 
     def _Deliver(self, context: Context, state: State) -> None:
-        packets = context.get_discrete_state(self._packets).CopyToVector()
-        state.get_mutable_discrete_state(self._held).SetFromVector(
-            packets[-self._size :]
-        )
-
-    def _SendAndDeliver(self, context: Context, state: State) -> None:
-        self._Send(context, state)
+        # What is sent now may be delivered now.
         packets = state.get_mutable_discrete_state(self._packets).CopyToVector()
         state.get_mutable_discrete_state(self._held).SetFromVector(
             packets[-self._size :]

@@ -24,6 +24,7 @@ from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.linear_part import HeldForce, LinearPart
+from teleop_drake.ticks import DoNothing
 from teleop_drake.validation import CheckNumber, CheckVector, Refuse
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ class ModalOperator(KernelBlock):
         if stop_time is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
         for first, period in self._ends:
-            self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, _DoNothing)
+            self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, DoNothing)
         self._witnesses = []
         if self._surface is not None:
             self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
@@ -255,10 +256,6 @@ def _CheckSurfaceAndStop(
         CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
     if stop_time is not None:
         CheckNumber("stop_time", stop_time, "s", minimum=0)
-
-
-def _DoNothing(context: Context) -> EventStatus:
-    return EventStatus.DidNothing()
 
 
 def mode_vector(state: Array) -> Array:

@@ -1,6 +1,5 @@
 """A sensor that is read at a fixed rate."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +9,7 @@ from pydrake.systems.framework import Context, State
 from teleop_drake.kernel import Kernel, Transition
 from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.actuators import next_sample
+from teleop_drake.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 SHORTEST_PERIOD = 1e-6
@@ -33,8 +33,9 @@ class SampledSensor(KernelBlock):
     | out  | rate   | n    | of signal per s |
 
     State (discrete): [number of samples so far; sample; rate; random generators]
-    (1 + 4n), which changes in periodic unrestricted updates, so blocks that record
-    jumps see them.
+    (1 + 4n), which changes in unrestricted updates, so blocks that record jumps see
+    them; see ticks. What it samples is what was there before other updates at the same
+    instant.
 
     Initial value: `initial_value` and no rate, until the sample at t = 0, whose rate is
     0 as well. Direct feedthrough: none.
@@ -70,7 +71,7 @@ class SampledSensor(KernelBlock):
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         n = self._n = len(initial_value)
-        self._period = sample_period
+        self._ticks = Ticks(sample_period)
         self._law = float(resolution), float(noise), float(sample_period)
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
@@ -79,7 +80,7 @@ class SampledSensor(KernelBlock):
             [0.0, *initial_value, *[0.0] * n, *generator.astype(float)]
         )
         self.DeclareOutputs(sample=n, rate=n)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period, 0.0, self._Sample)
+        DeclareTicks(self, self._ticks, self._Sample)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -90,7 +91,8 @@ class SampledSensor(KernelBlock):
             outputs={"sample": ("mode", 1, 1 + n), "rate": ("mode", 1 + n, 1 + 2 * n)},
             transitions={
                 "samples": Transition(
-                    mode=(next_sample, "mode", "signal", *names), period=self._period
+                    mode=(next_sample, "mode", "signal", *names),
+                    period=self._ticks.period,
                 )
             },
         )
@@ -101,11 +103,7 @@ class SampledSensor(KernelBlock):
         Args:
             context: The Context of this block.
         """
-        time: float = context.get_time()
-        k = max(math.floor(time / self._period), 0)
-        while k * self._period <= time:
-            k += 1
-        return k * self._period
+        return self._ticks.After(context.get_time())
 
     def _Sample(self, context: Context, state: State) -> None:
         mode = context.get_discrete_state_vector().CopyToVector()

@@ -1,0 +1,69 @@
+"""Periodic updates of blocks. At one instant, all see what was there before them.
+
+Drake computes when a periodic event happens in floating point, and 15 * 0.02 is less
+than 3 * 0.1: of two blocks that sample every 20 and 100 ms, the second one would see
+what the first one has just made, or not, as the rounding has it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from teleop_drake.callbacks import Weakly
+from teleop_drake.numerics.delay_problem import TIE
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The instants offset + k period in s, k = 0, 1, ..."""
+
+    period: float
+    offset: float = 0.0
+
+    def At(self, time: float) -> int | None:
+        """Returns the number of the tick at a time (s), None if there is none."""
+        ticks = (time - self.offset) / self.period
+        k = round(ticks)
+        return k if k >= 0 and abs(ticks - k) <= TIE else None
+
+    def After(self, time: float) -> float:
+        """Returns when the first tick after a time (s) is, s."""
+        ticks = (time - self.offset) / self.period
+        return self.offset + max(math.floor(ticks + TIE) + 1, 0) * self.period
+
+
+def DeclareTicks(
+    block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None]
+) -> None:
+    """Declares an unrestricted update at each tick.
+
+    A step of the solver ends at each. The update is made at the end of the first step
+    that ends at the tick but for a share TIE of the period, such as a step that ends at
+    another block's tick: together with that one's update.
+
+    Args:
+        block: What is updated. The number of the last tick is an abstract state of it.
+        ticks: When.
+        update: A method of the block, as Drake calls it.
+    """
+    last = block.DeclareAbstractState(AbstractValue.Make(-1))
+    weak_update = Weakly(update)
+
+    def Update(context: Context, state: State) -> EventStatus:
+        k = ticks.At(context.get_time())
+        if k is None or k == context.get_abstract_state(last).get_value():
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(last).set_value(k)
+        weak_update(context, state)
+        return EventStatus.Succeeded()
+
+    block.DeclarePeriodicPublishEvent(ticks.period, ticks.offset, DoNothing)
+    block.DeclarePerStepUnrestrictedUpdateEvent(Update)
+
+
+def DoNothing(context: Context) -> EventStatus:
+    """Does nothing: the event is there for a step to end at it."""
+    return EventStatus.DidNothing()

@@ -1,0 +1,168 @@
+"""Samplers and packets at one instant, in both engines, against exact arithmetic."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Integrator,
+    Sine,
+    ZeroOrderHold,
+)
+
+from teleop_drake.channels.delay_profile import DelayProfile
+from teleop_drake.channels.network import NetworkDelay
+from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.environments import Surface
+from teleop_drake.operators import Surgeon
+from teleop_drake.systems.sampled_sensor import SampledSensor
+from teleop_drake.ticks import Ticks
+
+
+def sensor(h):
+    return SampledSensor(sample_period=h, initial_value=[0.0])
+
+
+def hold(h):
+    return ZeroOrderHold(h, 1)
+
+
+def sampled(h):
+    return SampledDelay(delay=h, sample_period=h, size=1)
+
+
+def network(h, delay=0.0):
+    profile = DelayProfile(delay=delay)
+    return NetworkDelay(network=PacketNetwork(profile=profile, sample_period=h), size=1)
+
+
+def in_both_engines(diagram, output, start, times):
+    """Yields the output of the diagram's block at each time, in Drake and compiled."""
+    simulator = Simulator(diagram)
+    simulator.get_mutable_context().SetTime(start)
+    own = output.get_system().GetMyContextFromRoot(simulator.get_context())
+    context = diagram.CreateDefaultContext()
+    context.SetTime(start)
+    run = CompiledRun(
+        diagram,
+        context,
+        end=times[-1],
+        accuracy=1e-9,
+        max_step=1.0,
+        as_machine_code=False,
+    )
+    signals = run.evaluator.program.signals
+    blocks = [block.system for block in run.evaluator.blocks]
+    place = next(
+        part
+        for source, part in signals.items()
+        if blocks[source.block] is output.get_system()
+        and source.port == output.get_name()
+    )
+    for time in times:
+        simulator.AdvanceTo(time)
+        _, rows = run.Advance(time)
+        yield output.Eval(own).item(), rows[-1, place].item()
+
+
+def newest(h, time, start, *, is_before):
+    """Returns the newest multiple of h before a time, or at it; None before start."""
+    k = math.ceil(time / h) - 1 if is_before else math.floor(time / h)
+    return k * h if k * h >= start else None
+
+
+@pytest.mark.parametrize(
+    ("h_1", "h_2", "start", "end"),
+    [
+        ("0.02", "0.1", "0", "1.2"),
+        ("0.1", "0.3", "0", "4"),
+        ("0.3", "0.1", "0", "4"),
+        ("0.001", "0.01", "11.66", "11.76"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("first", "second", "late"),
+    [
+        (sensor, sampled, 1),
+        (sensor, network, 0),
+        (hold, sampled, 1),
+        # A discrete update of Drake's sees what unrestricted ones have made.
+        (sensor, hold, 0),
+    ],
+)
+def test_updates_at_one_instant_see_what_was_there_before(
+    first, second, late, h_1, h_2, start, end
+):
+    builder = DiagramBuilder()
+    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
+    one = builder.AddNamedSystem("one", first(float(h_1)))
+    two = builder.AddNamedSystem("two", second(float(h_2)))
+    builder.Connect(sine.get_output_port(0), one.get_input_port())
+    builder.Connect(one.get_output_port(0), two.get_input_port())
+    output = two.get_output_port()
+    h_1, h_2, start, end = map(Fraction, (h_1, h_2, start, end))
+    step = min(h_1, h_2)
+    middles = [
+        start + (k + Fraction(1, 2)) * step for k in range((end - start) // step)
+    ]
+    diagram = builder.Build()
+    values = in_both_engines(diagram, output, float(start), [float(t) for t in middles])
+    for t, pair in zip(middles, values, strict=True):
+        sent = newest(h_2, t - late * h_2, start, is_before=False)
+        taken = None
+        if sent is not None:
+            taken = newest(h_1, sent, start, is_before=second is not hold)
+        expected = 0.0 if taken is None else math.sin(3 * float(taken) + 0.4)
+        assert pair == pytest.approx((expected, expected), abs=1e-12), float(t)
+
+
+def test_a_packet_without_delay_is_there_at_once():
+    builder = DiagramBuilder()
+    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
+    channel = builder.AddNamedSystem("channel", network(0.1))
+    builder.Connect(sine.get_output_port(0), channel.get_input_port())
+    times = [1e-9, 0.05]
+    pairs = in_both_engines(builder.Build(), channel.get_output_port(), 0.0, times)
+    for pair in pairs:
+        assert pair == pytest.approx((math.sin(0.4),) * 2, abs=1e-12)
+
+
+def test_a_sample_on_the_surface_is_contact():
+    """The first sample of x = t behind 0.375 m is 0.5 m, to the last bit."""
+    builder = DiagramBuilder()
+    ramp = builder.AddNamedSystem("ramp", Integrator([0.0]))
+    encoder = builder.AddNamedSystem(
+        "encoder",
+        SampledSensor(sample_period=0.1, initial_value=[0.0], resolution=0.25),
+    )
+    surface = Surface("contact", np.array([0.5]), np.array([1.0]))
+    surgeon = builder.AddNamedSystem(
+        "surgeon",
+        Surgeon(velocity=[1.0], contact_force=[1.0], contact_surface=surface),
+    )
+    builder.Connect(surgeon.GetOutputPort("velocity_command"), ramp.get_input_port())
+    builder.Connect(ramp.get_output_port(), encoder.get_input_port())
+    builder.Connect(
+        encoder.GetOutputPort("sample"), surgeon.GetInputPort("felt_position")
+    )
+    force = builder.AddNamedSystem("force", ConstantVectorSource([0.0]))
+    builder.Connect(force.get_output_port(), surgeon.GetInputPort("haptic_force"))
+    diagram = builder.Build()
+    times = [0.399, 0.401]
+    modes = in_both_engines(diagram, surgeon.GetOutputPort("mode"), 0.0, times)
+    assert list(modes) == [(0, 0), (1, 1)]
+
+
+def test_ticks_near_and_after_a_time():
+    ticks = Ticks(0.1, 0.05)
+    assert [ticks.At(t) for t in (0.0, 0.05, 0.35 - 1e-8, 0.35 + 1e-6)] == [
+        None, 0, 3, None,
+    ]  # fmt: skip
+    later = [ticks.After(t) for t in (-1.0, 0.05 - 1e-8, 0.1)]
+    assert later == pytest.approx([0.05, 0.15, 0.15])
