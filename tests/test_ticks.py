@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -21,6 +21,7 @@ from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.environments import Surface
 from teleop_drake.operators import Surgeon
+from teleop_drake.simulation import MakeSimulator
 from teleop_drake.systems.sampled_sensor import SampledSensor
 from teleop_drake.ticks import Ticks
 
@@ -157,6 +158,31 @@ def test_a_sample_on_the_surface_is_contact():
     times = [0.399, 0.401]
     modes = in_both_engines(diagram, surgeon.GetOutputPort("mode"), 0.0, times)
     assert list(modes) == [(0, 0), (1, 1)]
+
+
+def test_a_step_that_ends_just_before_a_tick_has_both_sides_of_the_jump():
+    """Drake's hold ends steps at 0.3 s, which is less than 3 * 0.1 s."""
+    builder = DiagramBuilder()
+    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
+    blocks = [
+        builder.AddNamedSystem("encoder", sensor(0.1)),
+        builder.AddNamedSystem("hold", hold(0.3)),
+    ]
+    for block in blocks:
+        builder.Connect(sine.get_output_port(0), block.get_input_port(0))
+    simulator = MakeSimulator(builder.Build(), SimulatorConfig())
+    own = blocks[0].GetMyContextFromRoot(simulator.get_context())
+    rows = []
+    simulator.set_monitor(
+        lambda root: rows.append(
+            (root.get_time(), blocks[0].get_output_port(0).Eval(own).item())
+        )
+    )
+    simulator.AdvanceTo(1.0)
+    times, samples = np.transpose(rows)
+    jumps = np.flatnonzero((np.diff(samples) != 0) & (times[:-1] > 0))
+    assert len(jumps) == 9
+    np.testing.assert_array_equal(times[jumps], times[jumps + 1])
 
 
 def test_ticks_near_and_after_a_time():

@@ -33,6 +33,7 @@ import numpy as np
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.receiver import Receiver
+from teleop_drake.numerics.delay_problem import TIE
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 JITTERS = ("none", "uniform", "normal", "gamma")
@@ -44,10 +45,6 @@ LOSSES = ("none", "independent", "burst")
 _BLOCK = 1024
 _SQRT_3 = math.sqrt(3)
 _NORMAL = NormalDist()
-
-# An arrival this close to a multiple of the sample period, in periods, is meant to be
-# one: 0.1 + 3 * 0.1 is not 4 * 0.1.
-SNAP = 1e-9
 
 
 @dataclass(kw_only=True)
@@ -303,7 +300,7 @@ class PacketNetwork:
         is_lost, is_bad = self._LossOf(block)
         arrivals = []
         latest = self._blocks[block - 1].latest if block else 0.0
-        end = self._profile.duration * (1 + SNAP)
+        end = self._profile.duration * (1 + 1e-9)  # As the profile has it.
         for i in range(_BLOCK):
             sent = (block * _BLOCK + i) * self._period
             if sent > end or is_lost[i] or self._is_lost(sent):
@@ -316,9 +313,10 @@ class PacketNetwork:
         return _Block(arrivals, is_bad, deviate, latest)
 
     def _Snap(self, time: float) -> float:
+        # 0.1 + 3 * 0.1 is not 4 * 0.1.
         periods = time / self._period
         whole = round(periods)
-        return whole * self._period if abs(periods - whole) < SNAP else time
+        return whole * self._period if abs(periods - whole) < TIE else time
 
     def _JitterOf(self, block: int) -> tuple[list[float], float]:
         """Returns the jitter, and the last deviate g if it is correlated."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.channels.packet_network import SNAP, PacketNetwork
+from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.receiver import Receiver
+from teleop_drake.numerics.delay_problem import TIE
 
 
 @dataclass(kw_only=True)
@@ -60,7 +61,7 @@ def ComputePacketStatistics(
         end_time: In s; what arrives later has not been received.
     """
     h = network.sample_period
-    sent = math.ceil(end_time / h - SNAP)
+    sent = math.ceil(end_time / h - TIE)
     arrivals = network.Arrivals(sent)
     shown = np.array([network.Shown(k, receiver) for k in range(sent)])
     stamps = np.arange(sent) * h
@@ -69,7 +70,7 @@ def ComputePacketStatistics(
     received = received[np.argsort(arrivals[received], kind="stable")]
     is_newest = received == np.maximum.accumulate(received)
     delays = (arrivals - stamps)[received]
-    due = stamps + network.profile.delay + receiver.depth + SNAP * h
+    due = stamps + network.profile.delay + receiver.depth + TIE * h
     is_late = (arrivals > due)[received] & (receiver.policy == "playout")
     ages = _Ages(stamps[received], shown[received], end_time)
     percentiles: list[float | None] = [None] * 5

@@ -21,6 +21,7 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.environments.surface import Surface, SurfacesOf
+from teleop_drake.numerics.delay_problem import SAME
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -166,9 +167,9 @@ class Stepping:
         Args:
             time: Now, in s.
         """
-        return (
-            time in (self._crossing_time, self._next_jump) or time in self._jump_times
-        )
+        # It may be pending an instant before its time; see ticks.
+        is_next = abs(time - self._next_jump) <= SAME
+        return is_next or time == self._crossing_time or time in self._jump_times
 
     def NextStop(self, root_context: Context) -> float:
         """Returns where the simulator should stop next, in s; infinity: nowhere.
