@@ -135,8 +135,9 @@ class Adaptive:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Everything that defines a run. `controller` None is direct force application.
+    """Everything that defines a run.
 
+    `controller` None is direct force application, less `local_damping` times v.
     `contact_force` None: the surgeon stays in velocity mode; `stop_time` inf: for ever.
     `numerator` (b1, b0) and `denominator` (1, a1, a0) are the haptic device's.
     """
@@ -151,6 +152,7 @@ class Task:
     numerator: tuple[float, float]
     denominator: tuple[float, float, float]
     controller: Adaptive | None
+    local_damping: float = 0.0
 
     def layer_at(self, x):
         return bisect.bisect_right([layer.start for layer in self.layers], x) - 1
@@ -362,7 +364,7 @@ class Result:
             p, v, F_e = self.motion(layer, y)
             F_h = self.received_force(t, y, force_received)
             _, felt_v = self.felt(t, p, v)
-            F_c = F_h if law is None else y[4 * n : 5 * n]
+            F_c = F_h - task.local_damping * v if law is None else y[4 * n : 5 * n]
             qddot = task.robot.acceleration(q, qdot, F_c - F_e)
             rates = [qdot, qddot, x2, v_d - felt_v - a1 * x2 - a0 * x1]
             if law is not None:
@@ -396,7 +398,8 @@ class Result:
         felt_p, felt_v = self.felt(t, p, v)
         out = {"q": y[:n], "qdot": y[n : 2 * n], "p_WT": p, "v_WT": v, "F_e": F_e}
         out |= {"F_h": self.device_force(y) if force is None else force, "v_d": v_d}
-        out |= {"F_h_received": F_hd, "v_d_received": v_dd, "F_c": F_hd}
+        out |= {"F_h_received": F_hd, "v_d_received": v_dd}
+        out["F_c"] = F_hd - self.task.local_damping * v
         out |= {"p_felt": felt_p, "v_felt": felt_v}
         if self.law is not None:
             a = y[4 * n :]
@@ -586,7 +589,9 @@ def _accept(solver, layer, monitors, robot):
     return Piece(t0, time, middle, half, piece.coefficients, layer), name
 
 
-def thesis_task(name, adaptive, *, delays=(0.1, 0.1), elbow="down", **controller):
+def thesis_task(
+    name, adaptive, *, delays=(0.1, 0.1), elbow="down", local_damping=0.0, **controller
+):
     """One of the thesis's tasks: one_dof, or two_dof_ puncture, collision, combined.
 
     `delays` = (T_f, T_r); `controller` overrides fields of the adaptive controller.
@@ -626,11 +631,12 @@ def thesis_task(name, adaptive, *, delays=(0.1, 0.1), elbow="down", **controller
         numerator=(25.0, 50.0),
         denominator=(1.0, 25.0, 0.0),
         controller=Adaptive(**(shared | gains | controller)) if adaptive else None,
+        local_damping=local_damping,
     )
 
 
 @functools.cache
-def solve_thesis_task(name, adaptive, delays, duration):
+def solve_thesis_task(name, adaptive, delays, duration, local_damping=0.0):
     """Solves one of the thesis's tasks up to five times the commanded speed."""
-    task = thesis_task(name, adaptive, delays=delays)
+    task = thesis_task(name, adaptive, delays=delays, local_damping=local_damping)
     return solve(task, duration, speed_limit=5 * np.linalg.norm(task.velocity))

@@ -34,7 +34,7 @@ DURATIONS = {
 }
 
 
-def Compare(name, kind, delays, duration=None, engine="drake"):
+def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0):
     overrides = [
         f"forward_channel.delay={delays[0]}",
         f"return_channel.delay={delays[1]}",
@@ -43,9 +43,13 @@ def Compare(name, kind, delays, duration=None, engine="drake"):
         overrides.append(f"duration={duration}")
     if engine != "drake":  # Its steps are longer than one can interpolate between.
         overrides.append("simulator.max_step_size=0.002")
+    if local_damping:
+        overrides.append(f"controller.{kind}.damping={local_damping}")
     ours = Run(name, kind, *overrides, engine=engine)
     adaptive = kind == "adaptive_backstepping"
-    theirs = solve_thesis_task(name, adaptive, delays, ours.scenario.duration)
+    theirs = solve_thesis_task(
+        name, adaptive, delays, ours.scenario.duration, local_damping
+    )
     # Both runs of a loop that diverges stop at the same speed, at nearly one time.
     times = np.linspace(0, ours.time[-1], 1001)[:-4]
     reference = theirs.sample(times)
@@ -76,6 +80,12 @@ def Compare(name, kind, delays, duration=None, engine="drake"):
 @pytest.mark.parametrize("name", TASKS)
 def test_thesis_tasks(name, kind):
     Compare(name, kind, DELAYS["thesis"])
+
+
+@pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
+def test_damped_force(name):
+    """Until the tool is at rest on the bone."""
+    Compare(name, "damped_force", (0.02, 0.1), DURATIONS[name], "auto", 2.0)
 
 
 # Each of the delays, and each of the tasks.

@@ -6,6 +6,7 @@ from teleop_drake.architectures.base import (
     ArchitectureConfig,
     ControlLawConfig,
 )
+from teleop_drake.architectures.damped_force import DampedForceConfig
 from teleop_drake.architectures.direct_force import DirectForceConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.architectures.four_channel import FourChannelConfig
@@ -21,6 +22,7 @@ ARCHITECTURE_KINDS = KindTable(
     (
         DirectForceConfig,
         AdaptiveBacksteppingConfig,
+        DampedForceConfig,
         WaveVariablesConfig,
         TimeDomainPassivityConfig,
         ProportionalDampingConfig,
@@ -46,6 +48,7 @@ __all__ = [
     "Architecture",
     "ArchitectureConfig",
     "ControlLawConfig",
+    "DampedForceConfig",
     "DirectForceConfig",
     "Facts",
     "FourChannelConfig",

@@ -142,6 +142,26 @@ class Facts:
             )
         return b
 
+    def OperatorStiffness(self, path: str) -> float:
+        """Returns K of H = K/s + b + O(s) in N/m, from which a default derives.
+
+        Args:
+            path: The field whose default it is.
+
+        Raises:
+            ScenarioError: If it is not positive.
+        """
+        device = self.haptic_device
+        K = low_frequency_resistance([*device.numerator, 0.0], device.denominator)
+        if not K > 0:
+            Refuse(
+                path,
+                None,
+                "a number, because none derives from haptic_device, whose stiffness "
+                f"at low frequency is {K:g} N/m",
+            )
+        return K
+
     def DeviceGain(self) -> float:
         """Returns h = s H(s) for s to infinity, in N/m."""
         device = self.haptic_device

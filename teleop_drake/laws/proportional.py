@@ -57,4 +57,20 @@ def slave_force(x_m: Array, p: Array, v: Array, K: Array, B: Array) -> Array:
         K: Stiffness in N/m (n, n).
         B: Damping in N s/m (n, n).
     """
-    return coupling_force(x_m, p, K) - B @ v
+    return braked_force(coupling_force(x_m, p, K), v, B)
+
+
+def braked_force(F: Array, v: Array, B: Array) -> Array:
+    """Returns F - B v, a force and a damper to the ground, N (n).
+
+    Args:
+        F: Force in N (n).
+        v: Velocity of the tool in m/s (n).
+        B: Damping in N s/m (n, n).
+    """
+    return F - damper_force(v, B)
+
+
+def damper_force(v: Array, B: Array) -> Array:
+    """Returns B v, what a damper to the ground takes, N (n); see braked_force."""
+    return B @ v

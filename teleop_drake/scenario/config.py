@@ -16,6 +16,7 @@ from teleop_drake.architectures import (
     ARCHITECTURES,
     AdaptiveBacksteppingConfig,
     ArchitectureConfig,
+    DampedForceConfig,
     FourChannelConfig,
     ProportionalDampingConfig,
     SmithPredictorConfig,
@@ -80,6 +81,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
     """
 
     robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
+    damped_force: DampedForceConfig = field(default_factory=DampedForceConfig)
     wave_variables: WaveVariablesConfig = field(default_factory=WaveVariablesConfig)
     time_domain_passivity: TimeDomainPassivityConfig = field(
         default_factory=TimeDomainPassivityConfig

@@ -55,14 +55,17 @@ def test_slow_motions(kind, name, round_trip):
 
 
 @pytest.mark.parametrize("round_trip", [0.0, 0.2, 1.0])
-def test_direct_force_and_smith_predictor(round_trip):
+def test_direct_force_with_a_damper_and_a_predictor(round_trip):
     s = 1j * OMEGA
     z = np.exp(-s * round_trip)
     tool = z / (MASS * s**2 + DAMPING * s + BONE)
+    # The damper is 2 N s/m, by the rule of its default.
+    damped = z / (MASS * s**2 + (DAMPING + 2.0) * s + BONE)
     # The model is that of the tissue: 0.01 N/m and 0.5 N s/m beside the rail's damping.
     model = (1 - z) / (MASS * s**2 + (DAMPING + 0.5) * s + 0.01)
     for kind, expected in (
         ("direct_force", tool),
+        ("damped_force", damped),
         ("time_domain_passivity", tool),
         ("smith_predictor", tool + model),
     ):

@@ -1,0 +1,60 @@
+"""Direct force with a local damper; test_agreement has its runs."""
+
+import numpy as np
+import pytest
+from blocks import AssertFeedthroughIsReal, Block, RandomInputs
+
+from teleop_drake.architectures.damped_force import DampedForce, DampedForceConfig
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.stations import MakeControlLaw, ResolveController
+
+
+def test_the_force_acts_as_it_arrives_less_that_of_the_damper():
+    B = np.array([[3.0, 0.5], [0.5, 2.0]])
+    slave = DampedForceConfig(damping=B).MakeArchitecture(
+        LoadScenario("two_dof_combined").Facts(), "controller.damped_force"
+    )
+    assert slave.master_side is None
+    inputs = RandomInputs(slave.slave_side, 1)
+    now = Block(slave.slave_side, inputs)
+    braking = B @ inputs["tool_velocity"]
+    np.testing.assert_allclose(now["damping_force"], braking)
+    np.testing.assert_allclose(
+        now["control_force"], inputs["forward_packet"][:2] - braking
+    )
+    AssertFeedthroughIsReal(DampedForce(num_axes=2, damping=B))
+
+
+@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined", "puma560_insertion"])
+def test_the_default_just_keeps_the_tool_from_oscillating(name):
+    """Roots of M s^2 + B s + K, the tool on the haptic device's spring."""
+    scenario = LoadScenario(name, {"controller.kind": "damped_force"})
+    B, M = ResolveController(scenario).damping, scenario.Facts().inertia
+    device = scenario.haptic_device
+    K = device.numerator[-1] / device.denominator[-2]  # H(s) = K/s + ...
+    n = len(M)
+    A = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-K * np.linalg.inv(M), -np.linalg.solve(M, B)]]
+    )
+    # A double root moves by the square root of what rounding makes of it.
+    assert np.abs(np.linalg.eigvals(A).imag).max() < 1e-6
+    A[n:, n:] *= 0.99
+    assert np.abs(np.linalg.eigvals(A).imag).max() > 0.1
+    if name == "one_dof":
+        assert B.item() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["controller.damped_force.damping=-1"], r"damping = -1.0: must be null, not"),
+        (
+            ["haptic_device.numerator=[25.0]", "haptic_device.denominator=[1.0, 25.0]"],
+            "damping = null: must be a number, because none derives from haptic_device",
+        ),
+    ],
+)
+def test_bad_input_is_named(overrides, message):
+    with pytest.raises(ScenarioError, match=f"controller.damped_force.{message}"):
+        scenario = LoadScenario("one_dof", ["controller.kind=damped_force", *overrides])
+        MakeControlLaw(scenario)
