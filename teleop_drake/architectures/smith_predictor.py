@@ -19,6 +19,7 @@ from teleop_drake.architectures.base import (
     ArchitectureConfig,
     MakeLawArchitecture,
 )
+from teleop_drake.architectures.damped_force import DampedForce
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
@@ -131,6 +132,7 @@ class SmithPredictor:
     damping: Array
     stiffness: Array
     delay: float
+    local_damping: Array
 
 
 @dataclass(kw_only=True, eq=False)
@@ -143,12 +145,15 @@ class SmithPredictorConfig(ArchitectureConfig):
 
     # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
     mass: np.ndarray | float | None = GainField(None)
-    # B, N s/m, >= 0. Null: that of the robot and, along x, of the layer at the start.
+    # B, N s/m, >= 0. Null: that of the robot, of the local damper and, along x, of the
+    # layer at the start.
     damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # K, N/m, >= 0. Null: that of the layer at the start, along x.
     stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
     delay: float | None = Number(None, "s", minimum=0)
+    # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
+    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
     def Resolve(self, facts: Facts, path: str) -> SmithPredictor:
         """Returns the parameters with every default derived.
@@ -162,10 +167,11 @@ class SmithPredictorConfig(ArchitectureConfig):
         """
         n = facts.num_axes
         mass, damping, stiffness = self.mass, self.damping, self.stiffness
+        local = GainMatrix(self.local_damping, n)
         if mass is None:
             mass = facts.Inertia(f"{path}.mass")
         if damping is None:
-            damping = facts.StartDamping(f"{path}.damping")
+            damping = facts.StartDamping(f"{path}.damping") + local
         if stiffness is None:
             stiffness = facts.StartStiffness(f"{path}.stiffness")
         return SmithPredictor(
@@ -173,6 +179,7 @@ class SmithPredictorConfig(ArchitectureConfig):
             damping=GainMatrix(damping, n),
             stiffness=GainMatrix(stiffness, n),
             delay=facts.round_trip if self.delay is None else self.delay,
+            local_damping=local,
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
@@ -186,7 +193,12 @@ class SmithPredictorConfig(ArchitectureConfig):
             ScenarioError: If a default cannot be derived.
         """
         model = self.Resolve(facts, path)
-        law = DirectForce(num_axes=facts.num_axes)
+        n, local = facts.num_axes, model.local_damping
+        law = (
+            DampedForce(num_axes=n, damping=local)
+            if np.any(local)
+            else DirectForce(num_axes=n)
+        )
         architecture = MakeLawArchitecture(law, facts.start.tolist())
         architecture.master_side = SmithPredictorMaster(
             mass=model.mass,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckPassivity
@@ -17,8 +18,9 @@ from teleop_drake.laws.passivity import (
     scaled_energy_rates,
     slave_damping,
 )
+from teleop_drake.laws.proportional import braked_force
 from teleop_drake.linear_part import IDLE_PASSIVITY, LinearPart
-from teleop_drake.validation import Number, Refuse
+from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 
 # Energy that leaves a budget ample, in units of the scale or of E_0.
 _AMPLE = 1e9
@@ -159,15 +161,17 @@ class PassivityMaster(KernelBlock):
 class PassivitySlave(KernelBlock):
     """Applies the haptic force that arrives as long as that is passive.
 
-        F_c = F_hd - alpha v,   0 <= alpha <= maximum_damping
-        dE_out/dt = max(F_c v, 0),   dE_in/dt = max(-F_c v, 0)
+        F = F_hd - alpha v,   0 <= alpha <= maximum_damping
+        dE_out/dt = max(F v, 0),   dE_in/dt = max(-F v, 0)
+        F_c = F - B v
         W_s = E_0 + E_in of the master as received - E_out
 
     on each axis. alpha is 0 as long as F_hd v, the power that would leave for the
     tool, can be paid for out of W_s for the next `horizon`; else it is the damping that
     brings that power down to W_s / horizon. E_0 lets the tool begin to
     move: the operator's first power comes a round trip later, because he feels the
-    tool at rest. The law is `teleop_drake.laws.passivity`.
+    tool at rest. The law is `teleop_drake.laws.passivity`. B is a local damper behind
+    the port, which no budget pays for but that of F.
 
     | port | name              | size | unit        | is                             |
     |------|-------------------|------|-------------|--------------------------------|
@@ -178,7 +182,7 @@ class PassivitySlave(KernelBlock):
     | out  | control_force     | n    | N           | F_c                            |
     | out  | return_packet     | 3n   | [m; m/s; J] | [p_WT; v; E_in]                |
     | out  | slave_budget      | n    | J           | W_s                            |
-    | out  | slave_power       | n    | W           | F_c v, out of the channel      |
+    | out  | slave_power       | n    | W           | F v, out of the channel        |
     | out  | injected_damping  | n    | N s/m       | alpha                          |
 
     State (continuous): [E_in (n), E_out (n)] in units of E_0, because the solver's
@@ -200,6 +204,7 @@ class PassivitySlave(KernelBlock):
         horizon: In s, > 0.
         maximum_damping: Largest alpha in N s/m, > 0.
         initial_energy: E_0 of each axis in J, > 0.
+        local_damping: B in N s/m, a number or (n, n), symmetric, not negative.
 
     Raises:
         ValueError: If a value is not allowed.
@@ -212,6 +217,7 @@ class PassivitySlave(KernelBlock):
         horizon: float,
         maximum_damping: float,
         initial_energy: float,
+        local_damping: ArrayLike = 0.0,
     ):
         KernelBlock.__init__(self)
         self.set_name("passivity_slave")
@@ -224,6 +230,7 @@ class PassivitySlave(KernelBlock):
         n = self._n = num_axes
         self._horizon, self._maximum = horizon, maximum_damping
         self._E_0 = initial_energy
+        self._B = CheckGain("local_damping", local_damping, n, may_be_zero=True)
         self.DeclareVectorInputPort("forward_packet", 2 * n)
         for name in ("tool_position", "tool_velocity", "environment_force"):
             self.DeclareVectorInputPort(name, n)
@@ -246,11 +253,15 @@ class PassivitySlave(KernelBlock):
                 "maximum": self._maximum,
                 "initial_energy": self._E_0,
                 "minus": -1.0,
+                "local_damping": self._B,
             },
             rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
             outputs={
-                "control_force": (
+                "passive_force": (
                     damped_force, F, "injected_damping", "tool_velocity"
+                ),
+                "control_force": (
+                    braked_force, "passive_force", "tool_velocity", "local_damping"
                 ),
                 "stored": (times, ("state", 0, n), "initial_energy"),
                 "return_packet": ["tool_position", "tool_velocity", "stored"],
@@ -258,14 +269,14 @@ class PassivitySlave(KernelBlock):
                     energy_budget, "initial_energy", ("forward_packet", n, 2 * n),
                     ("state", n, 2 * n), "initial_energy",
                 ),
-                "slave_power": (times, "control_force", "tool_velocity"),
+                "slave_power": (times, "passive_force", "tool_velocity"),
                 "incoming_power": (times, "slave_power", "minus"),
                 "injected_damping": (
                     slave_damping, F, "tool_velocity", "slave_budget", "horizon",
                     "maximum",
                 ),
             },
-            sizes={"stored": n, "incoming_power": n},
+            sizes={"passive_force": n, "stored": n, "incoming_power": n},
             unused=("environment_force",),
         )  # fmt: skip
 
@@ -286,6 +297,7 @@ class TimeDomainPassivity:
     maximum_damping: float
     maximum_mobility: float
     initial_energy: float
+    local_damping: NDArray[np.float64]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -309,8 +321,11 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # E_0, energy that the tool may take on each axis before the operator has given any,
     # J, > 0. Null: what brings it to the commanded speed v_d and keeps it there for a
     # round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the largest apparent mass m at
-    # the start pose and the damping d of rail and first layer.
+    # the start pose and the damping d of rail, first layer and local damper.
     initial_energy: float | None = Number(None, "J", above=0)
+    # Local damper at the tool, N s/m, >= 0; see DampedForce. The customary scheme has
+    # none.
+    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
     def Resolve(self, facts: Facts, path: str) -> TimeDomainPassivity:
         """Returns the parameters with every default derived.
@@ -324,6 +339,7 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
         """
         damping, mobility = self.maximum_damping, self.maximum_mobility
         energy = self.initial_energy
+        local = GainMatrix(self.local_damping, facts.num_axes)
         if damping is None:
             masses = np.linalg.eigvalsh(facts.Inertia(f"{path}.maximum_damping"))
             damping = float(masses[0]) / self.horizon
@@ -340,7 +356,7 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
         if energy is None:
             field = f"{path}.initial_energy"
             mass = np.linalg.eigvalsh(facts.Inertia(field))[-1]
-            drag = np.linalg.eigvalsh(facts.StartDamping(field))[-1]
+            drag = np.linalg.eigvalsh(facts.StartDamping(field) + local)[-1]
             speed_squared = facts.velocity @ facts.velocity
             energy = (mass / 2 + drag * facts.round_trip) * speed_squared
         return TimeDomainPassivity(
@@ -348,6 +364,7 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
             maximum_damping=damping,
             maximum_mobility=mobility,
             initial_energy=float(energy),
+            local_damping=local,
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
@@ -374,6 +391,7 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
                 horizon=numbers.horizon,
                 maximum_damping=numbers.maximum_damping,
                 initial_energy=numbers.initial_energy,
+                local_damping=numbers.local_damping,
             ),
             initial_forward_packet=[0.0] * (2 * n),
             initial_return_packet=[*facts.start.tolist(), *[0.0] * (2 * n)],

@@ -8,9 +8,9 @@ from teleop_drake.architectures.time_domain_passivity import PassivitySlave
 E_0, HORIZON = 0.02, 0.05
 
 
-def Make():
+def Make(**damper):
     return PassivitySlave(
-        num_axes=2, horizon=HORIZON, maximum_damping=4.0, initial_energy=E_0
+        num_axes=2, horizon=HORIZON, maximum_damping=4.0, initial_energy=E_0, **damper
     )
 
 
@@ -45,6 +45,27 @@ def test_what_cannot_is_brought_down_to_the_budget():
 def test_the_damping_has_a_maximum():
     now = At([1.0, 1.0], [0.01, 0.01], [0.0, 0.0], [0.0, 0.0, E_0, E_0])
     np.testing.assert_array_equal(now["injected_damping"], [4.0, 4.0])
+
+
+def test_a_local_damper_is_behind_the_port():
+    """The energy that it takes has left the channel."""
+    damper = np.array([[3.0, 0.5], [0.5, 2.0]])
+    v = np.array([0.1, 0.2])
+    inputs = {
+        "forward_packet": [1.0, -2.0, 0.5, 0.5],
+        "tool_position": [0.7, 0.8],
+        "tool_velocity": v,
+        "environment_force": [9, 9],
+    }
+    state = np.array([0.1, 0.2, 0.3, 0.4]) / E_0
+    bare, damped = (
+        Block(Make(**x), inputs, state) for x in ({}, {"local_damping": damper})
+    )
+    np.testing.assert_allclose(
+        damped["control_force"], bare["control_force"] - damper @ v
+    )
+    np.testing.assert_array_equal(damped["slave_power"], bare["slave_power"])
+    np.testing.assert_array_equal(damped.Rate(), bare.Rate())
 
 
 def test_feedthrough_and_start():

@@ -129,6 +129,19 @@ def test_defaults_are_the_tool_in_its_first_layer():
     assert not np.any(config.damping)
 
 
+def test_a_local_damper_is_known_to_the_model():
+    """With it, too, an exact model gives the response without delay, only later."""
+    damper = f"controller.{KIND}.local_damping=2"
+    late = simulate(Scenario("duration=2.0", damper, *Delays(0.3, 0.2)), engine="auto")
+    overrides = ["controller.kind=damped_force", "duration=2.0", *Delays(0.0, 0.0)]
+    free = simulate(LoadScenario("one_dof", overrides), engine="auto")
+    times = np.linspace(0, 1.7, 500)
+    expected = free.Interpolate("tool_velocity", times)
+    np.testing.assert_allclose(
+        late.Interpolate("tool_velocity", times + 0.3), expected, atol=1e-7
+    )
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
