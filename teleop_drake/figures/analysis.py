@@ -24,7 +24,6 @@ from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures.style import (
-    COLORS,
     FONT_SIZE,
     GREY,
     LINES,
@@ -34,6 +33,7 @@ from teleop_drake.figures.style import (
     CellEdges,
     Figure,
     MapLimits,
+    RunColor,
 )
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.validation import Refuse
@@ -463,7 +463,7 @@ def _Seconds(delay: float) -> str:
 
 def _LocusStyle(i: int) -> dict[str, Any]:
     return {
-        "color": COLORS[i % len(COLORS)],
+        "color": RunColor(i),
         "linestyle": LINES[i % len(LINES)],
         "linewidth": 1.2,
     }

@@ -5,6 +5,7 @@ involved and no global setting changes. Colours are those of Okabe and Ito, whic
 colour-blind people can tell apart; line styles tell the runs apart in grey print.
 """
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -50,10 +51,13 @@ from teleop_drake.tasks.panels import (
 from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.2  # inches
+_LOW_ROW_HEIGHT = 0.9  # Where there are runs below others.
 
-# More runs than these have a panel each; more than those do not fit across a page.
+# More runs than these have a panel each, at most so many beside each other, the others
+# below; more than those do not fit on a page.
 _MAX_OVERLAID = 3
-_MAX_MULTIPLES = 8
+_MAX_BESIDE = 5
+_MAX_MULTIPLES = 10
 
 # Points across a panel: enough that no corner shows.
 _NUM_POINTS = 1500
@@ -200,14 +204,22 @@ def PlotRows(
     runs = list(recordings.values())
     normal_W = NormalOfRuns(runs)
     places = _PlacesOf(len(runs), columns)
+    num_banks = math.ceil(len(places) / _MAX_BESIDE)
+    num_beside = math.ceil(len(places) / num_banks)
+    row_height = _ROW_HEIGHT if num_banks == 1 else _LOW_ROW_HEIGHT
     figure = Figure(
-        figsize=(WidthOf(columns), _ROW_HEIGHT * len(rows) + 0.7),
+        figsize=(WidthOf(columns), row_height * num_banks * len(rows) + 0.7),
         # Aligned labels may end up a little further out than the layout reckons.
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
-    axes = figure.subplots(
-        len(rows), len(places), sharex="col", sharey="row", squeeze=False
+    grid = figure.subplots(
+        num_banks * len(rows), num_beside, sharex="col", sharey="row", squeeze=False
     )
+    # A row for each signal and a column for each place, wherever it is on the page.
+    axes = np.hstack(np.vsplit(grid, num_banks))
+    for ax in axes[:, len(places) :].flat:
+        ax.set_visible(False)
+    axes = axes[:, : len(places)]
     against = _AgainstPosition(runs, normal_W)
     # These hold for the whole column.
     begin = min(float(run.time[0]) for run in runs)
@@ -225,7 +237,11 @@ def PlotRows(
             _NameBoundaries(ax, against.boundaries, against.scale)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
-    figure.align_ylabels(axes[:, 0])
+    if num_banks > 1:
+        for ax in grid[:, 0]:  # A low panel has no room for a name and its symbol.
+            label = ax.get_ylabel().replace("\n", " ").replace(" $", "\n$")
+            ax.set_ylabel(label, fontsize=FONT_SIZE)
+    figure.align_ylabels(grid[:, 0])
     _AddLegend(figure, recordings, rows, names_runs=len(places) <= 2)
     return figure
 
@@ -271,14 +287,15 @@ def _DrawRow(
     )
     y_range = _Range(runs, curves, commands)
     scale, unit = ScaleAndUnit(y_range, row.unit)
-    row_axes[0].set_ylim(Widen(y_range, scale))
     label = f"{row.label}\n[{unit}]" if unit else row.label
-    row_axes[0].set_ylabel(label, fontsize=FONT_SIZE)
     # The position that the right column is against has no panel there.
     is_x = row.signal == "tool_position" and len(row.components) == 1
     is_x = is_x and bool(normal_W[row.components[0]] == 1)
     for place, ax in zip(places, row_axes, strict=True):
         FormatAxes(ax)
+        ax.set_ylim(Widen(y_range, scale))
+        if (spec := ax.get_subplotspec()) and spec.is_first_col():
+            ax.set_ylabel(label, fontsize=FONT_SIZE)
         _DrawPanel(
             ax,
             row,
@@ -315,7 +332,8 @@ def _LabelColumns(
 def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
     """Returns the columns of panels of a figure.
 
-    Three runs can be told apart in one panel. More have a column each.
+    Three runs can be told apart in one panel. More have a column each, on a page as
+    long as they fit there.
     """
     everyone = range(num_runs)
     if _MAX_OVERLAID < num_runs <= _MAX_MULTIPLES and columns == 2:
@@ -352,7 +370,7 @@ def _TitleMultiples(
         if run.termination == "diverged":
             title += f"\ndiverges at {run.time[-1]:.3g} s"
         ax.set_title(title, fontsize=SMALL_FONT_SIZE, color=RunStyle(i)["color"])
-        ax.xaxis.set_major_locator(MaxNLocator(2))
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
 
 
 def _PlotAxes(recording: Recording, panels: AxisPanels, columns: int) -> Figure:

@@ -11,8 +11,12 @@ from matplotlib.axes import Axes
 
 from teleop_drake.validation import Refuse
 
-# Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+# Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines;
+# then a brown and a violet, which the colour-blind can tell from these and from grey.
+COLORS = (
+    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"),
+    *("#5A2D00", "#9600F0"),
+)
 LINES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 GREY = "#808080"
 
@@ -75,10 +79,15 @@ def ScaleAndUnit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
     return 10.0 ** (-3 * exponent), prefix + unit
 
 
+def RunColor(i: int) -> str:
+    """Returns the colour of run i of a figure; after the last they begin anew."""
+    return COLORS[i % len(COLORS)]
+
+
 def RunStyle(i: int) -> dict[str, Any]:
     """Returns colour and line style of the i-th run of a figure."""
     return {
-        "color": COLORS[i % len(COLORS)],
+        "color": RunColor(i),
         "linestyle": LINES[i % len(LINES)],
         "linewidth": 1.1,
         "zorder": 2 + i,
@@ -88,7 +97,7 @@ def RunStyle(i: int) -> dict[str, Any]:
 def EndStyle(i: int) -> dict[str, Any]:
     """Returns how the end of run i is drawn that diverges."""
     return {
-        "color": COLORS[i % len(COLORS)],
+        "color": RunColor(i),
         "marker": "x",
         "markersize": 5,
         "linestyle": "none",

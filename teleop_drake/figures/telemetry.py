@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from teleop_drake.figures.style import COLORS, LINES, SMALL_FONT_SIZE
+from teleop_drake.figures.style import LINES, SMALL_FONT_SIZE, RunColor
 from teleop_drake.recording import Recording
 from teleop_drake.tasks.panels import AxisName, SignalRow
 
@@ -52,9 +52,9 @@ def ComponentStyle(row: SignalRow, k: int) -> dict[str, Any]:
     count = len(row.components)
     if count <= _MAX_NAMED_COMPONENTS:
         line = LINES[k % len(LINES)]
-        return {"color": COLORS[k % len(COLORS)], "linestyle": line, "linewidth": 1.1}
+        return {"color": RunColor(k), "linestyle": line, "linewidth": 1.1}
     group = k * len(row.groups) // count if row.groups else k
-    color = COLORS[group % len(COLORS)]
+    color = RunColor(group)
     return {"color": color, "linestyle": "-", "linewidth": 0.6}
 
 

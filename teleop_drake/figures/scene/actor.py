@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 from teleop_drake.figures.scene.pen import Pen
 from teleop_drake.figures.scene.stage import Stage
 from teleop_drake.figures.scene.visuals import AlongZ, RobotVisuals
-from teleop_drake.figures.style import COLORS
+from teleop_drake.figures.style import RunColor
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ class Actor:
         self._metres_per_newton = LONGEST_ARROW * stage.width / newtons
         self._has_operator = has_operator
         self.num_dots = num_dots if has_operator else 0
-        self._tint = COLORS[run % len(COLORS)]
+        self._tint = RunColor(run)
         meshcat.SetTransform(path, RigidTransform(stage.Offset(run)))
         self._AddRobot("robot", 1.0)
         self._AddArrow("tool_force")

@@ -22,7 +22,7 @@ from teleop_drake.figures.scene.actor import (
 )
 from teleop_drake.figures.scene.replay import CHANNELS, Act, AnimateRuns
 from teleop_drake.figures.scene.stage import Stage
-from teleop_drake.figures.style import COLORS, GREY, ScaleAndUnit
+from teleop_drake.figures.style import GREY, RunColor, ScaleAndUnit
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
 
@@ -203,7 +203,7 @@ def _RunData(act: Act, stage: Stage, run: int) -> dict[str, Any]:
         note += f" at {end:.3g} s"
     return {
         "name": act.name,
-        "color": COLORS[run % len(COLORS)],
+        "color": RunColor(run),
         "note": note,
         "t": _Short(times),
         **samples,
@@ -255,7 +255,7 @@ def _Strip(
 def _Events(acts: Sequence[Act]) -> list[dict[str, Any]]:
     """Returns punctures and contacts of all runs, in the colours of the runs."""
     return [
-        {"name": f"{act.name}: {event.name}", "time": event.time, "color": COLORS[i]}
+        {"name": f"{act.name}: {event.name}", "time": event.time, "color": RunColor(i)}
         for i, act in enumerate(acts)
         for event in act.recording.events
         if event.name in (PUNCTURE, CONTACT)
@@ -299,7 +299,7 @@ def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
     labels = []
     for i, act in enumerate(acts):
         path = act.path.strip("/").split("/")
-        color = COLORS[i % len(COLORS)]
+        color = RunColor(i)
         texts = {"robot/tip": (f"{act.name}: the tool", 0.5, 26)}
         if act.operator.felt is not None:
             texts["hand"] = ("as the operator feels it", 1.15, -22)
@@ -331,7 +331,7 @@ def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
 
 def _Legend(acts: Sequence[Act], has_operator: bool) -> list[dict[str, str]]:
     """Returns what the objects stand for; each mark is SVG, 20 by 14."""
-    tint = COLORS[0] if len(acts) == 1 else GREY
+    tint = RunColor(0) if len(acts) == 1 else GREY
 
     def Bar(color: str, opacity: float = 1.0) -> str:
         return f'<rect y="3" width="20" height="8" fill="{color}" opacity="{opacity}"/>'

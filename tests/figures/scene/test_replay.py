@@ -12,6 +12,7 @@ from teleop_drake.figures.scene import MakeReplay
 from teleop_drake.figures.scene.pen import AnimationPen, NeededFrames
 from teleop_drake.figures.scene.replay import AnimateRuns, PictureTimes
 from teleop_drake.figures.scene.stage import SCENE
+from teleop_drake.figures.style import COLORS
 
 
 def PageData(replay):
@@ -30,6 +31,14 @@ def pair():
 @pytest.fixture(scope="module")
 def replay(pair):
     return MakeReplay(pair)
+
+
+def test_there_may_be_more_runs_than_colours():
+    runs = {f"law {i}": MakeRecording(duration=1.1) for i in range(len(COLORS) + 1)}
+    data = PageData(MakeReplay(runs))
+    colors = [run["color"] for run in data["runs"]]
+    assert colors == [*COLORS, COLORS[0]]
+    assert [event["color"] for event in data["events"]] == colors
 
 
 def test_what_is_left_out_is_told_by_the_rest():
