@@ -6,7 +6,9 @@ from blocks import AssertFeedthroughIsReal, Block, RandomInputs
 
 from teleop_drake.architectures.damped_force import DampedForce, DampedForceConfig
 from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, ResolveController
+from teleop_drake.tasks.metrics import RunMetrics
 
 
 def test_the_force_acts_as_it_arrives_less_that_of_the_damper():
@@ -42,6 +44,20 @@ def test_the_default_just_keeps_the_tool_from_oscillating(name):
     assert np.abs(np.linalg.eigvals(A).imag).max() > 0.1
     if name == "one_dof":
         assert B.item() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("kind", ["time_domain_passivity", "smith_predictor"])
+def test_others_that_stand_on_the_damper_come_to_rest(kind):
+    """As soon as it does alone; without it they do not."""
+    settled = []
+    for damper in (f"{kind}.local_damping=0", f"{kind}.local_damping=2"):
+        overrides = [f"controller.{damper}", "duration=5.0", "simulator.accuracy=1e-7"]
+        scenario = LoadScenario(
+            "two_dof_combined", [f"controller.kind={kind}", *overrides]
+        )
+        metrics = RunMetrics(simulate(scenario, engine="auto"))
+        settled.append(metrics["collision"]["settling_time"])
+    assert settled == [None, pytest.approx(0.5887, rel=5e-3)]
 
 
 @pytest.mark.parametrize(
