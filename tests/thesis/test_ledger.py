@@ -52,6 +52,7 @@ REFUTED = {
     "A-I-retuned",
     "A-II-retuned",
     "A-III-retuned",
+    "A-rest-on-bone",
 }
 IN_KIND = {
     *(f"3-I-{name}" for name in ("max-x", "max-z", "rms-x", "rms-z")),

@@ -9,6 +9,7 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.thesis.claims.separate_updates import SeparateUpdatesConfig
 
 DIRECT: dict[str, Any] = {"controller.kind": "direct_force"}
+DAMPED: dict[str, Any] = {"controller.kind": "damped_force"}
 ADAPTIVE: dict[str, Any] = {"controller.kind": "adaptive_backstepping"}
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 NETWORKS = ("network_tracking_linear", "network_tracking_coupled")
@@ -28,6 +29,7 @@ SHORT: dict[str, dict[str, Any]] = {
 NO_ADAPTATION = {"controller.adaptation_rate": 0.0}
 NO_DELAY = {"forward_channel.delay": 0.0, "return_channel.delay": 0.0}
 RETUNED = {"haptic_device.numerator": [25.0, 5.0]}
+DAMPER = {"controller.damped_force.damping": 2.0}
 DOUBLE_DELAY = {"forward_channel.delay": 0.2, "return_channel.delay": 0.2}
 FOURFOLD_DELAY = {
     "forward_channel.delay": 0.4,
@@ -71,6 +73,7 @@ def Variant(
 
 _VARIANTS = [
     *(Variant(name, DIRECT, RETUNED) for name in TASKS),
+    *(Variant(name, DAMPED, DAMPER) for name in TASKS if "puncture" not in name),
     *(Variant(name, ADAPTIVE, NO_ADAPTATION) for name in TASKS),
     *(Variant("one_dof", kind, NO_DELAY) for kind in (DIRECT, ADAPTIVE)),
     *(Variant("two_dof_combined", kind, NO_DELAY) for kind in (DIRECT, ADAPTIVE)),
