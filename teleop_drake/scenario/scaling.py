@@ -37,11 +37,13 @@ _POWERS: dict[str, Any] = {
         "initial_psi": -1,
         "minimum_psi": -1,
         "robust": {"velocity_width": 2, "force_rate_bound": 1, "force_width": 1},
+        "damped_force": {"damping": 1},
         "wave_variables": {"impedance": 1, "master_damping": 1},
         "time_domain_passivity": {
             "maximum_damping": 1,
             "maximum_mobility": -1,
             "initial_energy": 1,
+            "local_damping": 1,
         },
         "proportional_damping": {
             "master_mass": 1,
@@ -57,7 +59,7 @@ _POWERS: dict[str, Any] = {
             "C_m": _STATION,
             "C_s": _STATION,
         },
-        "smith_predictor": {"mass": 1, **_STATION},
+        "smith_predictor": {"mass": 1, "local_damping": 1, **_STATION},
     },
     "actuator": {"force_limit": 1, "coulomb_friction": 1, "viscous_friction": 1},
     "sensor": {"force": {"resolution": 1, "noise": 1}},
