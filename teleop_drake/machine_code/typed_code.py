@@ -7,7 +7,6 @@ is outside of that is refused when it is compiled, by its line.
 
 import ast
 import inspect
-import textwrap
 from collections.abc import Sequence
 from types import FunctionType
 from typing import Any
@@ -68,6 +67,24 @@ class _Module:
         self.functions: list[str] = []
         self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
         self._arrays: dict[int, Value] = {}
+        # Of each file, by their first lines.
+        self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
+
+    def Definition(self, function: FunctionType) -> ast.FunctionDef:
+        """Returns the definition of a function, from its file that is parsed once.
+
+        Args:
+            function: The function.
+        """
+        lines, first = inspect.findsource(function)
+        file = function.__code__.co_filename
+        if file not in self._definitions:
+            self._definitions[file] = {
+                min([node.lineno, *(x.lineno for x in node.decorator_list)]): node
+                for node in ast.walk(ast.parse("".join(lines)))
+                if isinstance(node, ast.FunctionDef)
+            }
+        return self._definitions[file][first + 1]
 
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
@@ -129,9 +146,7 @@ class _Function(ExpressionWriter):
         super().__init__(module, function)
         # Where `continue` and `break` go.
         self._loops: list[tuple[str, str]] = []
-        source = textwrap.dedent(inspect.getsource(function))
-        definition = ast.parse(source).body[0]
-        assert isinstance(definition, ast.FunctionDef)
+        definition = module.Definition(function)
         names = [argument.arg for argument in definition.args.args]
         if len(names) != len(types):
             raise NotTyped(f"{function.__name__} takes {len(names)} arguments")

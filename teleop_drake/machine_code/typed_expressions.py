@@ -146,7 +146,7 @@ class ExpressionWriter:
         raise self._Refuse("the truth of what is no yes or no", None)
 
     def _Refuse(self, what: str, node: ast.AST | None) -> NotTyped:
-        line = getattr(node, "lineno", 0) + self._function.__code__.co_firstlineno - 1
+        line = getattr(node, "lineno", self._function.__code__.co_firstlineno)
         return NotTyped(f"{self._function.__name__}, line {line}: {what}")
 
     # Expressions.
