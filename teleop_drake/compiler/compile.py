@@ -9,8 +9,9 @@ import numpy as np
 
 from teleop_drake.compiler.source import Program
 from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Evaluate, Integrator, Library, ObjectFile
+from teleop_drake.machine_code.native import Evaluate, Integrator, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
+from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import EVALUATE, TypeOf
 from teleop_drake.numerics.delay_integrator import advance
@@ -19,7 +20,8 @@ from teleop_drake.numerics.delay_integrator import advance
 def CompileIntegrator(*arguments: Any) -> Integrator:
     """Returns delay_integrator.advance() as machine code.
 
-    It is compiled once for all diagrams, and kept in the user's cache.
+    It is compiled once a process for all diagrams, as nothing in it is a user's, and
+    kept in the user's cache.
 
     Args:
         arguments: As advance() takes them after the function that it integrates.
@@ -29,12 +31,7 @@ def CompileIntegrator(*arguments: Any) -> Integrator:
 
 @functools.cache
 def _Integrator(types: tuple[Any, ...]) -> Integrator:
-    data, _ = Kept(
-        "advance",
-        repr(types),
-        [advance],
-        lambda: ObjectFile(MakeTypedCode(cast(FunctionType, advance), types)),
-    )
+    data, _ = Kept("advance", MakeTypedCode(cast(FunctionType, advance), types))
     return Integrator(Library(data))
 
 
@@ -51,13 +48,14 @@ def CompileEvaluate(program: Program) -> Evaluate:
             loop until something has converged.
     """
     parameters, integers = program.parameters
-    return _Compiled(
+    evaluate, _ = _Compiled(
         program.text,
         tuple(program.names.items()),
         program.sizes,
         len(parameters),
         tuple(integers.tolist()),
-    )
+    ).Get()
+    return evaluate
 
 
 @functools.cache
@@ -67,14 +65,12 @@ def _Compiled(
     sizes: tuple[int, int, int],
     num_parameters: int,
     integers: tuple[int, ...],
-) -> Evaluate:
-    def Make() -> bytes:
+) -> UpToDate[Evaluate]:
+    def Make() -> Evaluate:
         q = np.array(integers, np.int64)
         traced = TraceProgram(text, dict(names), sizes, num_parameters, q)
-        return ObjectFile(MakeCode(traced))
+        data, is_from_cache = Kept("evaluate", MakeCode(traced))
+        library = Library(data)
+        return Evaluate(library.Address("evaluate"), library, is_from_cache)
 
-    structure = repr((text, sizes, num_parameters, integers))
-    functions = [function for _, function in names]
-    data, is_from_cache = Kept("evaluate", structure, functions, Make)
-    library = Library(data)
-    return Evaluate(library.Address("evaluate"), library, is_from_cache)
+    return UpToDate([function for _, function in names], Make)

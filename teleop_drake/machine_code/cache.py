@@ -1,59 +1,61 @@
-"""What has been compiled, kept on disk for this user."""
+"""Object files of LLVM's code, kept on disk for this user."""
 
+import contextlib
 import functools
 import hashlib
-import inspect
 import os
-import platform
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from importlib import metadata
+import time
 from pathlib import Path
-from types import FunctionType
-from typing import Any
 
-import numpy as np
+from teleop_drake.machine_code.native import ObjectFile, Target
 
-from teleop_drake.machine_code.native import Processor
+# Files beyond this size in all are deleted, those first that were used longest ago.
+_MAX_BYTES = 64_000_000
 
-# Whatever changes them may change the code.
-_VERSIONS_OF = ("numpy", "drake", "llvmlite")
+# Files of other versions that were not used for this long are deleted, in s. Several
+# installations of one user do not delete each other's files thereby.
+_MAX_AGE = 7 * 24 * 3600.0
+
+# Temporary files of this age were left by a process that was ended, in s.
+_MAX_TEMPORARY_AGE = 3600.0
+
+_HASH = hashlib.sha256
+_HASH_SIZE = _HASH().digest_size
 
 
-def Kept(
-    name: str,
-    text: str,
-    functions: Iterable[Callable[..., Any]],
-    make: Callable[[], bytes],
-) -> tuple[bytes, bool]:
-    """Returns an object file that is kept, or makes it and keeps it.
+def Kept(name: str, code: str) -> tuple[bytes, bool]:
+    """Returns the object file of LLVM's code from the cache, or makes it and keeps it.
 
-    It is kept under a hash of all that it depends on. Several processes may do so at
-    once. Where nothing can be kept it is made each time.
+    Several processes may do so at once. Where nothing can be kept it is made each time,
+    and so it is where the file in the cache is damaged.
 
     Args:
         name: First part of the file's name.
-        text: What it is made of.
-        functions: What is compiled into it, apart from their helpers.
-        make: Returns what belongs in it.
+        code: In LLVM's language.
 
     Returns:
-        What is in it, and whether it was there.
+        The object file, and whether it was there.
     """
-    key = _Key(text, functions)
-    file = _Folder() / key[:2] / f"{name}_{key}.o"
-    try:
-        return file.read_bytes(), True
-    except OSError:
-        data = make()
-    try:
+    folder = _Folder()
+    file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
+    with contextlib.suppress(OSError):
+        content = file.read_bytes()
+        data = content[_HASH_SIZE:]
+        if _HASH(data).digest() == content[:_HASH_SIZE]:
+            with contextlib.suppress(OSError):
+                os.utime(file)  # The time of its last use.
+            return data, True
+    data = ObjectFile(code)
+    with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as temporary:
-            temporary.write(data)
+        with tempfile.NamedTemporaryFile(
+            dir=file.parent, suffix=".tmp", delete=False
+        ) as temporary:
+            temporary.write(_HASH(data).digest() + data)
         os.replace(temporary.name, file)
-    except OSError:
-        pass
+        _Sweep(folder, file.parent)
     return data, False
 
 
@@ -68,69 +70,27 @@ def _Folder() -> Path:
     return Path(root).expanduser() / "teleop-drake" / "kernels"
 
 
-def _Key(text: str, functions: Iterable[Callable[..., Any]]) -> str:
-    """Returns a hash of all that the machine code of a source depends on."""
-    content = hashlib.sha256(text.encode())
-    seen: set[Callable[..., Any]] = set()
-
-    def Add(function: Callable[..., Any]) -> None:
-        if function in seen:
-            return
-        if not isinstance(function, FunctionType):  # A named tuple.
-            content.update(repr((function, getattr(function, "_fields", ()))).encode())
-            return
-        seen.add(function)
-        content.update(_Content(function))
-        for name, value in _Surroundings(function):
-            if isinstance(value, FunctionType):
-                Add(value)
-            elif isinstance(value, np.ndarray):
-                content.update(name.encode() + value.tobytes())
-            elif isinstance(value, (int, float, tuple)):
-                content.update(f"{name} = {value!r}".encode())
-
-    for function in functions:
-        Add(function)
-    content.update(_Compilers())
-    content.update(Processor().encode())
-    return content.hexdigest()[:32]
+@functools.cache
+def _Version() -> str:
+    """Returns a folder's name for all that an object file depends on besides code."""
+    return _HASH(Target().encode()).hexdigest()[:16]
 
 
-def _Surroundings(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yields what a function takes from outside of it, by name.
+def _Sweep(folder: Path, current: Path) -> None:
+    """Deletes what is not used any more.
 
-    Those are helpers and constants, the variables of a function around it, and default
-    values.
+    Args:
+        folder: The cache.
+        current: Its part for this version.
     """
-    for name in function.__code__.co_names:
-        if name in function.__globals__:
-            yield name, function.__globals__[name]
-    for name, cell in zip(
-        function.__code__.co_freevars, function.__closure__ or (), strict=True
-    ):
-        yield name, cell.cell_contents
-    for value in function.__defaults__ or ():
-        yield "default", value
-
-
-def _Content(function: FunctionType) -> bytes:
-    """Returns the code of a function, and the file that it is from if there is one."""
-    code = function.__code__.co_code + repr(function.__code__.co_consts).encode()
-    file = inspect.getsourcefile(function)
-    if file is not None and Path(file).is_file():
-        return code + function.__qualname__.encode() + _FileContent(file)
-    return code
-
-
-@functools.cache
-def _FileContent(file: str) -> bytes:
-    return Path(file).read_bytes()
-
-
-@functools.cache
-def _Compilers() -> bytes:
-    """Returns what decides what becomes of a function: this folder, and versions."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    versions = [f"{name} {metadata.version(name)}" for name in _VERSIONS_OF]
-    about = " ".join([platform.python_version(), platform.machine(), *versions])
-    return b"".join(file.read_bytes() for file in files) + about.encode()
+    now, size = time.time(), 0
+    files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
+    for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):
+        age = now - status.st_mtime
+        size += status.st_size
+        if (
+            size > _MAX_BYTES
+            or (file.suffix == ".tmp" and age > _MAX_TEMPORARY_AGE)
+            or (file.parent != current and age > _MAX_AGE)
+        ):
+            file.unlink(missing_ok=True)

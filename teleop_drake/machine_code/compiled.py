@@ -1,24 +1,21 @@
 """Laws as machine code, where llvmlite is installed (the extra `fast`)."""
 
+import copy
 import functools
 import importlib.util
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FunctionType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import (
-    BoundEvaluate,
-    BoundLoops,
-    Library,
-    ObjectFile,
-)
+from teleop_drake.machine_code.native import BoundEvaluate, BoundLoops, Library
 from teleop_drake.machine_code.scalar_code import IsWhole, MakeCode, TraceLaw
+from teleop_drake.machine_code.surroundings import Surroundings, UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import TypeOf
@@ -82,29 +79,29 @@ class CompiledLaw:
         """Calls the law."""
         if _is_interpreted:
             return self.law(*arguments)
-        try:
-            places, run, result = self._local.call
-        except AttributeError:
-            places, run, result = self._local.call = self._Prepare(arguments)
-        if run is None:
+        call: _Call | None = getattr(self._local, "call", None)
+        if call is None or not all(map(Surroundings.AreSame, call.surroundings)):
+            call = self._local.call = self._Prepare(arguments)
+        if call.run is None:
             return self.law(*arguments)
-        for place, argument in zip(places, arguments, strict=True):
+        for place, argument in zip(call.places, arguments, strict=True):
             place[...] = argument
-        run()
-        copy: Array = result.copy()
-        return copy
+        call.run()
+        return call.result.copy()
 
-    def _Prepare(
-        self, arguments: Sequence[Any]
-    ) -> tuple[list[Array], Callable[[], None] | None, Array]:
-        """Returns where arguments go, what to call then, and where the result is."""
+    def _Prepare(self, arguments: Sequence[Any]) -> "_Call":
         # Called once as it is, the law tells the shape of what it returns.
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
         try:
-            library = _LibraryOf(cast(FunctionType, self.law.func), samples)
+            library, *surroundings = _LibraryOf(
+                cast(FunctionType, self.law.func), samples
+            )
+            surroundings.append(Surroundings(self.law.args))
+            if not all(x.AreSame() for x in surroundings):
+                raise Untraceable("what it reads changes, or cannot be compared")
         except Untraceable:
-            return [], None, result
+            return _Call((), [], None, result)
         values = [np.asarray(sample) for sample in samples if not IsWhole(sample)]
         memory = np.concatenate([np.ravel(value) for value in values])
         ends = np.cumsum([value.size for value in values])
@@ -113,31 +110,51 @@ class CompiledLaw:
             for end, value in zip(ends, values, strict=True)
         ]
         places = places[len(places) - len(arguments) :]
-        return places, BoundEvaluate(library, memory, result), result
+        run = BoundEvaluate(library, memory, result)
+        return _Call(tuple(surroundings), places, run, result)
 
 
-_libraries: dict[tuple[FunctionType, str], Library] = {}
+class _Call(NamedTuple):
+    """What a call of a law works with.
+
+    Attributes:
+        surroundings: What the machine code depends on.
+        places: Where arguments go.
+        run: What to call then; None: the law itself.
+        result: Where the result is.
+    """
+
+    surroundings: tuple[Surroundings, ...]
+    places: list[Array]
+    run: Callable[[], None] | None
+    result: Array
 
 
-def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
+_libraries: dict[tuple[FunctionType, str], UpToDate[Library]] = {}
+
+
+def _LibraryOf(
+    law: FunctionType, samples: Sequence[Any]
+) -> tuple[Library, Surroundings]:
     """Returns a law for arguments of these shapes as machine code."""
     structure = repr(
         [np.asarray(x).tolist() if IsWhole(x) else np.shape(x) for x in samples]
     )
-    library = _libraries.get((law, structure))
-    if library is None:
-        data, _ = Kept(
-            law.__name__.strip("<>"),
-            structure,
-            [law],
-            lambda: ObjectFile(MakeCode(TraceLaw(law, samples))),
-        )
-        library = _libraries[law, structure] = Library(data)
-    return library
+    if (law, structure) not in _libraries:
+        samples = copy.deepcopy(samples)
+
+        def Make() -> Library:
+            data, _ = Kept(law.__name__.strip("<>"), MakeCode(TraceLaw(law, samples)))
+            return Library(data)
+
+        _libraries[law, structure] = UpToDate([law], Make)
+    return _libraries[law, structure].Get()
 
 
 def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
     """Returns loops over arrays as machine code if llvmlite is installed.
+
+    Unlike a law, they are compiled once a process, whatever changes around them.
 
     Args:
         function: In the part of Python that typed_code compiles. It takes whole numbers
@@ -166,11 +183,6 @@ class CompiledLoops:
         if self._call is None:
             types = tuple(map(TypeOf, arguments))
             function = cast(FunctionType, self.function)
-            data, _ = Kept(
-                function.__name__,
-                repr(types),
-                [function],
-                lambda: ObjectFile(MakeTypedCode(function, types)),
-            )
+            data, _ = Kept(function.__name__, MakeTypedCode(function, types))
             self._call = BoundLoops(Library(data), function.__name__, types)
         self._call(*arguments)

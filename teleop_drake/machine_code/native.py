@@ -54,13 +54,14 @@ def _Machine(level: int) -> Any:
     )
 
 
-@functools.cache
-def Processor() -> str:
+def Target() -> str:
     """Returns what an object file depends on besides its source."""
+    import llvmlite
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
-    return " ".join([llvm.get_default_triple(), llvm.get_host_cpu_name(), features])
+    processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
+    return f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_LONG}"
 
 
 def ObjectFile(code: str) -> bytes:

@@ -52,6 +52,35 @@ def test_numbers_are_data_and_structure_is_code(cache):
     assert len(list(cache.rglob("evaluate_*.o"))) == 1
 
 
+RATES = {"rate": 4.0}
+
+
+class Constant(LeafSystem):
+    """y = u + what stands in a dict."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareVectorOutputPort("y", 1, lambda context, output: None)
+
+    def Kernel(self):
+        return Kernel(outputs={"y": (raised, "u")})
+
+
+def raised(u):
+    return u + RATES["rate"]
+
+
+def test_a_change_between_two_runs_is_seen(monkeypatch):
+    for rate in (4.0, 6.0, 4.0):
+        monkeypatch.setitem(RATES, "rate", rate)
+        system = Constant()
+        context = system.CreateDefaultContext()
+        system.GetInputPort("u").FixValue(context, [1.0])
+        y, _ = Evaluator(system, context, as_machine_code=True).Evaluate(context)
+        assert y[0] == 1.0 + rate
+
+
 def test_without_a_place_to_keep_it_the_code_still_runs(cache):
     cache.parent.mkdir()
     cache.write_text("in the way")

@@ -1,77 +1,116 @@
-"""What is compiled is kept, and made anew when anything that it depends on changes."""
+"""Compiled code is kept for the same LLVM text, and made anew otherwise."""
+
+import os
+import time
 
 import numpy as np
 import pytest
 
 pytest.importorskip("llvmlite")
 
-from teleop_drake.machine_code import cache
+from teleop_drake.machine_code import cache, compiled
 from teleop_drake.machine_code.cache import Kept
+from teleop_drake.machine_code.compiled import CompileLaw
 
-FACTOR = 2.0
-TABLE = np.array([1.0, 2.0])
-
-
-def helper(x):
-    return FACTOR * x
-
-
-def function(x, power=2):
-    return helper(x) ** power + TABLE[0]
-
-
-def around(gain):
-    def inner(x):
-        return gain * x
-
-    return inner
+WEEK = 7 * 24 * 3600.0
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    return tmp_path
+    monkeypatch.setattr(cache, "ObjectFile", lambda code: code.encode())
+    cache._Version.cache_clear()
+    yield tmp_path / "teleop-drake" / "kernels"
+    cache._Version.cache_clear()
 
 
-def IsKept(*functions, text="text"):
+def IsKept(code):
     """Returns whether it is there, and keeps it."""
-    data, was_there = Kept("thing", text, functions, lambda: b"data")
-    assert data == b"data"
+    data, was_there = Kept("thing", code)
+    assert data == code.encode()
     return was_there
 
 
-def test_it_is_kept_until_something_changes(monkeypatch):
-    assert not IsKept(function)
-    assert IsKept(function)
-    assert not IsKept(function, text="another")
-    for name, value in (
-        ("FACTOR", 3.0),  # Of a helper.
-        ("TABLE", np.array([1.0, 2.5])),
-        ("helper", lambda x: x),
-    ):
-        monkeypatch.setitem(globals(), name, value)
-        assert not IsKept(function), name
-        assert IsKept(function), name
-    monkeypatch.setattr(function, "__defaults__", (3,))
-    assert not IsKept(function)
-    monkeypatch.setattr(cache, "_Compilers", lambda: b"another version")
-    assert not IsKept(function)
-    monkeypatch.setattr(cache, "Processor", lambda: "another processor")
-    assert not IsKept(function)
+def Files(folder):
+    return {file for file in folder.rglob("*") if file.is_file()}
 
 
-def test_functions_with_the_same_text_are_told_apart():
-    assert not IsKept(around(2.0))
-    assert not IsKept(around(3.0))
-    assert not IsKept(around(np.array([2.0])))
-    assert IsKept(around(2.0))
-    first, second = (lambda x: x), (lambda x: 2 * x)
-    assert not IsKept(first)
-    assert not IsKept(second)
+def test_it_is_kept_for_its_text_version_and_processor(monkeypatch):
+    assert not IsKept("text")
+    assert IsKept("text")
+    assert not IsKept("another")
+    monkeypatch.setattr(cache, "Target", lambda: "another version or processor")
+    cache._Version.cache_clear()
+    assert not IsKept("text")
+
+
+@pytest.mark.parametrize("size", [0, 10, -1, None])
+def test_a_damaged_file_is_made_anew(folder, size):
+    assert not IsKept("text")
+    (file,) = Files(folder)
+    content = file.read_bytes()
+    file.write_bytes(b"\0" * 99 if size is None else content[:size])
+    assert not IsKept("text")
+    assert file.read_bytes() == content
+    assert IsKept("text")
 
 
 def test_where_nothing_can_be_kept_it_is_made_each_time(folder):
-    (folder / "teleop-drake").write_text("in the way")
-    assert not IsKept(function)
-    assert not IsKept(function)
+    folder.parent.write_text("in the way")
+    assert not IsKept("text")
+    assert not IsKept("text")
+
+
+def test_what_was_used_longest_ago_is_deleted(folder, monkeypatch):
+    codes = [letter * 100 for letter in "abcd"]
+    for age, code in enumerate(codes):
+        IsKept(code)
+        (new,) = (file for file in Files(folder) if code.encode() in file.read_bytes())
+        os.utime(new, (time.time() - 100 + age,) * 2)
+    assert IsKept(codes[0])  # Now it is the one that was used last.
+    monkeypatch.setattr(cache, "_MAX_BYTES", 3 * new.stat().st_size)
+    IsKept("e" * 100)
+    assert len(Files(folder)) == 3
+    assert [IsKept(code) for code in (codes[0], codes[3])] == [True, True]
+
+
+def test_temporary_files_and_other_versions_are_swept(folder):
+    now = time.time()
+    ages = {
+        "old/law.o": 2 * WEEK,
+        "other/law.o": 3600.0,  # Of an installation that is still used.
+        "other/left.tmp": 2 * 3600.0,
+        "other/under_way.tmp": 1.0,
+    }
+    for name, age in ages.items():
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+        os.utime(file, (now - age,) * 2)
+    IsKept("text")
+    left = {str(file.relative_to(folder)) for file in Files(folder)}
+    assert len(left) == 3
+    assert left > {"other/law.o", "other/under_way.tmp"}
+
+
+def test_laws_with_a_comprehension_or_a_lambda_are_found(monkeypatch):
+    monkeypatch.undo()
+    made = []
+    kept = compiled.Kept
+
+    def Note(name, code):
+        data, was_there = kept(name, code)
+        made.append(was_there)
+        return data, was_there
+
+    monkeypatch.setattr(compiled, "Kept", Note)
+
+    def MakeLaws():
+        yield lambda x: 3.125 * x
+        yield lambda x: np.array([(lambda y: 7.375 * y)(y) for y in x])
+
+    for _ in range(2):
+        for law in MakeLaws():
+            CompileLaw(law)(np.array([1.0, 2.0]))
+    assert made[2:] == [True, True]

@@ -4,16 +4,20 @@ import json
 import subprocess
 import sys
 import threading
+import types
 
 import numpy as np
 import pytest
 from blocks import Gains
 from grids import Slow
+from pydrake.systems.analysis import Simulator
 
 from teleop_drake.environments.layered_force_field import (
     force_in_region,
     layer_in_region,
 )
+from teleop_drake.kernel import Kernel
+from teleop_drake.kernel_block import KernelBlock
 from teleop_drake.laws.backstepping import (
     adaptive_errors,
     adaptive_rate,
@@ -45,8 +49,7 @@ def AssertSame(law, constants, samples):
     fast = CompileLaw(law, *constants)
     for arguments in samples:
         result, expected = fast(*arguments), law(*constants, *arguments)
-        _, run, _ = fast._local.call
-        assert run is not None
+        assert fast._local.call.run is not None
         assert result.shape == expected.shape
         scale = max(np.max(np.abs(expected)), 1.0)
         np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12 * scale)
@@ -132,8 +135,7 @@ def halved(u):
 def test_what_is_no_graph_of_operations_stays_as_it_is():
     law = CompileLaw(halved)
     assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
-    _, run, _ = law._local.call
-    assert run is None
+    assert law._local.call.run is None
 
 
 def test_whole_numbers_as_arguments_are_numbers():
@@ -141,6 +143,166 @@ def test_whole_numbers_as_arguments_are_numbers():
     for arguments in ((np.array([1, 2]), 3), (np.array([0.5, 0.25]), 0.125)):
         x, y = arguments
         np.testing.assert_array_equal(law(*arguments), 2 * x + y)
+
+
+LIMIT = 4.0
+COUNT = np.int64(4)
+LIMITS = [4.0]
+TABLE = {"limit": np.array([4.0])}
+settings = types.ModuleType("settings")
+exec("LIMIT = 4.0\ndef limit(): return LIMIT", settings.__dict__)
+
+
+class Config:
+    limit = 4.0
+
+    def __init__(self):
+        self.inner = types.SimpleNamespace(limit=4.0)
+
+    def Limit(self):
+        return self.inner.limit
+
+
+config = Config()
+
+
+def helper(scale, *, limit=4.0):
+    return scale * limit
+
+
+def with_default(x, limit=4.0):
+    return x + limit
+
+
+def with_keyword(x):
+    return x + helper(1.0)
+
+
+def with_module(x, module=settings):
+    return x + getattr(module, "LIMIT")  # noqa: B009
+
+
+def with_import(x):
+    import settings
+
+    return x + settings.LIMIT
+
+
+def around():
+    limits, limit = [4.0], 4.0
+
+    def in_list(x):
+        return x + limits[0]
+
+    def in_variable(x):
+        return x + limit
+
+    def Change(value):
+        nonlocal limit
+        limits[0] = limit = value
+
+    return in_list, in_variable, Change
+
+
+in_list, in_variable, change_around = around()
+constant = np.array([4.0])
+
+OUTSIDE = {
+    "global": (lambda x: x + LIMIT, lambda v: globals().update(LIMIT=v)),
+    "comprehension": (
+        lambda x: np.array([y + LIMIT for y in x]),
+        lambda v: globals().update(LIMIT=v),
+    ),
+    "numpy integer": (
+        lambda x: x + COUNT,
+        lambda v: globals().update(COUNT=np.int64(v)),
+    ),
+    "list": (lambda x: x + LIMITS[0], lambda v: LIMITS.__setitem__(0, v)),
+    "array in a dict": (
+        lambda x: x + TABLE["limit"],
+        lambda v: TABLE["limit"].__setitem__(0, v),
+    ),
+    "module": (lambda x: x + settings.LIMIT, lambda v: setattr(settings, "LIMIT", v)),
+    "function of a module": (
+        lambda x: x + settings.limit(),
+        lambda v: setattr(settings, "LIMIT", v),
+    ),
+    "module as an argument": (with_module, lambda v: setattr(settings, "LIMIT", v)),
+    "import": (with_import, lambda v: setattr(settings, "LIMIT", v)),
+    "class": (lambda x: x + Config.limit, lambda v: setattr(Config, "limit", v)),
+    "class of an object": (
+        lambda x: x + config.limit,
+        lambda v: setattr(Config, "limit", v),
+    ),
+    "object in a method": (
+        lambda x: x + config.Limit(),
+        lambda v: setattr(config.inner, "limit", v),
+    ),
+    "list around": (in_list, change_around),
+    "variable around": (in_variable, change_around),
+    "default": (with_default, lambda v: setattr(with_default, "__defaults__", (v,))),
+    "keyword's default": (
+        with_keyword,
+        lambda v: helper.__kwdefaults__.update(limit=v),
+    ),
+    "helper": (
+        with_keyword,
+        lambda v: globals().update(helper=lambda scale: scale * v),
+    ),
+    "constant": (
+        lambda c, x: x + c,
+        lambda v: constant.__setitem__(0, v),
+        constant,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_change_outside_of_the_arguments_is_seen(name, monkeypatch):
+    function, change, *constants = OUTSIDE[name]
+    monkeypatch.setitem(sys.modules, "settings", settings)
+    if name == "helper":
+        monkeypatch.setitem(globals(), "helper", helper)
+    law, x = CompileLaw(function, *constants), np.array([1.0])
+    for value in (6.0, 4.0):
+        law(x)
+        change(value)
+        assert law(x) == function(*constants, x) == 1.0 + value
+        assert law._local.call.run is not None
+
+
+def test_what_cannot_be_compared_is_not_compiled():
+    rng = np.random.default_rng(0)
+    law = CompileLaw(lambda x: x + rng.normal())
+    assert law(np.array([1.0])) != law(np.array([1.0]))
+
+
+class Growth(KernelBlock):
+    """dx/dt = LIMIT."""
+
+    is_compiled = True
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareContinuousState(1)
+        self.DeclareOutputs(x=1)
+
+    def Kernel(self):
+        return Kernel(outputs={"x": "state"}, rate=(growth, "state"))
+
+
+def growth(x):
+    return 0.0 * x + LIMIT
+
+
+def test_a_change_between_two_parts_of_a_run_is_seen(monkeypatch):
+    block = Growth()
+    simulator = Simulator(block)
+    simulator.AdvanceTo(1.0)
+    monkeypatch.setitem(globals(), "LIMIT", 6.0)
+    simulator.AdvanceTo(2.0)
+    (x,) = simulator.get_context().get_continuous_state_vector().CopyToVector()
+    assert x == pytest.approx(4.0 + 6.0)
 
 
 def test_results_stay_when_it_is_called_again():
