@@ -25,6 +25,10 @@ from teleop_drake.tasks.pieces import (
     ValueBefore,
 )
 
+# A command that is slower than this share of |v_d| points nowhere: it may be zero but
+# for rounding.
+_AT_REST = 1e-6
+
 SETTLING_RATIO = 0.05
 """Share of |v_d| under which the tool counts as settled."""
 
@@ -57,6 +61,7 @@ class _Pieces:
     Attributes:
         begin, end: (M,) times in s, ascending.
         v: (M, 8, n) tool velocity at the nodes of each piece, and so on.
+        excess: (M, 8) how far v exceeds the command, in the direction of the command.
         crossings: (time, number of the surface, whether into it), ascending.
         surfaces: Of the environment.
     """
@@ -64,6 +69,7 @@ class _Pieces:
     begin: np.ndarray
     end: np.ndarray
     v: np.ndarray
+    excess: np.ndarray
     F_e: np.ndarray
     F_c: np.ndarray
     v_dd: np.ndarray
@@ -98,8 +104,8 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
     compare with the command as it arrives at the slave at each instant, v_dd below.
     The surfaces are those that the environment told; x is the direction of the normal
     into the surface in question. An overshoot is one in the direction of the command:
-    s = -1 if v_d_x < 0, else 1. Without a surface of the name there is no puncture or
-    collision.
+    s = -1 if v_d_x < 0 by more than 1e-6 of |v_d|, else 1. Without a surface of the
+    name there is no puncture or collision.
 
     * start_velocity_overshoot (m/s): max of s (v_x - v_d_x) before the puncture,
       without a puncture before the contact, else over the whole run; at least 0. Where
@@ -147,22 +153,19 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
     t_contact = pieces.FirstCrossing(surface, True)
     has_diverged = recording.termination == "diverged"
 
-    command = v_d if recording.has_constant_command else pieces.v_dd
-    excess = _Excess(pieces.v, command, _FirstNormal(recording.surfaces, v_d))
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
-    start_end = pieces.CountBefore(start_ends[0]) if start_ends else len(excess)
+    start_end = pieces.CountBefore(start_ends[0]) if start_ends else len(pieces.v)
     puncture = collision = None
     if pierced is not None and t_puncture is not None:
         t_next = pieces.FirstCrossing(surface, True, after=t_puncture)
-        overshoot = _Excess(pieces.v, command, pierced.normal_W)
-        puncture = _Puncture(pieces, pierced, t_puncture, t_next, overshoot)
+        puncture = _Puncture(pieces, pierced, t_puncture, t_next)
     if surface is not None and t_contact is not None:
         collision = _Collision(pieces, surface, t_contact, v_d)
         if has_diverged:
             collision["settling_time"] = None
     control_forces = [Trace(axis) for axis in np.moveaxis(pieces.F_c, 2, 0)]
     return {
-        "start_velocity_overshoot": max(Maximum(excess, 0, start_end), 0.0),
+        "start_velocity_overshoot": max(Maximum(pieces.excess, 0, start_end), 0.0),
         "puncture": puncture,
         "collision": collision,
         "velocity_rms_error": pieces.RootMeanSquare(pieces.v - pieces.v_dd),
@@ -181,7 +184,6 @@ def _Puncture(
     surface: Surface,
     time: float,
     t_next: float | None,
-    overshoot: np.ndarray,
 ) -> dict[str, Any]:
     """Returns the metrics of a puncture; t_next is when the next contact is."""
     v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
@@ -191,7 +193,7 @@ def _Puncture(
         "time": time,
         "velocity": ValueBefore(v_x, i),
         "force": ValueBefore(F_x, i),
-        "velocity_overshoot": Maximum(overshoot, i, j),
+        "velocity_overshoot": Maximum(pieces.excess, i, j),
     }
 
 
@@ -225,23 +227,11 @@ def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
     return direction
 
 
-def _Excess(v: np.ndarray, v_d: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Returns by how much v (M, 8, n) exceeds v_d along a normal (M, 8).
-
-    Args:
-        v: Velocity of the tool.
-        v_d: What is commanded, (n,) or (M, 8, n).
-        normal: (n,).
-    """
-    along = v_d @ normal
-    excess: np.ndarray = np.where(along < 0, -1.0, 1.0) * (v @ normal - along)
-    return excess
-
-
 def _MakePieces(recording: Recording) -> _Pieces:
-    time = recording.time
-    n = recording["tool_position"].shape[1]
-    surfaces = recording.surfaces
+    time, surfaces = recording.time, recording.surfaces
+    v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
+    normal = _FirstNormal(surfaces, v_d)
+    n = len(normal)
 
     echoes: list[float] = []
     if "velocity_command" in recording.signals:
@@ -256,8 +246,12 @@ def _MakePieces(recording: Recording) -> _Pieces:
         for i, surface in enumerate(surfaces)
         for crossing, is_inwards in Crossings(begin, end, surface.Depth(p))
     )
-    if crossings:
-        instants = [crossing for crossing, _, _ in crossings]
+    instants = [crossing for crossing, _, _ in crossings]
+    slowest = _AT_REST * float(np.linalg.norm(v_d))
+    if not recording.has_constant_command:
+        along = _ReceivedCommands(recording, begin, end)[:, :, n:] @ normal
+        instants += [reversal for reversal, _ in Crossings(begin, end, along + slowest)]
+    if instants:
         begin, end = Split(time, [*echoes, *instants])
         p, v = Motion(recording, begin, end)
 
@@ -265,13 +259,19 @@ def _MakePieces(recording: Recording) -> _Pieces:
     if F_e is None:
         F_e = Sample(recording, "environment_force", begin, end)
     commands = _ReceivedCommands(recording, begin, end)
+    v_dd = commands[:, :, n:]
+    command = np.broadcast_to(v_d, v.shape) if recording.has_constant_command else v_dd
+    along = command @ normal
+    # The command reverses only where a piece ends.
+    is_back = along.mean(axis=1, keepdims=True) < -slowest
     return _Pieces(
         begin=begin,
         end=end,
         v=v,
+        excess=np.where(is_back, -1.0, 1.0) * (v @ normal - along),
         F_e=F_e,
         F_c=Sample(recording, "control_force", begin, end),
-        v_dd=commands[:, :, n:],
+        v_dd=v_dd,
         F_hd=commands[:, :, :n],
         crossings=crossings,
         surfaces=surfaces,

@@ -33,7 +33,7 @@ class Phase:
     a: Function
     F_c: Function = np.zeros_like
     F_hd: Function = np.zeros_like
-    v_dd: float = V_D
+    v_dd: Function = lambda t: V_D + 0 * t
 
 
 def Still(x: float, duration: float) -> Phase:
@@ -88,12 +88,14 @@ def Record(
         index = int(np.searchsorted(starts, middle, side="right")) - 1
         times.append(begin + t)
         for k in range(len(t)):
-            x, v, a, F_c, F_hd = (
+            x, v, a, F_c, F_hd, v_dd = (
                 float(f(t[k]))
-                for f in (phase.x, phase.v, phase.a, phase.F_c, phase.F_hd)
-            )
+                for f in (
+                    phase.x, phase.v, phase.a, phase.F_c, phase.F_hd, phase.v_dd
+                )
+            )  # fmt: skip
             F_e = layer_force(layers[index], x, v) if index >= 0 else 0.0
-            rows.append([x, v, a, F_e, index, F_c, F_hd, phase.v_dd])
+            rows.append([x, v, a, F_e, index, F_c, F_hd, v_dd])
         begin += phase.duration
     table = np.array(rows)
     return Recording(
@@ -315,7 +317,7 @@ def Backwards(phase: Phase) -> Phase:
         lambda t: -phase.x(t),
         lambda t: -phase.v(t),
         lambda t: -phase.a(t),
-        v_dd=-V_D,
+        v_dd=lambda t: -V_D + 0 * t,
     )
 
 
@@ -337,6 +339,31 @@ def test_overshoot_is_in_the_direction_of_the_command(amplitude):
     )
     overshoot = RunMetrics(recording)["start_velocity_overshoot"]
     assert overshoot == pytest.approx(amplitude, rel=1e-5, abs=1e-12)
+
+
+@pytest.mark.parametrize("has_waited", [False, True])
+def test_overshoot_over_a_command_that_reverses_or_waits(has_waited):
+    """The tool follows a sine by `lag`, and is farthest beyond it where it reverses."""
+    lag = 0.3
+    swing = Phase(
+        7.0,
+        lambda t: V_D * (np.cos(lag) - np.cos(t - lag)),
+        lambda t: V_D * np.sin(t - lag),
+        lambda t: V_D * np.cos(t - lag),
+        v_dd=lambda t: V_D * np.sin(t),
+    )
+    # A command of 0, but for rounding, points nowhere.
+    wait = Phase(
+        1.0,
+        lambda t: -V_D * t,
+        lambda t: -V_D + 0 * t,
+        np.zeros_like,
+        v_dd=lambda t: -1e-20 * np.cos(20 * t),
+    )
+    recording = Record([wait, swing] if has_waited else [swing], RegularSteps(0.11))
+    recording.has_constant_command = False
+    overshoot = RunMetrics(recording)["start_velocity_overshoot"]
+    assert overshoot == pytest.approx(V_D * math.sin(lag), rel=1e-6)
 
 
 def test_starting_on_the_surface_is_no_contact():
