@@ -285,18 +285,23 @@ class Recording:
         """
         return FindSurface(self.surfaces, name)
 
-    def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
+    def Interpolate(
+        self, name: str, times: np.ndarray, *, is_cautious: bool = True
+    ) -> np.ndarray:
         """Returns a signal between its samples.
 
         Args:
             name: Name of the signal.
             times: (M,) ascending times in s, clamped to the span of the recording.
+            is_cautious: See numerics.interpolation.interpolate().
 
         Returns:
             (M, k) values, as accurate as the solver's steps; before a jump at the
             very instant of the jump.
         """
-        return interpolate(self.time, self[name], np.asarray(times))
+        return interpolate(
+            self.time, self[name], np.asarray(times), is_cautious=is_cautious
+        )
 
     def EventTimes(self, name: str) -> list[float]:
         """Returns the times in s of all events with that name."""

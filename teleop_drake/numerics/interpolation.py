@@ -40,6 +40,9 @@ Table = Array | Sequence[Sequence[Sequence[float]]]
 _REACH = NUM_STENCIL_POINTS - 2
 _WINDOW = 2 * _REACH + 2
 
+# A step as small as this share of the largest value is no jump.
+_ROUNDING = 1e-9
+
 
 def limited_polynomial(times: Array, values: Array, i: int) -> Array:
     """Returns the ENO polynomials of k signals on [times[i], times[i + 1]].
@@ -320,24 +323,49 @@ def find_crossing(
 
 
 def interpolate(
-    times: np.ndarray, values: np.ndarray, query_times: np.ndarray
+    times: np.ndarray,
+    values: np.ndarray,
+    query_times: np.ndarray,
+    *,
+    is_cautious: bool = True,
 ) -> np.ndarray:
     """Interpolates a recorded signal.
+
+    Two equal times at which no value jumps end a polynomial only if there are samples
+    enough on both sides. A recording has such a pair wherever any of its signals jumps:
+    at each packet, for example.
 
     Args:
         times: (N,) non-decreasing sample times; equal neighbours mark a jump.
         values: (N, k) samples.
         query_times: (M,) non-decreasing times; clamped to the recorded span. At a
             jump the value before it is returned.
+        is_cautious: Whether a polynomial that cannot be trusted is drawn towards the
+            chord; else it is a parabola.
 
     Returns:
         (M, k) interpolated values.
     """
+    times, values = _without_still_pairs(times, values)
     query_times = np.clip(query_times, times[0], times[-1])
     interval = np.clip(np.searchsorted(times, query_times) - 1, 0, len(times) - 2)
     used, polynomial = np.unique(interval, return_inverse=True)
-    nodes, coefficients = newton_polynomials(times, values, used)
+    nodes, coefficients = newton_polynomials(times, values, used, is_cautious)
     result = np.zeros((len(query_times), values.shape[1]))
     for n, c in zip(nodes[::-1], coefficients[::-1], strict=True):
         result = c[polynomial] + (query_times[:, np.newaxis] - n[polynomial]) * result
     return result
+
+
+def _without_still_pairs(times: Array, values: Array) -> tuple[Array, Array]:
+    """Returns the samples; of a pair without a jump, beside few samples, only one."""
+    first = np.flatnonzero(times[1:] == times[:-1])
+    if len(first) == 0:
+        return times, values
+    sizes = np.diff(np.concatenate([[-1], first, [len(times) - 1]]))
+    has_few = np.minimum(sizes[:-1], sizes[1:]) < NUM_STENCIL_POINTS
+    step = np.abs(values[first + 1] - values[first])
+    is_still = (step <= _ROUNDING * np.abs(values).max(axis=0)).all(axis=1)
+    is_kept = np.ones(len(times), bool)
+    is_kept[first[has_few & is_still]] = False
+    return times[is_kept], values[is_kept]

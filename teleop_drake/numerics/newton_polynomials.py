@@ -25,13 +25,17 @@ _REACH = NUM_STENCIL_POINTS - 2
 _BLOCK = 4096
 
 
-def newton_polynomials(times: Array, values: Array, intervals: Indices) -> Array:
+def newton_polynomials(
+    times: Array, values: Array, intervals: Indices, is_cautious: bool = True
+) -> Array:
     """Returns interpolation.limited_polynomial() of several intervals.
 
     Args:
         times: (N,) non-decreasing sample times; two equal ones mark a jump.
         values: (N, k) samples.
         intervals: (M,) indices of the intervals.
+        is_cautious: Whether what cannot be trusted is drawn towards the chord; else it
+            is a parabola.
 
     Returns:
         Nodes and coefficients, (2, NUM_STENCIL_POINTS, M, k).
@@ -46,7 +50,8 @@ def newton_polynomials(times: Array, values: Array, intervals: Indices) -> Array
             block = places[start : start + _BLOCK]
             windows = _windows(times, intervals[block], bounds)
             nodes, coefficients = _newton(times, values, *windows)
-            _limit(times, values, intervals[block], windows, nodes, coefficients)
+            series = nodes, coefficients
+            _limit(times, values, intervals[block], windows, series, is_cautious)
             result[0][:, block], result[1][:, block] = nodes, coefficients
     return result
 
@@ -130,10 +135,11 @@ def _limit(
     values: Array,
     i: Indices,
     windows: tuple[Indices, Indices, Indices],
-    nodes: Array,
-    coefficients: Array,
+    series: tuple[Array, Array],
+    is_cautious: bool,
 ) -> None:
     """Ends and scales series in place, as interpolation.limit_series() does."""
+    nodes, coefficients = series
     begin, end = times[i][:, np.newaxis], times[i + 1][:, np.newaxis]
     num_terms = np.minimum(windows[2] - windows[1], NUM_STENCIL_POINTS)
     terms = np.zeros_like(coefficients)
@@ -155,4 +161,7 @@ def _limit(
     change = np.abs(values[i + 1] - values[i])
     is_unsure = (remainder > CONVERGED * terms.max(axis=0)) & (change < deviation)
     coefficients *= is_used
-    coefficients[2:] *= np.where(is_unsure, change / deviation, 1.0)
+    if is_cautious:
+        coefficients[2:] *= np.where(is_unsure, change / deviation, 1.0)
+    else:
+        coefficients[3:] *= ~is_unsure

@@ -23,6 +23,7 @@ from teleop_drake.tasks.pieces import (
     Split,
     Trace,
     ValueBefore,
+    Variation,
 )
 
 # A command that is slower than this share of |v_d| points nowhere: it may be zero but
@@ -48,6 +49,7 @@ UNITS = {
     "force_rms_error.*": "N",
     "control_force_peak.*": "N",
     "control_force_variation.*": "N",
+    "control_force_variation_error.*": "N",
     "diverged": "",
     "diverged_at": "s",
 }
@@ -61,6 +63,7 @@ class _Pieces:
     Attributes:
         begin, end: (M,) times in s, ascending.
         v: (M, 8, n) tool velocity at the nodes of each piece, and so on.
+        bold_F_c: F_c that turns between samples where they leave that open.
         excess: (M, 8) how far v exceeds the command, in the direction of the command.
         crossings: (time, number of the surface, whether into it), ascending.
         surfaces: Of the environment.
@@ -72,6 +75,7 @@ class _Pieces:
     excess: np.ndarray
     F_e: np.ndarray
     F_c: np.ndarray
+    bold_F_c: np.ndarray
     v_dd: np.ndarray
     F_hd: np.ndarray
     crossings: list[tuple[float, int, bool]]
@@ -134,6 +138,10 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
       haptic force as the slave receives it, or delayed by the same time.
     * control_force_peak (N per axis): max of |F_c|.
     * control_force_variation (N per axis): total variation of F_c, jumps included.
+    * control_force_variation_error (N per axis): an estimate of what it misses. Where
+      there are too few samples from one jump to the next, as between packets, F_c goes
+      from sample to sample without turning; this is how much more its variation would
+      be if it went along parabolas there.
     * diverged, diverged_at (s): whether the run ended early because the tool's speed
       grew out of bounds or the solver failed, and when; else None.
 
@@ -163,17 +171,20 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
         collision = _Collision(pieces, surface, t_contact, v_d)
         if has_diverged:
             collision["settling_time"] = None
-    control_forces = [Trace(axis) for axis in np.moveaxis(pieces.F_c, 2, 0)]
+    variation = Variation(pieces.F_c)
     return {
         "start_velocity_overshoot": max(Maximum(pieces.excess, 0, start_end), 0.0),
         "puncture": puncture,
         "collision": collision,
         "velocity_rms_error": pieces.RootMeanSquare(pieces.v - pieces.v_dd),
         "force_rms_error": pieces.RootMeanSquare(pieces.F_e - pieces.F_hd),
-        "control_force_peak": [float(np.abs(F).max()) for F in control_forces],
-        "control_force_variation": [
-            float(np.abs(np.diff(F.ravel())).sum()) for F in control_forces
+        "control_force_peak": [
+            float(np.abs(Trace(axis)).max()) for axis in np.moveaxis(pieces.F_c, 2, 0)
         ],
+        "control_force_variation": variation.tolist(),
+        "control_force_variation_error": np.abs(
+            Variation(pieces.bold_F_c) - variation
+        ).tolist(),
         "diverged": has_diverged,
         "diverged_at": float(recording.time[-1]) if has_diverged else None,
     }
@@ -271,6 +282,7 @@ def _MakePieces(recording: Recording) -> _Pieces:
         excess=np.where(is_back, -1.0, 1.0) * (v @ normal - along),
         F_e=F_e,
         F_c=Sample(recording, "control_force", begin, end),
+        bold_F_c=Sample(recording, "control_force", begin, end, is_cautious=False),
         v_dd=v_dd,
         F_hd=commands[:, :, :n],
         crossings=crossings,

@@ -90,7 +90,12 @@ def NodeTimes(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def Sample(
-    recording: Recording, name: str, begin: np.ndarray, end: np.ndarray
+    recording: Recording,
+    name: str,
+    begin: np.ndarray,
+    end: np.ndarray,
+    *,
+    is_cautious: bool = True,
 ) -> np.ndarray:
     """Returns a signal (M, 8, k) at the nodes of the pieces.
 
@@ -99,12 +104,14 @@ def Sample(
         name: Of the signal.
         begin: (M,) when the pieces begin, in s.
         end: (M,) when they end, in s.
+        is_cautious: See Recording.Interpolate().
     """
     time, samples = recording.time, recording[name]
     if len(begin) == 1 and begin[0] == end[0]:
         return np.tile(samples[-1], (1, len(_NODES), 1))
     times = NodeTimes(begin, end)
-    values = recording.Interpolate(name, times.ravel()).reshape(*times.shape, -1)
+    values = recording.Interpolate(name, times.ravel(), is_cautious=is_cautious)
+    values = values.reshape(*times.shape, -1)
     # At a jump Interpolate() returns the value before it.
     i = _Intervals(time, begin, end)
     starts_there = begin == time[i]
@@ -190,6 +197,17 @@ def Trace(y: np.ndarray) -> np.ndarray:
     values = np.repeat(y, 2, axis=1)[:, :-1]
     values[i, 2 * j + 1] = _Value(c, s)
     return values
+
+
+def Variation(y: np.ndarray) -> np.ndarray:
+    """Returns the total variation of a signal, jumps included, per axis (n).
+
+    Args:
+        y: (M, 8, n) the signal at the nodes.
+    """
+    values = np.array([Trace(axis).ravel() for axis in np.moveaxis(y, 2, 0)])
+    variation: np.ndarray = np.abs(np.diff(values)).sum(axis=1)
+    return variation
 
 
 def Maximum(y: np.ndarray, first: int, last: int) -> float:

@@ -190,3 +190,30 @@ def test_smooth_signals_beside_a_jump_keep_their_order(period, bound):
     result = interpolate(times, np.sin(omega * times + phases)[:, np.newaxis], query)
     expected = np.sin(omega * query + np.where(query <= 19, 0.3, 1.7))
     assert np.abs(result[:, 0] - expected).max() < bound
+
+
+def test_a_pair_without_a_jump_does_not_take_samples_away():
+    """As where another signal jumps: at packets, two steps apart."""
+    times = np.linspace(0, 3, 61)
+    times = np.sort(np.concatenate([times, times[2:-1:2]]))
+    query = np.linspace(0.5, 2.5, 1001)
+    values = np.sin(5 * times)[:, np.newaxis]
+    result = interpolate(times, values, query)[:, 0]
+    assert np.abs(result - np.sin(5 * query)).max() < 1e-5
+    # Where it jumps, however little, nothing reaches across.
+    first = np.flatnonzero(np.diff(times) == 0)[14]
+    jump = 1e-3 * (np.arange(len(times)) > first)
+    result = interpolate(times, values + jump[:, np.newaxis], query)[:, 0]
+    expected = np.sin(5 * query) + 1e-3 * (query > times[first])
+    assert np.abs(result - expected).max() < 1e-4
+
+
+def test_a_bold_polynomial_is_a_parabola_where_the_samples_leave_it_open():
+    times, query = np.array([0.0, 0.4, 1.0]), np.linspace(0, 1, 101)
+    parabola = np.polynomial.Polynomial([0.0, 4.0, -4.0])
+    cautious, bold = (
+        interpolate(times, parabola(times)[:, np.newaxis], query, is_cautious=x)[:, 0]
+        for x in (True, False)
+    )
+    assert cautious.max() == pytest.approx(parabola(0.4))
+    np.testing.assert_allclose(bold, parabola(query), atol=1e-12)

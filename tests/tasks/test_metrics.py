@@ -255,6 +255,20 @@ def test_peaks_between_the_samples(phase, amplitude, omega):
     )
 
 
+@pytest.mark.parametrize(("step", "open_share"), [(0.01, 0.1), (0.001, 1e-9)])
+def test_variation_says_what_the_samples_leave_open(step, open_share):
+    """A force that jumps with each packet, rises and falls until the next one."""
+    pulse = Wave(0.0, 1.0, 0.0, 0.02)
+    pulse.F_c = lambda t: t * np.exp(-t / 0.012)
+    metrics = RunMetrics(Record([pulse] * 20, RegularSteps(step)))
+    peak, last = pulse.F_c(0.012), pulse.F_c(0.02)
+    exact = 20 * (peak + (peak - last)) + 19 * last
+    (variation,) = metrics["control_force_variation"]
+    (error,) = metrics["control_force_variation_error"]
+    assert error < open_share * exact
+    assert abs(variation - exact) < max(error, 1e-6 * exact)
+
+
 def test_overshoot_ends_at_the_puncture_or_the_contact():
     slow, fast = Wave(1e-4, 2.0, 0.0, 5.0), TaskPhases()
     # Overshoots by 0.1 mm/s in the tissue, by 0.4 mm/s behind it.
@@ -567,6 +581,7 @@ def test_summary_has_the_promised_fields():
         "force_rms_error",
         "control_force_peak",
         "control_force_variation",
+        "control_force_variation_error",
         "diverged",
         "diverged_at",
     ]
