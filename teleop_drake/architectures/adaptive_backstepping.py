@@ -1,5 +1,6 @@
 """The thesis's controller: adaptive backstepping with neural networks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -33,6 +34,9 @@ from teleop_drake.validation import (
 )
 
 Array = NDArray[np.float64]
+
+# The solver stays away from the limit of Psi by its own error; that is far less.
+_AT_LIMIT = 1e-5
 
 
 class AdaptiveBackstepping(KernelBlock):
@@ -109,6 +113,7 @@ class AdaptiveBackstepping(KernelBlock):
             allowed = f"{n}, one for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self._n, self._num_functions = n, N
+        self._psi_min = gains.Psi_min
         matrices, numbers = gains.as_arrays()
         self._laws = rate, errors
         self._constants = constants | {
@@ -158,6 +163,26 @@ class AdaptiveBackstepping(KernelBlock):
             },
             sizes={"errors": 2 * n},
         )
+
+    def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
+        """Returns whether Psi came to its limit in a run; a recording notes that.
+
+        Args:
+            time: Of the samples in s (N).
+            signals: All that was recorded, by name (N, k).
+        """
+        if "psi" not in signals:
+            return []
+        psi = signals["psi"].reshape(-1, self._n, self._n)
+        smallest = np.linalg.norm(psi, -2, axis=(1, 2))
+        is_at_limit = smallest <= (1 + _AT_LIMIT) * self._psi_min
+        if not is_at_limit.any():
+            return []
+        return [
+            f"Psi comes to its limit, minimum_psi = {self._psi_min:g} 1/kg, at "
+            f"{time[is_at_limit.argmax()]:.4g} s, where the adaptive law is not smooth: "
+            "the run may end differently at another accuracy."
+        ]
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that only F_c, the first part of the state, is one of the model.

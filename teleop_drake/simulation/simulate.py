@@ -29,6 +29,7 @@ from teleop_drake.simulation.live import DrakeRun, LiveRun
 from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
+from teleop_drake.simulation.stepping import SystemsIn
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 from teleop_drake.validation import CheckChoice, Refuse
 
@@ -261,9 +262,21 @@ def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Rec
         channels=run.channels,
         termination=run.termination,
         reason=run.reason,
-        notes=[_NO_SURFACES] if surfaces is None else [],
+        notes=[
+            *([_NO_SURFACES] if surfaces is None else []),
+            *_NotesOfBlocks(diagram, run),
+        ],
         has_constant_command=_HasConstantCommand(diagram),
     )
+
+
+def _NotesOfBlocks(diagram: Diagram, run: Outcome) -> list[str]:
+    """Returns what the blocks have to say about a run, each by a member RunNotes()."""
+    notes: list[str] = []
+    for system in SystemsIn(diagram):
+        if hasattr(system, "RunNotes"):
+            notes += system.RunNotes(run.times, run.signals)
+    return notes
 
 
 def _HasConstantCommand(diagram: Diagram) -> bool:

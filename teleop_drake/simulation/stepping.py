@@ -49,7 +49,7 @@ def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
     return min(
         (
             getattr(system, "longest_step", math.inf)
-            for system in _Systems(diagram)
+            for system in SystemsIn(diagram)
             if of_delays or not hasattr(system, "NextJumpTime")
         ),
         default=math.inf,
@@ -101,7 +101,7 @@ class Stepping:
     """
 
     def __init__(self, diagram: Diagram, longest_step: float):
-        systems = list(_Systems(diagram))
+        systems = list(SystemsIn(diagram))
 
         def With(member: str) -> Iterator[Any]:
             return (system for system in systems if hasattr(system, member))
@@ -266,12 +266,12 @@ class Stepping:
         return shortest
 
 
-def _Systems(diagram: Diagram) -> Iterator[System]:
+def SystemsIn(diagram: Diagram) -> Iterator[System]:
     """Yields the systems in a diagram and in those inside."""
     for system in diagram.GetSystems():
         yield system
         if isinstance(system, Diagram):
-            yield from _Systems(system)
+            yield from SystemsIn(system)
 
 
 def _First(systems: Iterator[System]) -> System | None:

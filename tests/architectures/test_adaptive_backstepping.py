@@ -10,6 +10,8 @@ from teleop_drake.architectures.adaptive_backstepping import (
 )
 from teleop_drake.architectures.lattice import NetworkConfig
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunSummary
 from teleop_drake.validation import ScenarioError
 
 
@@ -88,3 +90,17 @@ def test_psi_has_to_be_invertible(psi):
     message = r"controller.initial_psi = .*: must be auto, a positive number or a 2 x 2"
     with pytest.raises(ScenarioError, match=message):
         Config(initial_psi=psi).Resolve(Facts(), "controller")
+
+
+@pytest.mark.parametrize("minimum_psi", [1.2, 0.1])
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_a_run_notes_that_psi_comes_to_its_limit(engine, minimum_psi):
+    overrides = {
+        "duration": 0.114,
+        "controller.adaptation_rate": 100.0,
+        "controller.minimum_psi": minimum_psi,
+    }
+    recording = simulate(LoadScenario("two_dof_collision", overrides), engine=engine)
+    notes = RunSummary(recording).get("notes", [])
+    begin = "Psi comes to its limit, minimum_psi = 1.2 1/kg, at 0.11"
+    assert [note.startswith(begin) for note in notes] == [True] * (minimum_psi == 1.2)
