@@ -108,6 +108,11 @@ class CompiledRun:
         return int(self._memory.counts[delay_problem.STEPS])
 
     @property
+    def num_tries(self) -> int:
+        """How many steps it has tried, rejected ones too, and events at an instant."""
+        return int(self._memory.counts[delay_problem.TRIES])
+
+    @property
     def num_evaluations(self) -> int:
         """How many evaluations of the time derivatives it has taken."""
         return int(self._memory.counts[delay_problem.EVALUATIONS])

@@ -31,6 +31,7 @@ from teleop_drake.numerics.delay_problem import (
     ROWS,
     SAME,
     STEPS,
+    TRIES,
     Delays,
     Memory,
     Problem,
@@ -53,6 +54,9 @@ _NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 # Each passage through an integrator makes a jump smoother by one derivative: echoes of
 # echoes beyond this are as smooth as the method needs.
 _MAX_ECHO = 4
+
+# As often advance() tries at most: its caller sees whether the run comes forward.
+_MOST_TRIES = 10_000
 
 # How advance() ended.
 DONE, FULL, STUCK = 0, 1, 2
@@ -522,7 +526,7 @@ def advance(
     accuracy: float,
     max_step: float,
 ) -> int:
-    """Integrates until a time, or until there is no room for another row.
+    """Integrates until a time, or until there is no room, or for a number of tries.
 
     Args:
         evaluate: The system.
@@ -534,7 +538,8 @@ def advance(
         max_step: In s.
 
     Returns:
-        DONE, FULL, or STUCK if the smallest step is too inaccurate.
+        DONE, FULL (it has to be called again), or STUCK if the smallest step is too
+        inaccurate.
     """
     clock, counts, delays = memory.clock, memory.counts, problem.delays
     longest = max_step
@@ -542,9 +547,11 @@ def advance(
         longest = min(longest, delay)
     if not counts[IS_STARTED]:
         _start(evaluate, problem, memory)
+    last_try = counts[TRIES] + _MOST_TRIES
     while clock[0] < t_end - SAME:
-        if _is_full(delays, memory):
+        if _is_full(delays, memory) or counts[TRIES] == last_try:
             return FULL
+        counts[TRIES] += 1
         t = clock[0]
         stop = _next_stop(t_end, problem, memory)
         if stop - t <= SAME:  # What the call before has left, at its very end.

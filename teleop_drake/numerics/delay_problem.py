@@ -92,8 +92,9 @@ class Memory(NamedTuple):
 
     Attributes:
         clock: Time, next step's length, and where it started, in s (3).
-        counts: Steps taken, evaluations, polynomials, breaks, rows, and whether the
-            first stage is known (6).
+        counts: Steps taken, evaluations, polynomials, breaks, rows, whether the first
+            stage is known, and what was tried: steps, rejected ones too, and events
+            (7).
         x: Continuous state.
         m: Discrete state.
         m_before: The same before the transitions under way.
@@ -136,7 +137,7 @@ class Memory(NamedTuple):
 
 
 # The places in `counts`.
-STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED = 0, 1, 2, 3, 4, 5
+STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED, TRIES = range(7)
 
 
 def make_memory(
@@ -168,7 +169,7 @@ def make_memory(
     ticks = np.where(periods < np.inf, np.ceil(gone / periods - TIE), gone > SAME)
     return Memory(
         clock=np.array([time, first_step, time]),
-        counts=np.zeros(6, np.int64),
+        counts=np.zeros(7, np.int64),
         x=x,
         m=m,
         m_before=m.copy(),

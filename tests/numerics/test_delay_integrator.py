@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from teleop_drake.numerics import delay_integrator
 from teleop_drake.numerics.delay_integrator import DONE, FULL, advance
 from teleop_drake.numerics.delay_problem import (
+    TRIES,
     Delays,
     Problem,
     Transitions,
@@ -182,3 +184,26 @@ def test_a_transition_is_located():
     assert advance(relay, problem, memory, 1.75, 1e-9, 0.3) == DONE
     assert memory.m[0] == 1.0
     assert memory.x[0] == pytest.approx(0.25, abs=1e-9)
+
+
+@pytest.mark.parametrize("is_stiff", [False, True])
+def test_it_comes_back_from_what_comes_no_further(monkeypatch, is_stiff):
+    """From events at one instant, and from steps that are rejected."""
+    monkeypatch.setattr(delay_integrator, "_MOST_TRIES", 20)
+    each = NO_TRANSITIONS._replace(
+        guards=np.array([-1]),
+        sources=np.array([0]),
+        targets=np.array([0]),
+        sizes=np.array([1]),
+        periods=np.array([1e-14]),
+    )
+    problem = MakeProblem() if is_stiff else MakeProblem(transitions=each)
+
+    def decay(t, x, m, p, q, y, dx, everything):
+        dx[0] = -1e12 * x[0] if is_stiff else 0.0
+
+    memory = MakeMemory([1.0], m=[0.0], problem=problem)
+    for calls in (1, 2):
+        assert advance(decay, problem, memory, 1.0, 1e-9, 0.1) == FULL
+        assert memory.counts[TRIES] == 20 * calls
+    assert memory.clock[0] < 1e-9
