@@ -180,8 +180,8 @@ class AdaptiveBackstepping(KernelBlock):
             return []
         return [
             f"Psi comes to its limit, minimum_psi = {self._psi_min:g} 1/kg, at "
-            f"{time[is_at_limit.argmax()]:.4g} s, where the adaptive law is not smooth: "
-            "the run may end differently at another accuracy."
+            f"{time[is_at_limit.argmax()]:.4g} s, where the adaptive law is not "
+            "smooth: the run may end differently at another accuracy."
         ]
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:

@@ -23,7 +23,7 @@ from teleop_drake.simulation.failures import (
 )
 from teleop_drake.simulation.live import LiveRun
 from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import CheckPace, Interruption
+from teleop_drake.simulation.run_monitor import Interruption, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
@@ -163,6 +163,7 @@ class _Stepper:
         self._run, self._duration = run, duration
         self._speed_limit, self._progress = speed_limit, progress
         self._interruption = interruption
+        self._pace = Pace(duration)
         self._places = _Signals(run, diagram)
         self._pieces: list[tuple[Array, Array]] = []
         self.termination, self.reason, self.is_too_fast = "completed", "", False
@@ -190,7 +191,7 @@ class _Stepper:
             and not (self._interruption.has_come and self._pieces)
         ):
             times, rows = run.Advance(end)
-            CheckPace(run.num_steps, run.time, self._duration)
+            self._pace.Check(run.num_tries, run.time)
             speeds = np.linalg.norm(rows[:, self._places["tool_velocity"]], axis=1)
             too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
             if too_fast.size > 0:
@@ -202,7 +203,8 @@ class _Stepper:
                 rows = rows[: last + self.is_too_fast]
             elif run.failure or run.error is not None:
                 self.termination, self.reason = "diverged", _ReasonOf(run)
-            self._pieces.append((times, rows))
+            if len(times) > 0:
+                self._pieces.append((times, rows))
             if self._progress is not None:
                 self._progress(run.time)
 

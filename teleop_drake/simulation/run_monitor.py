@@ -22,29 +22,48 @@ from teleop_drake.validation import ScenarioError
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
+# Steps of a run, among them those that were tried in vain and events at one instant.
 # Error control may want a few more than a run is forced to take.
 _MOST_STEPS = 2 * MAX_STEPS
 
+# In so many steps a run shows its pace.
+_STRETCH = 10_000
 
-def CheckPace(num_steps: int, time: float, duration: float) -> None:
-    """Refuses to go on with a run that takes steps without end.
+
+class Pace:
+    """Refuses to go on with a run that would take steps without end.
 
     A loop may be so stiff that the solver takes ever so many steps of nanoseconds.
 
     Args:
-        num_steps: How many it has taken.
-        time: How far it has come, s.
-        duration: How far it should, s.
-
-    Raises:
-        ScenarioError: If it has taken more than twice MAX_STEPS.
+        duration: How far the run should come, s.
     """
-    if num_steps > _MOST_STEPS and time < duration:
-        raise ScenarioError(
-            f"duration = {duration:g}: must be at most {time:.3g} s here, which took "
-            f"{num_steps} steps; the loop is so stiff that the solver needs steps of "
-            f"{time / num_steps:.2g} s"
-        )
+
+    def __init__(self, duration: float):
+        self._duration = duration
+        self._num_steps, self._time = 0, 0.0
+
+    def Check(self, num_steps: int, time: float) -> None:
+        """Looks at how far a run has come, after 10 000 steps again.
+
+        Args:
+            num_steps: How many it has taken.
+            time: How far it has come, s.
+
+        Raises:
+            ScenarioError: If it would take more than 2 000 000 steps, as it goes on.
+        """
+        steps, gone = num_steps - self._num_steps, time - self._time
+        if steps < _STRETCH:
+            return
+        if num_steps * gone + steps * (self._duration - time) > _MOST_STEPS * gone:
+            raise ScenarioError(
+                f"duration = {self._duration:g}: must be at most {time:.3g} s here, "
+                f"which took {num_steps} steps; the loop is so stiff, or has so many "
+                f"events, that the last {steps} steps came {gone:.2g} s further, and "
+                f"more than {_MOST_STEPS} would be needed"
+            )
+        self._num_steps, self._time = num_steps, time
 
 
 class Interruption:
@@ -134,9 +153,11 @@ class RunMonitor:
         duration: float,
         speed_limit: SpeedLimit,
         progress: Callable[[float], None] | None,
+        count_rejected: Callable[[], int],
     ):
-        self._duration = duration
-        self._num_steps = 0
+        self._pace = Pace(duration)
+        self._num_samples = 0
+        self._count_rejected = count_rejected
         self.recorder = Recorder(diagram, root_context)
         self.failure = ""
         self.interruption = Interruption()
@@ -150,8 +171,8 @@ class RunMonitor:
         """Records the end of a step; ends the run if it cannot go on."""
         now = self.recorder.Sample()
         time = root_context.get_time()
-        self._num_steps += 1
-        CheckPace(self._num_steps, time, self._duration)
+        self._num_samples += 1
+        self._pace.Check(self._num_samples + self._count_rejected(), time)
         speed = math.hypot(*now[self._velocity])
         if not speed <= self._speed_limit.speed:
             self.failure = self._speed_limit.Reason(speed)

@@ -188,6 +188,7 @@ def _RunInDrake(
         duration=duration,
         speed_limit=speed_limit,
         progress=progress,
+        count_rejected=simulator.CountRejected,
     )
     simulator.set_monitor(monitor.Monitor)
     termination, reason = "completed", ""

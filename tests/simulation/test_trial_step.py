@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
+from teleop_drake.compiler import engine as compiler_engine
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeSimulator, run_monitor, simulate
 
@@ -117,7 +118,29 @@ def test_the_longest_step_does_not_decide_whether_a_run_diverges():
     np.testing.assert_allclose(*ends, rtol=1e-3)
 
 
-def test_steps_without_end_are_refused(monkeypatch):
-    monkeypatch.setattr(run_monitor, "_MOST_STEPS", 30)
-    with pytest.raises(ScenarioError, match=r"duration = 1e-06: must be at most .* s"):
-        simulate(LoadScenario("two_dof_combined", RATE))
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_steps_without_end_are_refused(engine, monkeypatch):
+    """After a hundredth of the steps that there may be in all."""
+    monkeypatch.setattr(run_monitor, "_MOST_STEPS", 3000)
+    monkeypatch.setattr(run_monitor, "_STRETCH", 30)
+    monkeypatch.setattr(compiler_engine, "_CHUNK", 30)
+    scenario = LoadScenario("two_dof_combined", RATE | {"duration": 1.0})
+    match = r"duration = 1: must be at most .* s here, which took [3-7]\d steps;"
+    with pytest.raises(ScenarioError, match=match):
+        simulate(scenario, engine=engine)
+
+
+@pytest.mark.parametrize("is_stuck", [False, True])
+def test_a_slow_stretch_is_no_crawl(is_stuck):
+    """10 000 steps in a hundredth of the time, before and after faster ones."""
+    pace = run_monitor.Pace(10.0)
+    pace.Check(9_000, 2.0)
+    pace.Check(10_000, 2.1)
+    if is_stuck:
+        with pytest.raises(
+            ScenarioError, match="the last 10000 steps came 0 s further"
+        ):
+            pace.Check(20_000, 2.1)
+    else:
+        for num_steps, time in ((20_000, 2.2), (30_000, 9.0), (40_000, 9.99)):
+            pace.Check(num_steps, time)
