@@ -291,17 +291,23 @@ def _SlowSpans(acts: Sequence[Act]) -> list[tuple[float, float]]:
     return spans
 
 
+# Of more runs than these, only the first one has all its labels.
+_MOST_NAMED = 3
+
+
 def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
     """Returns the names that stand in the scene, at objects of Meshcat.
 
     A name stands `left` times its width to the left, and `below` pixels below.
     """
     labels = []
+    is_crowded = len(acts) > _MOST_NAMED
     for i, act in enumerate(acts):
         path = act.path.strip("/").split("/")
         color = RunColor(i)
-        texts = {"robot/tip": (f"{act.name}: the tool", 0.5, 26)}
-        if act.operator.felt is not None:
+        tool = act.name if is_crowded and i else f"{act.name}: the tool"
+        texts = {"robot/tip": (tool, 0.5, 26)}
+        if act.operator.felt is not None and not (is_crowded and i):
             texts["hand"] = ("as the operator feels it", 1.15, -22)
         for place, (text, left, below) in texts.items():
             labels.append(
