@@ -2,6 +2,7 @@
 
 import gc
 import os
+import random
 import signal
 from concurrent.futures import ThreadPoolExecutor
 
@@ -17,9 +18,41 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Other examples in every run; a test that needs more of them says so.
-settings.register_profile("tests", max_examples=25)
-settings.load_profile("tests")
+# The short run has the same examples each time. The slow run searches at random, with a
+# seed that it prints; what it finds becomes an example of its test.
+settings.register_profile("short", derandomize=True, max_examples=25, deadline=None)
+settings.register_profile("search", max_examples=100, deadline=None)
+settings.load_profile("short")
+
+
+def _IsSlowRun(config):
+    """Returns whether this is `pytest -m slow`."""
+    return config.option.markexpr == "slow"
+
+
+@pytest.hookimpl(tryfirst=True)  # Hypothesis and pytest-xdist read the seed.
+def pytest_configure(config):
+    """Chooses between the same examples and a search."""
+    if _IsSlowRun(config):
+        settings.load_profile("search")
+        if config.option.hypothesis_seed is None:
+            config.option.hypothesis_seed = random.randrange(2**32)
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Prints the seed of a search."""
+    if _IsSlowRun(config):
+        terminalreporter.write_line(
+            f"--hypothesis-seed={config.option.hypothesis_seed}"
+        )
+
+
+@pytest.hookimpl(tryfirst=True)  # Before `-m slow` selects.
+def pytest_collection_modifyitems(config, items):
+    """Lets the slow run search with every property."""
+    for item in items if _IsSlowRun(config) else []:
+        if getattr(item.obj, "is_hypothesis_test", False):
+            item.add_marker("slow")
 
 
 def pytest_collection_finish():

@@ -81,7 +81,7 @@ def test_the_spectrum_finds_known_roots():
 positive = st.floats(0.1, 5.0)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(positive, positive, positive, positive, st.floats(0.01, 1), st.floats(0.01, 1))
 def test_the_condition_suffices(M, m, B_m, B_s, T_f, T_r):
     K = np.sqrt(4 * B_m * B_s) / (T_f + T_r) * 0.999

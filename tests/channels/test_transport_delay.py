@@ -57,7 +57,7 @@ def simulate(source, *, delay, duration, initial_value=None, max_step_size=None)
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(delay=st.floats(0.02, 0.7), frequency=st.floats(0.3, 2.0))
 def test_smooth_signal_is_delayed_exactly(delay, frequency):
     _, _, log, _ = simulate(

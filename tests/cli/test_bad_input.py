@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from grids import Slow
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import teleop_drake.scenario
@@ -25,25 +24,6 @@ from teleop_drake.scenario import (
     ScenarioNames,
     ScenarioToYaml,
 )
-
-
-def Fuzz(*args, **kwargs):
-    """Calls a function as a test with what these strategies make, as given() does.
-
-    The examples are the same in every run of the tests, and more in the long one.
-    """
-
-    def Decorate(check):
-        @pytest.mark.parametrize("max_examples", Slow([30, 100]))
-        def Test(max_examples):
-            settings(derandomize=True, deadline=None, max_examples=max_examples)(
-                given(*args, **kwargs)(check)
-            )()
-
-        return Test
-
-    return Decorate
-
 
 SCENARIOS = Path(teleop_drake.__file__).parent / "scenarios"
 
@@ -110,7 +90,7 @@ def AssertOneLine(error: Exception) -> None:
     assert len(str(error)) < 1000
 
 
-@Fuzz(overrides())
+@given(overrides())
 def test_load_scenario(case):
     name, pairs = case
     with warnings.catch_warnings():
@@ -153,7 +133,7 @@ def AssertBadInput(exit_code, out, err):
     assert "Traceback" not in err
 
 
-@Fuzz(overrides())
+@given(overrides())
 def test_run(case):
     name, pairs = case
     options = [
@@ -176,7 +156,7 @@ def test_run(case):
         assert not is_valid
 
 
-@Fuzz(
+@given(
     command=st.sampled_from(["run", "show", "compare", "diagram", "list", "swap", ""]),
     scenario=st.sampled_from(["one_dof", "two_dof_puncture", "1dof", ".", "a.yaml"]),
     options=st.dictionaries(
@@ -228,7 +208,7 @@ def files(draw):
     return "\n".join(lines)
 
 
-@Fuzz(files() | st.text(max_size=60))
+@given(files() | st.text(max_size=60))
 def test_files(content):
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -242,7 +222,7 @@ def test_files(content):
             scenario.Validate()
 
 
-@Fuzz(st.binary(max_size=60))
+@given(st.binary(max_size=60))
 def test_binary_files(content):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.yaml"

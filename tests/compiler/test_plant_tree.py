@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
@@ -91,7 +91,6 @@ def _frames(plant, ends):
     )
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 2**31),
     st.lists(st.sampled_from("rrppw"), min_size=1, max_size=10),

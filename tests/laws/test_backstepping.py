@@ -38,8 +38,6 @@ from teleop_drake.laws.backstepping import (
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 
 seeds = st.integers(0, 2**32 - 1)
-# A busy machine is not a failure.
-unhurried = settings(deadline=None)
 
 
 def _definite(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -175,7 +173,6 @@ def _violation(law: types.ModuleType, seed: int, n: int, **overrides: Any) -> fl
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-@unhurried
 @given(seed=seeds)
 def test_lyapunov_identity_at_random_points(n, seed):
     assert _violation(backstepping, seed, n) < 1e-9
@@ -311,7 +308,6 @@ def test_the_mutants_cover_the_law():
     assert sum(isinstance(node, ast.Attribute) for node in nodes) == 3
 
 
-@unhurried
 @given(seed=seeds)
 def test_one_axis_is_chapter_4(seed):
     rng = np.random.default_rng(seed)
@@ -372,7 +368,6 @@ LIMIT = 0.4
 LIMIT_UP = LIMIT * (1 + 1e-12)
 
 
-@unhurried
 @given(
     seed=seeds,
     sizes=st.sampled_from([(n, k) for n in (1, 2, 3, 4) for k in range(1, n + 1)]),
@@ -399,7 +394,6 @@ def test_projection_at_the_limit(seed, sizes):
 
 
 @pytest.mark.parametrize("n", [2, 3])
-@unhurried
 @given(seed=seeds)
 def test_projection_takes_out_the_component_along_u_v(n, seed):
     rng = np.random.default_rng(seed)
@@ -411,7 +405,6 @@ def test_projection_takes_out_the_component_along_u_v(n, seed):
     np.testing.assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
 
 
-@unhurried
 @given(seed=seeds)
 def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
     rng = np.random.default_rng(seed)
@@ -426,7 +419,6 @@ def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
     )
 
 
-@unhurried
 @example(psi=LIMIT, a=-1.0)
 @given(psi=st.floats(0.01, 2.0), a=st.floats(-10, 10, allow_subnormal=False).map(float))
 def test_projection_of_a_scalar_is_4_53(psi, a):
@@ -440,7 +432,7 @@ def test_projection_is_inactive_above_the_limit():
 
 
 @pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_smallest_singular_value_stays_above_the_limit(n, seed):
     rng = np.random.default_rng(seed)
@@ -465,7 +457,6 @@ def test_smallest_singular_value_stays_above_the_limit(n, seed):
 
 
 @pytest.mark.parametrize("n", [1, 2])
-@unhurried
 @given(seed=seeds, margin=st.sampled_from([-0.1, 0.0, 1e-9, 0.02, 0.05, 0.3]))
 def test_law_projects_and_supervises_psi(n, seed, margin):
     """Wherever the limit is near, the shortcut in the law makes no difference."""
@@ -487,7 +478,6 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
     )
 
 
-@unhurried
 @given(seed=seeds)
 def test_scalar_projection_never_increases_V2(seed):
     """<Psi~, update - proj[update]> <= 0 wherever Psi* >= Psi_min."""

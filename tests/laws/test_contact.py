@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -59,7 +59,6 @@ numbers = st.floats(-2, 2)
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @given(data=st.data())
-@settings(max_examples=50, deadline=None)
 def test_friction(n, data):
     vectors = st.lists(numbers, min_size=n, max_size=n).map(np.array)
     point, p_WT, v_WT = (data.draw(vectors) for _ in range(3))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.laws.gaussian_network import (
@@ -64,7 +64,6 @@ def test_values_of_two_axes_by_hand():
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_rate_against_finite_differences(m, seed):
     rng = np.random.default_rng(seed)

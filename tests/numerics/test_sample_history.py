@@ -1,7 +1,7 @@
 """Tests of the samples on their way through a delay."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.numerics.sample_history import SampleHistory
@@ -10,7 +10,6 @@ DELAY = 0.1
 
 
 @given(steps=st.lists(st.floats(0.005, DELAY), min_size=10, max_size=80))
-@settings(deadline=None)  # The first call may compile.
 def test_a_new_sample_does_not_move_what_is_delivered_now(steps):
     history, time = SampleHistory(), 0.0
     for step in steps:

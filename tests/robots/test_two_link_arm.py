@@ -3,7 +3,7 @@
 import appendix_a
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.multibody.tree import JacobianWrtVariable
 
@@ -89,7 +89,6 @@ def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a(x):
 
 
 @given(task_vectors, task_vectors, st.integers(0, 19))
-@settings(max_examples=50, deadline=None)
 def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
     x = random_states()[index]
     q, qdot = x[:2], x[2:]
@@ -122,7 +121,6 @@ def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
 
 
 @given(task_vectors, st.integers(0, 19))
-@settings(max_examples=50, deadline=None)
 def test_joint_torque_has_the_power_of_the_control_force(arm_robot, F_c, index):
     context = context_with_forces(arm_robot, F_c, [0, 0])
     context.SetContinuousState(random_states()[index])
@@ -134,7 +132,6 @@ def test_joint_torque_has_the_power_of_the_control_force(arm_robot, F_c, index):
 
 
 @given(radii, angles, elbows)
-@settings(deadline=None)
 def test_inverse_kinematics_reaches_the_point(radius, angle, elbow):
     p_WT = polar(radius, angle)
     q = TwoLinkArmConfig(elbow=elbow).JointPositions(p_WT)
@@ -143,7 +140,6 @@ def test_inverse_kinematics_reaches_the_point(radius, angle, elbow):
 
 
 @given(radii, angles, elbows)
-@settings(deadline=None)
 def test_mirrored_points_have_mirrored_poses(radius, angle, elbow):
     other = "up" if elbow == "down" else "down"
     np.testing.assert_allclose(

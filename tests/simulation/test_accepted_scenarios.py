@@ -93,14 +93,14 @@ OVERFLOWS = {
 
 @given(odd_scenarios())
 @example(("network_tracking_coupled", OVERFLOWS))
-@settings(derandomize=True, deadline=None, max_examples=3)
+@settings(max_examples=3)
 def test_accepted_scenarios_complete_or_diverge(case):
     check(*case)
 
 
 @pytest.mark.slow
 @given(odd_scenarios())
-@settings(derandomize=True, deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_many_accepted_scenarios_complete_or_diverge(case):
     check(*case)
 

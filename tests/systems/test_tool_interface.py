@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
@@ -79,7 +79,6 @@ def test_direct_feedthrough(dut):
 
 
 @given(q=three, qdot=three, F_c=two, F_e=two)
-@settings(max_examples=50, deadline=None)
 def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
     context = dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(context, np.concatenate((q, qdot)))

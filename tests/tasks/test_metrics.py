@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import runs
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.laws.layered_force import layer_force
@@ -233,7 +233,6 @@ def test_rms_errors_do_not_depend_on_the_steps(steps):
     assert metrics["force_rms_error"] == pytest.approx([expected["F"]], rel=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     phase=st.floats(0, 2 * math.pi),
     amplitude=st.floats(1e-5, 1e-3),
