@@ -138,7 +138,9 @@ class Drive:
             self._left -= float(recording.time[-1])
             self._is_over = segment.wants_end or recording.termination == "interrupted"
             self._start = segment.next_start
-            if recording.termination == "diverged":
+            if segment.page_error:
+                self._say(f"Ended: {segment.page_error}.")
+            elif recording.termination == "diverged":
                 self._say(f"Ended: {recording.reason}. It begins anew.")
 
     def _Load(self, settings: Settings, start: Array | None) -> Scenario:
@@ -199,12 +201,18 @@ def _HasAcceptableSteps(scenario: Scenario) -> bool:
     return True
 
 
+def IsOfPage(error: RuntimeError) -> bool:
+    """Returns whether an error says that Meshcat's server has ended."""
+    return "Meshcat" in str(error)
+
+
 class _Driven:
     """One segment while it is driven.
 
     Attributes:
         next_start: Where the next one begins, m (n); None: at the task's start.
         wants_end: Whether the hand has enough.
+        page_error: Why there is no hand any more; empty: there is one.
     """
 
     def __init__(
@@ -223,7 +231,7 @@ class _Driven:
         self._full_speed = full_speed
         self._pace = Pace(rate)
         self.next_start: Array | None = None
-        self.wants_end = False
+        self.wants_end, self.page_error = False, ""
         n = scenario.num_axes
         self._operator = HandOperator(num_axes=n)
         self._diagram: Diagram = MakeTeleoperator(scenario, operator=self._operator)
@@ -249,7 +257,15 @@ class _Driven:
         )
 
     def _Advance(self, run: LiveRun, duration: float) -> None:
-        """Advances picture by picture; see simulate()."""
+        """Advances picture by picture, as long as there is a page; see simulate()."""
+        try:
+            self._AdvanceByPictures(run, duration)
+        except RuntimeError as error:
+            if not IsOfPage(error):
+                raise
+            self.wants_end, self.page_error = True, str(error)
+
+    def _AdvanceByPictures(self, run: LiveRun, duration: float) -> None:
         num_still = 0
         self._pace.Start(0.0)
         while run.time < duration - _INSTANT:

@@ -1,5 +1,6 @@
 """The command `teleop-drake drive`."""
 
+import base64
 import json
 import os
 import signal
@@ -7,10 +8,13 @@ import socket
 import subprocess
 import sys
 import time
+from urllib.parse import urlsplit
 
 import pytest
 
 from teleop_drake.cli import main
+from teleop_drake.cli.commands.drive import _MakeMeshcat
+from teleop_drake.cli.server import Gate
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario
 
@@ -50,9 +54,48 @@ def test_writes_what_was_driven(tmp_path, capsys):
     assert record["metrics"]["start_velocity_overshoot"] == 0
 
 
+def Request(gate, *, host=None, origin=None):
+    """A WebSocket to a gate; its answer is not read."""
+    place = urlsplit(gate.url)
+    upgrade = socket.create_connection((place.hostname, place.port), timeout=20)
+    headers = {
+        "Host": host or place.netloc,
+        "Origin": origin or f"http://{place.netloc}",
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": base64.b64encode(bytes(16)).decode(),
+    }
+    lines = ["GET / HTTP/1.1", *(f"{key}: {x}" for key, x in headers.items())]
+    upgrade.sendall("\r\n".join([*lines, "", ""]).encode())
+    return upgrade
+
+
+def test_only_its_own_page_reaches_meshcat():
+    meshcat, place = _MakeMeshcat()
+    gate = Gate(place, "localhost", None)
+    for foreign in (
+        {"origin": "http://example.org"},
+        {"origin": "null"},
+        {"host": "example.org:7000", "origin": "http://example.org:7000"},
+    ):
+        with Request(gate, **foreign) as socket_:
+            assert socket_.recv(100).startswith(b"HTTP/1.1 403")
+    assert meshcat.GetNumActiveConnections() == 0
+    with Request(gate) as socket_:
+        assert socket_.recv(100).startswith(b"HTTP/1.1 101")
+        socket_.sendall(b"\x82\x80mask")  # An empty message.
+        socket_.sendall(b"\x89\x80mask")  # A ping.
+        received = b""
+        while b"\x8a\x00" not in received:  # Its pong.
+            received += socket_.recv(1 << 16)
+        meshcat.AddButton("alive")
+        assert meshcat.GetNumActiveConnections() == 1
+
+
 def test_bad_input(taken_port, capsys):
     for options, message in (
-        (["--port", str(taken_port)], f"--port = {taken_port}: must be free"),
+        (["--port", str(taken_port)], f"--port = {taken_port}: must be a free port"),
         (["--port", "80"], "--port = '80': must be a whole number from 1024 to 65535"),
         (["--rate", "0"], "--rate = 0: must be > 0"),
         (["--wait", "-1"], "--wait = -1: must be >= 0 (s)"),

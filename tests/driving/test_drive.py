@@ -165,6 +165,20 @@ def test_machine_code_ends_as_drake_does():
     np.testing.assert_allclose(*([t for t, _ in x] for x in ends), atol=1e-4)
 
 
+def test_the_segment_under_way_outlives_its_page():
+    def Command(time):
+        if time >= 0.25:
+            raise RuntimeError(
+                "Meshcat's internal websocket thread exited unexpectedly"
+            )
+        return [1.0]
+
+    said = []
+    (segment,) = Driven(ScriptedHand(Command, DIRECT), 2.0, say=said.append)
+    assert segment.recording.time[-1] == 0.25
+    assert said == ["Ended: Meshcat's thread exited."]
+
+
 def test_by_the_sliders_of_a_page():
     """The command is the slider's, and what is felt is shown."""
     meshcat = Meshcat()

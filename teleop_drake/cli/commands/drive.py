@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import secrets
 import sys
 import time as clock
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from teleop_drake.cli.options import (
     OverridesOf,
 )
 from teleop_drake.cli.output import PrepareFolder, WriteText
-from teleop_drake.cli.server import PortOf
+from teleop_drake.cli.server import Gate, PortOf
 from teleop_drake.cli.tables import Align
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 _LOOK_PERIOD = 0.05
 
-# Meshcat takes none below.
+# Lower ones are the system's.
 _LOWEST_PORT = 1024
 
 
@@ -85,13 +86,14 @@ def Execute(args: argparse.Namespace) -> int:
         raise BadInput(e) from None
     _Check(args)
     PrepareFolder(args.out, *_Names(1))
-    meshcat = _MakeMeshcat(args)
+    meshcat, place = _MakeMeshcat()
+    url = Gate(place, args.host, PortOf(args.port, _LOWEST_PORT)).url
 
     def Say(line: str) -> None:
         if not args.quiet:
             print(line, file=sys.stderr, flush=True)
 
-    drive = _MakeDrive(args, scenario, meshcat, Say)
+    drive = _MakeDrive(args, scenario, meshcat, url, Say)
     _Interruptibly(drive, args, Say)
     _Report(drive, args, Say)
     return 0
@@ -111,38 +113,33 @@ def _Names(number: int) -> tuple[str, str, str]:
     return f"{stem}.npz", f"{stem}.csv", f"{stem}.yaml"
 
 
-def _MakeMeshcat(args: argparse.Namespace) -> "Meshcat":
-    """Returns a page, served and without anything on it.
+def _MakeMeshcat() -> tuple["Meshcat", tuple[str, int]]:
+    """Returns a page without anything on it, and where it is served.
 
-    Raises:
-        BadInput: If it cannot be served.
+    Meshcat answers everybody. So it is where no other page looks for it, and browsers
+    come to it through a Gate.
     """
     from pydrake.geometry import Meshcat, MeshcatParams
 
-    port = PortOf(args.port, _LOWEST_PORT)
+    host = "127.0.0.1"
+    if sys.platform == "linux":  # There all of 127.0.0.0/8 is this machine.
+        host = ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])
     # It would say where it listens, which comes later with more words.
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.WARNING)
     try:
-        return Meshcat(MeshcatParams(host=args.host, port=port))
-    except RuntimeError:
-        if port is None:
-            raise BadInput(
-                f"--host = {args.host!r}: must be an address of this machine, with a "
-                "port of 7000 to 7999 free"
-            ) from None
-        raise BadInput(
-            f"--port = {args.port}: must be free, on {args.host!r}"
-        ) from None
+        meshcat = Meshcat(MeshcatParams(host=host, port=0))
     finally:
         log.setLevel(level)
+    return meshcat, (host, meshcat.port())
 
 
 def _MakeDrive(
     args: argparse.Namespace,
     scenario: "Scenario",
     meshcat: "Meshcat",
+    url: str,
     say: Callable[[str], None],
 ) -> "Drive":
     """Returns the drive, after a browser, and perhaps a gamepad, is there."""
@@ -151,8 +148,8 @@ def _MakeDrive(
     controls = MakeControls(meshcat, scenario, needs_gamepad=args.gamepad)
     view = MakeView(meshcat, scenario)
     view.Begin(scenario)
-    say(f"Open {meshcat.web_url()}. Ctrl-C or Q ends it.")
-    _WaitForHand(args, meshcat, controls)
+    say(f"Open {url}. Ctrl-C or Q ends it.")
+    _WaitForHand(args, meshcat, url, controls)
     return Drive(
         args.scenario,
         OverridesOf(args),
@@ -166,7 +163,10 @@ def _MakeDrive(
 
 
 def _WaitForHand(
-    args: argparse.Namespace, meshcat: "Meshcat", controls: "MeshcatControls"
+    args: argparse.Namespace,
+    meshcat: "Meshcat",
+    url: str,
+    controls: "MeshcatControls",
 ) -> None:
     """Waits for a browser, and for its gamepad if only that commands.
 
@@ -186,7 +186,7 @@ def _WaitForHand(
     if not has_browser:
         raise BadInput(
             f"--wait = {args.wait:g}: must be a time in s in which a browser opens "
-            f"{meshcat.web_url()}; none did"
+            f"{url}; none did"
         )
     raise BadInput(
         "--gamepad: must be given with a gamepad that the browser knows; press one of "
@@ -198,11 +198,17 @@ def _Interruptibly(
     drive: "Drive", args: argparse.Namespace, say: Callable[[str], None]
 ) -> None:
     """Drives; Ctrl-C ends it as the time does."""
+    from teleop_drake.driving.drive import IsOfPage
+
     try:
         drive.Run()
     except KeyboardInterrupt:
         # Between two segments; within one simulate() notes it.
         return
+    except RuntimeError as error:
+        if not IsOfPage(error):
+            raise
+        say(f"Ended: {error}.")
     if any(segment.was_late for segment in drive.segments):
         slowest = min(segment.rate for segment in drive.segments)
         say(
