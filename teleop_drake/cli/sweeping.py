@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
 from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
 
 if TYPE_CHECKING:
@@ -84,6 +84,14 @@ def ReportSweep(
     names = ["runs.jsonl", *TableNames(result)]
     written = [folder / name for name in names] + figures
     print("Written:", ", ".join(map(str, written)))
+
+
+def ExitCode(result: "SweepResult") -> int:
+    """Returns the exit code of a sweep; says so if none of its runs succeeded."""
+    if any(record["status"] != "failed" for record in result.records):
+        return DONE
+    count, first = len(result.records), result.records[0]["reason"]
+    return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
 
 
 @contextmanager

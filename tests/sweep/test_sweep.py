@@ -660,6 +660,14 @@ def test_command(capsys, monkeypatch):
     assert "collision_time.png" in os.listdir("out")
 
 
+def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
+    failed = {"status": "failed", "reason": "the model is gone", "metrics": None}
+    monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", lambda *args: failed)
+    command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--quiet"]
+    assert main(command) == 1
+    assert "one_dof: all 4 runs failed: the model is gone" in capsys.readouterr().err
+
+
 def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
     """By default, and if it cannot be, that is said once and not in each run."""
     from teleop_drake import sweep

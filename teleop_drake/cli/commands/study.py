@@ -7,7 +7,12 @@ from pathlib import Path
 from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
-from teleop_drake.cli.sweeping import AddWorkerOptions, DaskExecutor, ReportSweep
+from teleop_drake.cli.sweeping import (
+    AddWorkerOptions,
+    DaskExecutor,
+    ExitCode,
+    ReportSweep,
+)
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -101,7 +106,7 @@ def Execute(args: argparse.Namespace) -> int:
         )
     if args.json is not None:
         WriteJson(args.json, {name: r.records for name, r in results.items()})
-    return 0
+    return max(ExitCode(result) for result in results.values())
 
 
 def _CheckOptions(args: argparse.Namespace) -> None:

@@ -17,7 +17,12 @@ from teleop_drake.cli.options import (
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
-from teleop_drake.cli.sweeping import AddWorkerOptions, DaskExecutor, ReportSweep
+from teleop_drake.cli.sweeping import (
+    AddWorkerOptions,
+    DaskExecutor,
+    ExitCode,
+    ReportSweep,
+)
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -127,7 +132,7 @@ def Execute(args: argparse.Namespace) -> int:
     )
     if args.json is not None:
         WriteJson(args.json, result.records)
-    return 0
+    return ExitCode(result)
 
 
 # Options that stand for keys of a grid.
