@@ -5,7 +5,8 @@ dataclass that derives from the base of its seam. It checks its own fields, make
 block, and answers what others may ask, so that nobody needs to know which kind it is.
 
 A kind of a user's own derives from the same base. It is named in a scenario as
-`kind: my_module:MyConfig`, or by an entry point of the group `teleop_drake.kinds`.
+`kind: my_module:MyConfig`, or by an entry point of the group `teleop_drake.kinds`. To
+look such a kind up imports its module: a scenario that names one is a program.
 """
 
 import dataclasses
@@ -139,6 +140,13 @@ def ImportOwn(place: str, path: str) -> Any:
         raise ScenarioError(
             f"{path} = {Show(place)}: must be importable ({reason})"
         ) from e
+
+
+def IsOwn(name: Any) -> bool:
+    """Returns whether a name means a kind of a user's own, without importing it."""
+    return isinstance(name, str) and (
+        ":" in name or bool(metadata.entry_points(group=ENTRY_POINT_GROUP, name=name))
+    )
 
 
 def TableOf(base: Any) -> "KindTable[Any] | None":

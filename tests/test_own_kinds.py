@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import own_kinds
 import pytest
+import yaml
 from grids import Slow
 
 from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
@@ -61,6 +62,24 @@ def test_commands(own, capsys):
     diagram = ["diagram", "one_dof", *options, "-o", "loop.dot", "--depth", "3"]
     assert main(diagram) == 0
     assert ("low_pass" in Path("loop.dot").read_text()) == (CHANNEL in own)
+
+
+def test_show_and_list_run_nothing_of_a_scenario(tmp_path, capsys):
+    Path("mailed.py").write_text("open('ran', 'w')")
+    Path("mine.yaml").write_text("duration: 1.0\nforward_channel: {kind: 'mailed:X'}\n")
+    Path("link.yaml").write_text("kind: mailed:X")
+    assert main(["show", "one_dof", "--set", "task=mailed:X"]) == 0
+    assert "task = mailed:X" in capsys.readouterr().err
+    for options in (["--delay", "0.1"], ["--channel", "link.yaml"]):
+        assert main(["show", "mine.yaml", *options]) == 0
+        out, err = capsys.readouterr()
+        assert yaml.safe_load(out)["forward_channel"]["kind"] == "mailed:X"
+        assert "forward_channel.kind = mailed:X" in err
+    assert main(["show", "one_dof", "--channel", "mailed:X"]) == 0
+    assert main(["list"]) == 0
+    assert not Path("ran").exists()
+    assert main(["run", "mine.yaml"]) == 2
+    assert Path("ran").exists()
 
 
 @pytest.mark.xdist_group("sweep")  # In a process of its own.

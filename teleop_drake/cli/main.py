@@ -34,13 +34,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: The arguments after the command's name; None: those of the process.
     """
     _PrepareStreams()
-    # So that a scenario can name kinds in modules of the folder one works in.
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
     if sys.stdout is None:
         return Fail(FAILED, "standard output is closed")
     try:
         args = MakeParser().parse_args(argv)
+        # So that a scenario can name kinds in modules of the folder one works in.
+        if args.command_name not in _WITHOUT_OWN_KINDS and os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())
         if args.command_name not in _WITHOUT_DRAKE:
             _ImportDrake()
         exit_code: int = args.command(args)
@@ -124,6 +124,9 @@ _COMMANDS = {
 
 # Commands that answer at once.
 _WITHOUT_DRAKE = ("completion",)
+
+# Commands that run nothing of a scenario.
+_WITHOUT_OWN_KINDS = ("list", "show", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):

@@ -43,7 +43,10 @@ def AddScenarioOptions(
         is_sweep: Whether delays are many values.
     """
     parser.add_argument(
-        "scenario", metavar="SCENARIO", help="a built-in name or a YAML file"
+        "scenario",
+        metavar="SCENARIO",
+        help="a built-in name or a YAML file; a file that names kinds of its own "
+        "(module:Class) is a program, to be trusted like one",
     )
     delay = "VALUES" if is_sweep else "S"
     if has_controller:
@@ -293,8 +296,12 @@ def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
     return scenario
 
 
-def ChannelOverrides(args: argparse.Namespace) -> list[str]:
+def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
     """Returns the overrides that --channel stands for, none without it.
+
+    Args:
+        args: The options.
+        imports: Whether to look up, and so to import, a channel of the user's own.
 
     Raises:
         BadInput: If it is none of what it may be.
@@ -303,21 +310,26 @@ def ChannelOverrides(args: argparse.Namespace) -> list[str]:
     if given is None:
         return []
     from teleop_drake.channels import CHANNEL_KINDS
+    from teleop_drake.kinds import IsOwn
     from teleop_drake.scenario.tree import DumpYaml, ParseFile, ReadText
+
+    def FileFields(kind: str) -> tuple[str, ...]:
+        may_look = imports or not IsOwn(kind)
+        return CHANNEL_KINDS.Find(kind, "kind").file_fields if may_look else ()
 
     path = Path(given)
     fields: dict[str, Any]
     try:
         if path.suffix in (".yaml", ".yml"):
             fields = ParseFile(path, ReadText(path))
-            kind = CHANNEL_KINDS.Find(fields.get("kind", "transport"), "kind")
-            for name in kind.file_fields:
+            for name in FileFields(fields.get("kind", "transport")):
                 if isinstance(fields.get(name), str):
                     fields[name] = str(path.parent / fields[name])
         elif path.is_file():
             fields = _TRACE_CHANNEL | {"trace": given}
         else:
-            fields = {"kind": CHANNEL_KINDS.Find(given, "kind").kind}
+            FileFields(given)  # Checks it.
+            fields = {"kind": given}
     except ValueError as e:
         raise BadInput(
             f"--channel = {given!r}: must be a YAML file, a trace ({e})"
@@ -326,9 +338,14 @@ def ChannelOverrides(args: argparse.Namespace) -> list[str]:
     return [f"{direction}_channel={text}" for direction in ("forward", "return")]
 
 
-def OverridesOf(args: argparse.Namespace) -> list[str]:
-    """Returns the overrides of the command line as PATH=VALUE."""
-    overrides = ChannelOverrides(args)
+def OverridesOf(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
+    """Returns the overrides of the command line as PATH=VALUE.
+
+    Args:
+        args: The options.
+        imports: As ChannelOverrides() takes it.
+    """
+    overrides = ChannelOverrides(args, imports=imports)
     for option, paths in OVERRIDES.items():
         value = getattr(args, option, None)
         if value is not None:

@@ -36,7 +36,7 @@ from teleop_drake.environments import (
     Surface,
 )
 from teleop_drake.environments.slopes import StiffnessAndDamping
-from teleop_drake.kinds import KindConfig
+from teleop_drake.kinds import KIND_KEYS, IsOwn, KindConfig
 from teleop_drake.operators import OperatorConfig, SurgeonConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
@@ -53,6 +53,7 @@ from teleop_drake.scenario.robot_facts import FactsOfConfig
 from teleop_drake.scenario.tree import (
     DumpYaml,
     FromTree,
+    Given,
     ParseFile,
     ParseOverrides,
     ParseYaml,
@@ -291,6 +292,40 @@ def LoadScenario(
     _CheckScenario(scenario)
     scenario._Remember(ToTree(scenario))
     return scenario
+
+
+def ReadScenario(
+    name_or_path: str | os.PathLike[str], overrides: Iterable[str] = ()
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Returns what a scenario file and overrides say, without running any of it.
+
+    Nothing is checked, and nothing that is left out is filled in: a kind of a user's
+    own does both when it is imported.
+
+    Args:
+        name_or_path: As LoadScenario() takes it.
+        overrides: Strings "PATH=VALUE".
+
+    Returns:
+        The tree, and the kinds and the task of a user's own in it by their fields.
+
+    Raises:
+        ScenarioError: If the file or an override cannot be read.
+    """
+    path = _FindScenario(name_or_path)
+    tree = Given(ParseFile(path, ReadText(path)))
+    for dotted, value in ParseOverrides(overrides):
+        SetPath(tree, dotted, value)
+    own = {
+        f"{name}.{key}": section[key]
+        for name, section in tree.items()
+        if isinstance(section, dict)
+        for key in KIND_KEYS
+        if IsOwn(section.get(key))
+    }
+    if tree.get("task") is not None:
+        own["task"] = tree["task"]
+    return tree, own
 
 
 def AsTeleoperation(scenario: AnyScenario, reason: str = "") -> Scenario:

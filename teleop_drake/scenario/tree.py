@@ -202,8 +202,11 @@ def ParseOverrides(
     return pairs
 
 
-class _Given(dict[Any, Any]):
-    """A mapping that an override put into a tree: not all of its keys are there."""
+class Given(dict[Any, Any]):
+    """A mapping that is not complete, for example the value of an override."""
+
+
+_Dumper.add_representer(Given, _Dumper.represent_dict)
 
 
 def GetPath(tree: Any, dotted: str) -> Any:
@@ -244,7 +247,7 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
             tree = tree[keys[-1]]
         # The kind decides which keys a mapping has, and FromTree() checks them. What
         # an override leaves out of a mapping has its default, and may be set as well.
-        is_open |= isinstance(tree, _Given) or (
+        is_open |= isinstance(tree, Given) or (
             isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
         )
         if is_open and isinstance(tree, dict):
@@ -252,7 +255,7 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
             tree.setdefault(part, {})
         else:
             keys.append(_FindKey(tree, part, shown))
-    tree[keys[-1]] = _Given(value) if isinstance(value, dict) else value
+    tree[keys[-1]] = Given(value) if isinstance(value, dict) else value
     return ".".join(map(str, keys))
 
 

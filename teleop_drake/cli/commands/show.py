@@ -1,8 +1,10 @@
 """The command `teleop-drake show`."""
 
 import argparse
+import sys
 
-from teleop_drake.cli.options import AddScenarioOptions, Load
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.options import AddScenarioOptions, Load, OverridesOf
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -11,8 +13,23 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the scenario with all overrides."""
-    from teleop_drake.scenario import ScenarioToYaml
+    """Prints the scenario with all overrides; of one with own kinds, what is given."""
+    from teleop_drake.scenario import ScenarioError, ScenarioToYaml
+    from teleop_drake.scenario.scenario import ReadScenario
+    from teleop_drake.scenario.tree import DumpYaml
 
-    print(ScenarioToYaml(Load(args)), end="")
+    try:
+        tree, own = ReadScenario(args.scenario, OverridesOf(args, imports=False))
+    except ScenarioError as e:
+        raise BadInput(e) from None
+    if not own:
+        print(ScenarioToYaml(Load(args)), end="")
+        return 0
+    print(DumpYaml(tree, sort_keys=False, default_flow_style=None), end="")
+    programs = ", ".join(f"{field} = {name}" for field, name in own.items())
+    print(
+        f"teleop-drake: {programs}: a program of the scenario's own, which `show` does "
+        "not run. So nothing is checked, and no default is shown",
+        file=sys.stderr,
+    )
     return 0
