@@ -2,7 +2,7 @@
 
 Cases II and III of the thesis with both of its controllers, 0.1 s each way, and a drive
 whose force lags by a first order. Prints the table of the documentation, and draws
-diagrams/drive_bandwidth.png or the file that is named.
+teleop_drake/docs/drive_bandwidth.png or the file that is named.
 """
 
 import sys
@@ -21,7 +21,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.sweep import FlattenMetrics
 from teleop_drake.tasks.metrics import RunMetrics
 
-PICTURE = Path(__file__).parent.parent / "diagrams" / "drive_bandwidth.png"
+PICTURE = Path(__file__).parent.parent / "teleop_drake/docs/drive_bandwidth.png"
 
 CASES = {"two_dof_collision": "case II", "two_dof_combined": "case III"}
 

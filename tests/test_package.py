@@ -1,7 +1,10 @@
 """Tests of what `import teleop_drake` offers."""
 
+import os
 import subprocess
 import sys
+import sysconfig
+import venv
 from pathlib import Path
 
 import pytest
@@ -47,3 +50,54 @@ def test_citation_and_changelog_are_of_this_version():
     assert citation["version"] == dut.__version__
     changelog = (root / "CHANGELOG.md").read_text("utf-8")
     assert f"\n## {dut.__version__}" in changelog
+
+
+INSTALLED = """
+list
+show one_dof --delay 0.05
+run one_dof --duration 0.3 --out run --html run.html
+compare one_dof --duration 0.3 --out compare
+sweep one_dof --delay 0,0.1 --duration 0.3 --jobs 1 --out sweep
+diagram one_dof -o loop.svg
+analyze one_dof
+replay run/one_dof_adaptive_backstepping.npz --out replay.html
+reproduce --help
+drive --help
+drive one_dof --wait 0 --duration 0.1 --rate 50 --out drive
+docs
+docs --out site
+"""
+
+
+@pytest.mark.slow
+def test_an_installed_package_has_all_that_its_commands_need(tmp_path):
+    """From a wheel, beside the libraries of the tests, outside the source tree."""
+    root, python = Path(__file__).parent.parent, tmp_path / "env/bin/python"
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path],
+        cwd=root,
+        check=True,
+    )
+    venv.create(tmp_path / "env")
+    (wheel,) = tmp_path.glob("*.whl")
+    pip = [sys.executable, "-m", "pip", "--python", python, "install", "--no-index"]
+    subprocess.run([*pip, "--no-deps", wheel], check=True)
+    (packages,) = tmp_path.glob("env/lib/*/site-packages")
+    (packages / "tests.pth").write_text(sysconfig.get_path("purelib"))
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    for command in INSTALLED.strip().splitlines():
+        run = subprocess.run(
+            [python.with_name("teleop-drake"), *command.split()],
+            cwd=folder,
+            env={x: y for x, y in os.environ.items() if x != "PYTHONPATH"},
+            capture_output=True,
+            text=True,
+        )
+        assert run.returncode == 0, f"{command}: {run.stderr}"
+        if command == "docs":
+            assert run.stdout.startswith(str(packages))
+    assert {path.name for path in folder.iterdir()} == {
+        *("run", "run.html", "compare", "sweep", "loop.svg", "replay.html"),
+        *("drive", "site"),
+    }

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+import teleop_drake
 from teleop_drake.cli import main
+from teleop_drake.cli.site import PAGES
 
 
 def Broken(folder: Path) -> list[str]:
@@ -40,6 +42,13 @@ def test_the_pages_are_named(capsys):
     for line in lines:
         path, title = re.split(r"\s{2,}", line)
         assert Path(path).read_text("utf-8").startswith(f"# {title}\n")
+
+
+def test_the_pictures_of_the_pages_are_in_the_package():
+    for page in PAGES:
+        for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text("utf-8")):
+            path = (page.parent / picture).resolve(strict=True)
+            assert path.is_relative_to(Path(teleop_drake.__file__).parent)
 
 
 def test_the_site_needs_pdoc(tmp_path, capsys, monkeypatch):
