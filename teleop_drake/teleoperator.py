@@ -4,7 +4,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.scenario import CheckStart, Scenario
+from teleop_drake.scenario import AsTeleoperation, CheckStart, ScenarioLike
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import (
     MakeArchitecture,
@@ -15,7 +15,7 @@ from teleop_drake.validation import Refuse
 
 
 def MakeTeleoperator(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     *,
     control_law: System | None = None,
     architecture: Architecture | None = None,
@@ -37,7 +37,7 @@ def MakeTeleoperator(
     rest back.
 
     Args:
-        scenario: What to build.
+        scenario: What to build, or its name or file.
         control_law: A control law of your own in the place of the scenario's; see
             stations.MakeSlaveStation for its ports.
         architecture: Both sides of your own in the place of the scenario's; not
@@ -88,7 +88,7 @@ def MakeTeleoperator(
 
 def AddTeleoperator(
     builder: DiagramBuilder,
-    scenario: Scenario,
+    scenario: ScenarioLike,
     *,
     control_law: System | None = None,
     architecture: Architecture | None = None,
@@ -108,7 +108,7 @@ def AddTeleoperator(
 
     Args:
         builder: Of the diagram.
-        scenario: What to build.
+        scenario: What to build, or its name or file.
         control_law: A control law of your own.
         architecture: Both sides of your own.
         robot: A robot of your own.
@@ -125,6 +125,7 @@ def AddTeleoperator(
             yours has the name of another signal of the loop.
         RuntimeError: If a system of yours lacks a port.
     """
+    scenario = AsTeleoperation(scenario)
     scenario.Validate()
     start = scenario.robot.start
     robot = robot or scenario.robot.MakeRobot()

@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.systems.framework import DiagramBuilder
 
 import teleop_drake as dut
+from teleop_drake.teleoperator import AddTeleoperator
 
 
 def test_import_is_light():
@@ -50,6 +53,19 @@ def test_citation_and_changelog_are_of_this_version():
     assert citation["version"] == dut.__version__
     changelog = (root / "CHANGELOG.md").read_text("utf-8")
     assert f"\n## {dut.__version__}" in changelog
+
+
+def test_the_name_of_a_scenario_stands_for_it():
+    scenario = dut.LoadScenario("one_dof")
+    builder = DiagramBuilder()
+    AddTeleoperator(builder, "one_dof")
+    dut.AddScene(builder, "one_dof", Meshcat(MeshcatParams(port=0)))
+    builder.Build()
+    for diagram in (dut.MakeDiagram("one_dof"), dut.MakeTeleoperator("one_dof")):
+        assert diagram.HasSubsystemNamed("master")
+    assert dut.AnalyzeStability("one_dof").scenario == scenario
+    with pytest.raises(dut.ScenarioError, match="scenario = '1dof'"):
+        dut.simulate("1dof")
 
 
 INSTALLED = """

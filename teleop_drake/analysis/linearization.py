@@ -52,7 +52,7 @@ from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.environments import CONTACT
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.operators import Surgeon
-from teleop_drake.scenario import Scenario
+from teleop_drake.scenario import AsTeleoperation, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -61,12 +61,13 @@ Array = NDArray[np.float64]
 _DRIFT_SHARES = (1 / 2, -1 / 2, 1 / 8, -1 / 8, 1 / 50, -1 / 50)
 
 
-def MakeLinearTeleoperator(scenario: Scenario) -> Diagram:
+def MakeLinearTeleoperator(scenario: ScenarioLike) -> Diagram:
     """Makes the scenario's diagram, with the operator of a linear analysis.
 
     Args:
-        scenario: A valid one.
+        scenario: A valid one, or its name or file.
     """
+    scenario = AsTeleoperation(scenario)
     return MakeTeleoperator(
         scenario,
         operator=scenario.surgeon.MakeLinearOperator(
@@ -76,7 +77,7 @@ def MakeLinearTeleoperator(scenario: Scenario) -> Diagram:
 
 
 def LinearizeLoop(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     point: OperatingPoint,
     *,
     teleoperator: Diagram | None = None,
@@ -102,6 +103,7 @@ def LinearizeLoop(
             samples), a law bends at the point, the point is on a surface, or the robot
             cannot be there.
     """
+    scenario = AsTeleoperation(scenario)
     diagram = teleoperator or MakeLinearTeleoperator(scenario)
     linearizer = Linearizer(scenario, point, diagram)
     model = linearizer.Linearize()
@@ -129,7 +131,7 @@ def LinearizeLoop(
 
 
 def LinearizeTwoPort(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     point: OperatingPoint,
     *,
     teleoperator: Diagram | None = None,
@@ -147,6 +149,7 @@ def LinearizeTwoPort(
     Raises:
         ScenarioError: As LinearizeLoop.
     """
+    scenario = AsTeleoperation(scenario)
     diagram = teleoperator or MakeTeleoperator(
         scenario, operator=Surgeon(velocity=scenario.surgeon.velocity)
     )

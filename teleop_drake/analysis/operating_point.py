@@ -21,7 +21,7 @@ from teleop_drake.environments.surface import (
 )
 from teleop_drake.recording import Recording
 from teleop_drake.robots import FactsOfRobot
-from teleop_drake.scenario import Scenario
+from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class OperatingPoint:
 
 
 def OperatingPoints(
-    scenario: Scenario, *, environment: System | None = None
+    scenario: ScenarioLike, *, environment: System | None = None
 ) -> list[OperatingPoint]:
     """Returns an operating point between all surfaces that the tool comes to.
 
@@ -78,10 +78,11 @@ def OperatingPoints(
     taken up the energy of the tool's inertia and velocity along the normal.
 
     Args:
-        scenario: A valid one.
+        scenario: A valid one, or its name or file.
         environment: The block, an environment of your own perhaps; None makes the
             scenario's.
     """
+    scenario = AsTeleoperation(scenario)
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
     surfaces = _Surfaces(scenario, environment)

@@ -67,7 +67,7 @@ from teleop_drake.numerics.delay_margin import (
     unstable_roots,
 )
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
-from teleop_drake.scenario import AnyScenario, AsTeleoperation, Scenario
+from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
 
 Array = NDArray[np.float64]
@@ -389,7 +389,7 @@ def _CountSlow(loop: StateSpace, unresolved: float) -> int:
 
 
 def AnalyzeStability(
-    scenario: AnyScenario,
+    scenario: ScenarioLike,
     *,
     points: Iterable[OperatingPoint] | None = None,
     max_delay: float = MAX_DELAY,
@@ -398,8 +398,8 @@ def AnalyzeStability(
     """Analyses the stability of a scenario's loop against its delay.
 
     Args:
-        scenario: A teleoperation. Of channels whose delay is not constant, a constant
-            one takes the place; see ChannelConfig.AsConstantDelay.
+        scenario: A teleoperation, or its name or file. Of channels whose delay is not
+            constant, a constant one takes the place; see ChannelConfig.AsConstantDelay.
         points: Operating points; None: those of OperatingPoints(scenario).
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
         teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with

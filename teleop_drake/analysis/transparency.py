@@ -29,7 +29,7 @@ from teleop_drake.analysis.linear_models import TwoPortModel
 from teleop_drake.analysis.linearization import LinearizeTwoPort
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.scenario import Scenario
+from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -185,7 +185,7 @@ FREQUENCIES = np.geomspace(0.01, 100.0, 600)
 
 
 def AnalyzeTransparency(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     point: OperatingPoint,
     *,
     forward_delay: float,
@@ -195,7 +195,7 @@ def AnalyzeTransparency(
     """Analyses what the operator feels at an operating point.
 
     Args:
-        scenario: A valid one.
+        scenario: A valid one, or its name or file.
         point: The operating point, of which the position is used, at rest.
         forward_delay: T_f in s, >= 0.
         return_delay: T_r in s, >= 0.
@@ -204,6 +204,7 @@ def AnalyzeTransparency(
     Raises:
         ValueError: As LinearizeTwoPort.
     """
+    scenario = AsTeleoperation(scenario)
     point = OperatingPoint(
         name=point.name,
         layer=point.layer,

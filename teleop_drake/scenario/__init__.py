@@ -18,7 +18,9 @@ from teleop_drake.scenario.config import (
 )
 from teleop_drake.scenario.scaling import ScaleForces
 from teleop_drake.scenario.scenario import (
+    DELAYS,
     AnyScenario,
+    AsScenario,
     AsTeleoperation,
     CheckStart,
     CheckSteps,
@@ -26,6 +28,7 @@ from teleop_drake.scenario.scenario import (
     OverriddenPaths,
     Scenario,
     ScenarioFromYaml,
+    ScenarioLike,
     ScenarioNames,
     ScenarioToYaml,
     TrackingScenario,
@@ -36,8 +39,10 @@ from teleop_drake.validation import GainMatrix, ScenarioError
 __all__ = [
     "ARCHITECTURES",
     "CONTROLLERS",
+    "DELAYS",
     "TRACKING_CONTROLLERS",
     "AnyScenario",
+    "AsScenario",
     "AsTeleoperation",
     "ChannelConfig",
     "CheckStart",
@@ -57,6 +62,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "ScenarioFromYaml",
+    "ScenarioLike",
     "ScenarioNames",
     "ScenarioToYaml",
     "SurgeonConfig",

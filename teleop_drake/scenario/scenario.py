@@ -256,7 +256,13 @@ class TrackingScenario(_ScenarioBase):
 
 
 AnyScenario = Scenario | TrackingScenario
-"""What LoadScenario() returns and simulate() takes."""
+"""What LoadScenario() returns."""
+
+ScenarioLike = AnyScenario | str | os.PathLike[str]
+"""A scenario, or what LoadScenario() loads one from; simulate() and others take it."""
+
+DELAYS = ("forward_channel.delay", "return_channel.delay")
+"""What the key `delay` stands for, in files and overrides."""
 
 
 def ScenarioNames() -> list[str]:
@@ -273,10 +279,10 @@ def LoadScenario(
     Args:
         name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. What the
             file leaves out has the default of its dataclass, if there is one.
-        overrides: Either a mapping such as {"forward_channel.delay": 0.05} or strings
-            "PATH=VALUE" with a YAML value. A path is dotted; an element of a list is
-            addressed by its number or its `name` ("environment.layers.bone.stiffness",
-            "surgeon.velocity.0"). Later ones win.
+        overrides: Either a mapping such as {"delay": 0.05} or strings "PATH=VALUE"
+            with a YAML value. A path is dotted; an element of a list is addressed by
+            its number or its `name` ("environment.layers.bone.stiffness",
+            "surgeon.velocity.0"). `delay` is that of both channels. Later ones win.
 
     Returns:
         A TrackingScenario if the file has a key `trajectory`, else a Scenario.
@@ -286,7 +292,7 @@ def LoadScenario(
     """
     path = _FindScenario(name_or_path)
     tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    for dotted, value in ParseOverrides(overrides):
+    for dotted, value in _Pairs(overrides):
         SetPath(tree, dotted, value)
     scenario = FromTree(tree, _SchemaOf(tree))
     _CheckScenario(scenario)
@@ -313,8 +319,8 @@ def ReadScenario(
         ScenarioError: If the file or an override cannot be read.
     """
     path = _FindScenario(name_or_path)
-    tree = Given(ParseFile(path, ReadText(path)))
-    for dotted, value in ParseOverrides(overrides):
+    tree = Given(ParseScenario(path, ReadText(path)))
+    for dotted, value in _Pairs(overrides):
         SetPath(tree, dotted, value)
     own = {
         f"{name}.{key}": section[key]
@@ -328,16 +334,24 @@ def ReadScenario(
     return tree, own
 
 
-def AsTeleoperation(scenario: AnyScenario, reason: str = "") -> Scenario:
+def AsScenario(scenario: ScenarioLike) -> AnyScenario:
+    """Returns the scenario, loaded if it is a name or a file."""
+    if isinstance(scenario, (str, os.PathLike)):
+        return LoadScenario(scenario)
+    return scenario
+
+
+def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
     """Returns the scenario, which must be a teleoperation.
 
     Args:
-        scenario: What LoadScenario() returned.
+        scenario: A scenario, or what LoadScenario() loads one from.
         reason: Why no other task will do, for the message.
 
     Raises:
-        ScenarioError: If it is another task.
+        ScenarioError: If it is another task, or cannot be loaded.
     """
+    scenario = AsScenario(scenario)
     if not isinstance(scenario, Scenario):
         allowed = f"a teleoperation; {reason}" if reason else "a teleoperation"
         Refuse("scenario", scenario.name, allowed)
@@ -354,14 +368,14 @@ def OverriddenPaths(
         overrides: Strings "PATH=VALUE".
 
     Returns:
-        Dotted paths with the numbers of elements, never their names.
+        Dotted paths with the numbers of elements, never their names; two for `delay`.
 
     Raises:
         ScenarioError: if a path does not exist.
     """
     path = _FindScenario(name_or_path)
     tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    return [SetPath(tree, dotted, value) for dotted, value in ParseOverrides(overrides)]
+    return [SetPath(tree, dotted, value) for dotted, value in _Pairs(overrides)]
 
 
 def CheckSteps(scenario: AnyScenario) -> None:
@@ -395,13 +409,45 @@ def CheckSteps(scenario: AnyScenario) -> None:
         )
 
 
+def _Pairs(
+    overrides: Mapping[str, Any] | Iterable[str],
+) -> list[tuple[str, Any]]:
+    """Returns the dotted paths of fields and their new values, trees."""
+    return [
+        (path, value)
+        for key, value in ParseOverrides(overrides)
+        for path in (DELAYS if key == "delay" else (key,))
+    ]
+
+
+def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
+    """Returns the tree of a scenario file; `delay` has become that of both channels.
+
+    Args:
+        path: The file, for messages.
+        text: What ReadText() returned.
+
+    Raises:
+        ScenarioError: If it does not hold a mapping in YAML, or gives a delay twice.
+    """
+    tree = ParseFile(path, text)
+    if "delay" not in tree or _SchemaOf(tree) is not Scenario:
+        return tree
+    delay = tree.pop("delay")
+    for dotted in DELAYS:
+        channel = tree.setdefault(dotted.partition(".")[0], {})
+        if isinstance(channel, dict) and channel.setdefault("delay", delay) != delay:
+            Refuse("delay", delay, f"left out, or the same as {dotted}")
+    return tree
+
+
 @functools.lru_cache(maxsize=16)
 def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
     """Returns the tree of a scenario file.
 
     What the file leaves out has its default. A sweep comes here once for each run.
     """
-    tree = ParseFile(path, text)
+    tree = ParseScenario(path, text)
     tree.setdefault("name", path.stem)
     ResolveFiles(tree, path.parent)
     complete: dict[str, Any] = ToTree(FromTree(tree, _SchemaOf(tree)))

@@ -18,7 +18,7 @@ from teleop_drake.numerics.interpolation import (
     interpolate,
 )
 from teleop_drake.recording import Recording, SolverStatistics
-from teleop_drake.scenario import AnyScenario, CheckSteps
+from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -41,20 +41,21 @@ _NO_SURFACES = (
 )
 
 
-def MakeDiagram(scenario: AnyScenario) -> Diagram:
+def MakeDiagram(scenario: ScenarioLike) -> Diagram:
     """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
 
     Args:
-        scenario: What to make.
+        scenario: What to make, or its name or file.
 
     Raises:
         ScenarioError: If the scenario is not valid.
     """
+    scenario = AsScenario(scenario)
     return TaskOf(scenario).MakeDiagram(scenario)
 
 
 def simulate(
-    scenario: AnyScenario,
+    scenario: ScenarioLike,
     *,
     teleoperator: Diagram | None = None,
     task: Task[Any] | None = None,
@@ -97,7 +98,7 @@ def simulate(
     block comes out as it is, with a note that names the block.
 
     Args:
-        scenario: What to simulate.
+        scenario: What to simulate, or its name or file.
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with systems of your own; None makes the scenario's.
         task: What it is run for: makes the diagram, limits the speed, and finds the
@@ -121,6 +122,7 @@ def simulate(
             puts out is not finite at the start, or there is no such engine.
     """
     CheckChoice("engine", engine, ENGINES)
+    scenario = AsScenario(scenario)
     task = task or TaskOf(scenario)
     scenario.Validate()
     if teleoperator is None:

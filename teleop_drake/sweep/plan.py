@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.scenario import (
+    DELAYS,
     AnyScenario,
     CheckSteps,
     LoadScenario,
@@ -24,8 +25,12 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.scenario.scenario import ResolveFiles, ScenarioFiles
-from teleop_drake.scenario.tree import DumpYaml, ParseFile, ParseYaml, ReadText
+from teleop_drake.scenario.scenario import (
+    ParseScenario,
+    ResolveFiles,
+    ScenarioFiles,
+)
+from teleop_drake.scenario.tree import DumpYaml, ParseYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.tasks import TaskOf
@@ -35,7 +40,7 @@ MAX_RUNS = 100_000
 
 ALIASES = {
     "controller": ("controller.kind",),
-    "delay": ("forward_channel.delay", "return_channel.delay"),
+    "delay": DELAYS,
     "forward_delay": ("forward_channel.delay",),
     "return_delay": ("return_channel.delay",),
     "seed": ("forward_channel.seed", "return_channel.seed"),
@@ -200,7 +205,7 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
     path = Path(scenario)
     if os.fspath(scenario) in ScenarioNames():
         return Source(name=path.name, text=None)
-    tree = ParseFile(path, ReadText(path))
+    tree = ParseScenario(path, ReadText(path))
     ResolveFiles(tree, path.parent.resolve())  # The scenario file will be elsewhere.
     return Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
 
@@ -264,12 +269,13 @@ def _CheckPaths(
         replaced: What the paths of the overrides and those of the keys are other names
             of; None: of themselves.
     """
-    paths = [text.partition("=")[0].strip() for text in overrides]
-    setters = ["overrides"] * len(paths)
-    for key in axes:
-        for path in ALIASES.get(key, (key,)):
+    keys = [(text.partition("=")[0].strip(), "overrides") for text in overrides]
+    setters, paths = [], []
+    for key, setter in [*keys, *((key, f"grid.{key}") for key in axes)]:
+        known = {"delay": DELAYS} if setter == "overrides" else ALIASES
+        for path in known.get(key, (key,)):
             paths.append(path)
-            setters.append(f"grid.{key}")
+            setters.append(setter)
     names = list(replaced or paths)
     for i, later in enumerate(setters):
         for j, earlier in enumerate(setters[:i]):

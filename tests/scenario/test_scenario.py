@@ -17,9 +17,11 @@ from teleop_drake import scenario as dut
 from teleop_drake.robots import SliderConfig
 from teleop_drake.robots.driven_arm import DrivenArmConfig
 from teleop_drake.scenario import (
+    DELAYS,
     CheckSteps,
     GainMatrix,
     LoadScenario,
+    OverriddenPaths,
     Scenario,
     ScenarioError,
     ScenarioFromYaml,
@@ -254,6 +256,26 @@ def test_what_only_adaptive_control_needs(minimal):
 
 
 # Overrides.
+
+
+def test_delay_is_that_of_both_channels(tmp_path):
+    file = tmp_path / "a.yaml"
+    own = "forward_channel: {kind: sampled, sample_period: 0.01}"
+    file.write_text(f"{MINIMAL}delay: 0.07\n{own}\n")
+    for scenario in (
+        LoadScenario("one_dof", {"delay": 0.07}),
+        LoadScenario("one_dof", ["return_channel.delay=0.2", "delay=0.07"]),
+        LoadScenario(file),
+    ):
+        assert scenario.forward_channel.delay == scenario.return_channel.delay == 0.07
+    assert LoadScenario(file).forward_channel.kind == "sampled"
+    paths = OverriddenPaths("one_dof", ["delay=0", "duration=1"])
+    assert paths == [*DELAYS, "duration"]
+    file.write_text(MINIMAL + "delay: 0.07\nreturn_channel: {delay: 0.1}\n")
+    with pytest.raises(ScenarioError, match=r"delay = 0.07: must be left out, or the"):
+        LoadScenario(file)
+    with pytest.raises(ScenarioError, match="forward_channel"):
+        LoadScenario("network_tracking_linear", {"delay": 0.1})
 
 
 def test_overrides():

@@ -292,6 +292,9 @@ def test_two_names_of_a_field_that_is_set_are_refused():
             {"environment.layers.2.stiffness": [100.0, 200.0]},
             overrides={"environment.layers.bone.stiffness": 300.0},
         )
+    message = "grid.return_delay: must leave return_channel.delay alone, overrides sets"
+    with pytest.raises(SweepError, match=message):
+        PlanSweep("one_dof", {"return_delay": [0.1, 0.2]}, overrides={"delay": 0.3})
 
 
 def test_a_whole_and_then_a_part_can_be_varied():

@@ -25,7 +25,7 @@ from teleop_drake.figures.scene.stage import (
     SetUpView,
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
-from teleop_drake.scenario import AnyScenario
+from teleop_drake.scenario import AnyScenario, AsScenario, ScenarioLike
 from teleop_drake.signals import NamedSignals
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Scene:
 
     Args:
         meshcat: Where to. What the package has drawn there before is deleted.
-        scenario: Of the run.
+        scenario: Of the run, or its name or file.
         surfaces: Of the environment; None: those of the scenario's.
         newtons: Force of the longest arrow, N; None: by a rule that takes the
             surgeon's contact force for an arrow of half that length.
@@ -92,11 +92,12 @@ class Scene:
     def __init__(
         self,
         meshcat: Meshcat,
-        scenario: AnyScenario,
+        scenario: ScenarioLike,
         *,
         surfaces: tuple[Surface, ...] | None = None,
         newtons: float | None = None,
     ):
+        scenario = AsScenario(scenario)
         self._pen = Pen(meshcat)
         self._num_axes = scenario.num_axes
         visuals = RobotVisuals(scenario.robot)
@@ -287,7 +288,7 @@ class SceneViewer(LeafSystem):
 
 def AddScene(
     builder: DiagramBuilder,
-    scenario: AnyScenario,
+    scenario: ScenarioLike,
     meshcat: Meshcat,
     *,
     period: float = 1 / 32,
@@ -299,7 +300,7 @@ def AddScene(
 
     Args:
         builder: Of the diagram, with `robot` and what else there is of the loop.
-        scenario: What it was made for.
+        scenario: What it was made for, or its name or file.
         meshcat: Where to.
         period: Between two pictures, s. The solver's steps end there.
         newtons: Force of the longest arrow, N; None: see Scene.
@@ -330,7 +331,7 @@ def AddScene(
 
 
 def MakeScene(
-    scenario: AnyScenario,
+    scenario: ScenarioLike,
     meshcat: Meshcat,
     *,
     surfaces: tuple[Surface, ...] | None = None,
@@ -341,7 +342,7 @@ def MakeScene(
     Its Draw(time, signals) is called by whoever runs the loop, a monitor for example.
 
     Args:
-        scenario: What is seen.
+        scenario: What is seen, or its name or file.
         meshcat: Where to.
         surfaces: Of the environment; None: those of the scenario's.
         newtons: Force of the longest arrow, N; None: see Scene.
