@@ -35,10 +35,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
         context: Its context.
 
     Raises:
-        UnsupportedSystem: If it offers no kernel.
+        UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
     if hasattr(system, "Kernel"):
         own: Kernel = system.Kernel()
+        _CheckIsWhole(system, own)
         return own
     if isinstance(system, MultibodyPlant):
         return PlantKernel(system, context)
@@ -54,6 +55,22 @@ def KernelOf(system: System, context: Context) -> Kernel:
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")
     return kernel
+
+
+def _CheckIsWhole(system: System, kernel: Kernel) -> None:
+    """Refuses a subclass that computes more than the kernel that it inherits."""
+    known = {*kernel.outputs, *(delay.output for delay in kernel.delays)}
+    for i in range(system.num_output_ports()):
+        name = system.get_output_port(i).get_name()
+        if name not in known:
+            raise UnsupportedSystem(system, f"its kernel has no output {name!r}")
+    for cls in type(system).__mro__:
+        if "Kernel" in vars(cls):
+            return
+        for name in vars(cls):
+            if name.startswith("DoCalc"):
+                reason = f"{cls.__name__} has a {name}() that its kernel does not know"
+                raise UnsupportedSystem(system, reason)
 
 
 class Evaluator:
