@@ -37,7 +37,7 @@ class UnknownSignal(KeyError):
         return str(self.args[0])
 
 
-FORMAT = 1
+FORMAT = 2
 """Of the files that Recording.Save() writes."""
 
 
@@ -71,6 +71,7 @@ class SolverStatistics:
     """What the integrator did.
 
     Attributes:
+        engine: What ran it: `drake` or `compiled`; see simulation.simulate().
         scheme: Integration scheme, by Drake's name.
         accuracy: Target accuracy of the error control.
         steps: Number of steps taken, those of the event location included.
@@ -79,6 +80,7 @@ class SolverStatistics:
         real_time_factor: Simulated time over real time.
     """
 
+    engine: str
     scheme: str
     accuracy: float
     steps: int

@@ -23,18 +23,16 @@ folder: Path | None = None
 _recordings: dict[str, Recording] = {}
 
 
-def Simulated(scenario: AnyScenario, engine: str = "drake") -> Recording:
-    """Returns what simulate() returns; a run of Drake's is simulated only once."""
-    if engine != "drake":
-        return simulate(scenario, engine=engine)
-    text = ScenarioToYaml(scenario)
+def Simulated(scenario: AnyScenario, engine: str = "auto") -> Recording:
+    """Returns what simulate() returns; each run is simulated only once."""
+    text = f"{engine}\n{ScenarioToYaml(scenario)}"
     if text not in _recordings:
-        _recordings[text] = _Load(scenario, text) or _Simulate(scenario, text)
+        _recordings[text] = _Load(scenario, text) or _Simulate(scenario, engine, text)
     return _recordings[text]
 
 
 @functools.cache
-def Run(name: str, kind: str, *overrides: str, engine: str = "drake") -> Recording:
+def Run(name: str, kind: str, *overrides: str, engine: str = "auto") -> Recording:
     """Simulates a scenario with a controller; overrides are PATH=VALUE."""
     print("simulate", name, kind, *overrides, file=sys.stderr)
     scenario = LoadScenario(name, [f"controller.kind={kind}", *overrides])
@@ -53,8 +51,8 @@ def _Load(scenario: AnyScenario, text: str) -> Recording | None:
     return Recording(scenario=scenario, **parts)
 
 
-def _Simulate(scenario: AnyScenario, text: str) -> Recording:
-    recording = simulate(scenario)
+def _Simulate(scenario: AnyScenario, engine: str, text: str) -> Recording:
+    recording = simulate(scenario, engine=engine)
     if folder is not None:
         parts = vars(recording).copy()
         del parts["scenario"]  # It does not pickle.

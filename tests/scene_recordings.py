@@ -45,6 +45,7 @@ def MakeRecording(name="one_dof", kind="direct_force", duration=2.0, **overrides
         },
         events=[Event(name="contact", time=1.0)],
         solver=SolverStatistics(
+            engine="drake",
             scheme="none",
             accuracy=1.0,
             steps=100,

@@ -40,7 +40,6 @@ assert sys.executable == {sys.executable!r}, sys.executable
 """
 
 MOVE_SLIDER = """\
-explorer.engine = "drake"  # For one move it is not worth compiling.
 first = explorer.picture.value
 slider = next(iter(explorer.sliders.values()))
 before = slider.value

@@ -134,9 +134,10 @@ ONE_JOB = ("--jobs", "1", "--engine", "drake")
 def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
     """It works wherever nothing derives from its inertia, which it does not tell."""
     direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)
-    recording = simulate(LoadScenario("one_dof", direct[1::2]))
+    recording = simulate(LoadScenario("one_dof", direct[1::2]), engine="drake")
     slider = "robot={model: slider, start: [0], mass: 0.8, damping: 0}"
-    expected = simulate(LoadScenario("one_dof", [slider, *direct[3::2]]))
+    scenario = LoadScenario("one_dof", [slider, *direct[3::2]])
+    expected = simulate(scenario, engine="drake")
     np.testing.assert_allclose(
         recording["tool_position"], expected["tool_position"], atol=1e-9
     )

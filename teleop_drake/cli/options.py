@@ -237,20 +237,18 @@ def ControllersOf(controllers: str) -> list[str]:
     return names
 
 
-def AddEngineOption(parser: argparse.ArgumentParser, default: str = "drake") -> None:
+def AddEngineOption(parser: argparse.ArgumentParser) -> None:
     """Adds --engine.
 
     Args:
         parser: The parser of the command.
-        default: The engine without the option.
     """
     parser.add_argument(
         "--engine",
         choices=("drake", "compiled", "auto"),
-        default=default,
-        help="what runs it: Drake's Simulator, or machine code, which is compiled once "
-        "(the extra `fast`); auto: machine code where possible "
-        f"(default: {default})",
+        default="auto",
+        help="what runs it: Drake's Simulator, or machine code, which is compiled "
+        "once; auto: machine code where possible (default: auto)",
     )
 
 

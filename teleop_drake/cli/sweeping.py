@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
-from teleop_drake.cli.tables import NO_INTERVALS, SeedsTable
+from teleop_drake.cli.tables import SeedsTable
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -60,8 +60,6 @@ def ReportSweep(
         formats: Of the figures.
     """
     from teleop_drake.sweep import (
-        HasIntervals,
-        HasSeeds,
         TableNames,
         VariesSeedsOnly,
     )
@@ -75,8 +73,6 @@ def ReportSweep(
         for status in ("completed", "diverged", "failed")
     )
     print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
-    if HasSeeds(result) and not HasIntervals():
-        print(NO_INTERVALS)
     if VariesSeedsOnly(result):
         print(SeedsTable(result, metrics))
     if note:

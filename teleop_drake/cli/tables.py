@@ -54,7 +54,7 @@ def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
         | FlattenMetrics(record.get("channels", {}))
         | {
             key: record["solver"][key]
-            for key in ("steps", "derivative_evaluations", "wall_time_s")
+            for key in ("engine", "steps", "derivative_evaluations", "wall_time_s")
         }
         for name, record in zip(recordings, records, strict=True)
     }
@@ -71,13 +71,6 @@ def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
         unit = next((units[part] for part in row.split(".") if part in units), "")
         lines.append([row.replace("_", " ").replace(".", " "), *cells, unit])
     return Align(lines)
-
-
-NO_INTERVALS = (
-    "No intervals of medians and shares: they need scipy "
-    "(pip install 'teleop-drake[fast]')"
-)
-"""What is said of statistics where scipy is missing."""
 
 
 def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
@@ -143,4 +136,4 @@ def Cell(value: Any) -> str:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return str(value) if isinstance(value, int) else f"{value:.5g}"
+    return str(value) if isinstance(value, int | str) else f"{value:.5g}"

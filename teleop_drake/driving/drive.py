@@ -165,11 +165,14 @@ class Drive:
             return "completed"
         self._warm.add(kinds)
         operator = HandOperator(num_axes=scenario.num_axes)
-        return simulate(
+        recording = simulate(
             dataclasses.replace(scenario, duration=_WARM_UP),
             teleoperator=MakeTeleoperator(scenario, operator=operator),
             engine=self._engine,
-        ).termination
+        )
+        for note in recording.notes:
+            self._say(note)
+        return recording.termination
 
     def _LoadFrom(self, settings: Settings, start: Array | None) -> Scenario:
         overrides = [

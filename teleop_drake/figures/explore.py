@@ -34,7 +34,7 @@ class Explorer:
     the scenario's own values.
 
     Attributes:
-        engine: What simulates once a slider has been turned, see simulate().
+        engine: What simulates, see simulate().
         values: What is varied, and the value it has now.
         sliders: The slider of each; none without ipywidgets.
         picture: The picture, an ipywidgets.Image; None without ipywidgets.
@@ -57,7 +57,6 @@ class Explorer:
             controllers = TaskOf(base).controllers
         self._controllers = list(controllers)
         self.engine = engine
-        self._is_turned = False
         self._plot_options = dict(plot_options)
         self._ranges = {key: _Options(key, x) for key, x in ranges.items()}
         if not self._ranges:
@@ -102,12 +101,8 @@ class Explorer:
         for kind in self._controllers or [""]:
             key = (kind, *self.values.values())
             if key not in self._runs:
-                overrides = self._Overrides(self.values, kind)
-                # To compile pays once a slider is turned.
-                engine = self.engine if self._is_turned else "drake"
-                self._runs[key] = simulate(
-                    LoadScenario(self._name, overrides), engine=engine
-                )
+                scenario = LoadScenario(self._name, self._Overrides(self.values, kind))
+                self._runs[key] = simulate(scenario, engine=self.engine)
             runs[kind.replace("_", " ")] = self._runs[key]
         return runs
 
@@ -145,7 +140,6 @@ class Explorer:
     def _Turn(self, key: str, change: Mapping[str, Any]) -> None:
         """Shows another value of a number."""
         self.values[key] = change["new"]
-        self._is_turned = True
         self._Redraw()
 
     def _Redraw(self) -> None:
@@ -191,7 +185,7 @@ def Explore(
 
     When a slider is released every controller is simulated with the new value, and
     what PlotComparison() makes of the runs is shown. Runs that can be machine code are
-    shown while it is dragged; the first of them waits until it is compiled.
+    shown while it is dragged.
 
     Args:
         scenario: A built-in name or a YAML file.
@@ -200,8 +194,7 @@ def Explore(
         controllers: Kinds of controllers; None: those that the task compares.
         signals: What is shown, see PlotComparison(); None: all that the task shows.
         time: From when to when is shown, s; None: all of it.
-        engine: What simulates once a slider has been turned, see simulate(). Before
-            that it is Drake.
+        engine: What simulates, see simulate().
         **ranges: By the dotted name of a number, or `delay`, `forward_delay`,
             `return_delay` or `seed`: its least and its largest value, and a step if it
             is not to be a 50th of the range; or a list of the values.

@@ -21,7 +21,6 @@ from teleop_drake.figures.style import (
 from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, SweepGrid, ValueLabel
 from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 from teleop_drake.sweep import (
-    HasIntervals,
     MetricUnits,
     SweepResult,
     VariesSeedsOnly,
@@ -113,8 +112,6 @@ def _DrawBand(
     low = Bands(values, lambda y: np.quantile(y, 0.05))
     high = Bands(values, lambda y: np.quantile(y, 0.95))
     ax.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0)
-    if not HasIntervals():
-        return
     ends = [
         Bands(values, lambda y: MedianInterval(y)[0]),
         Bands(values, lambda y: MedianInterval(y)[1]),
@@ -134,14 +131,10 @@ def _DrawBand(
 
 def _BandHandles() -> list[Any]:
     """Returns what the legend says of a band and of its bars."""
-    handles: list[Any] = [
-        Patch(color=GREY, alpha=0.4, linewidth=0, label="5 to 95 % of the seeds")
+    return [
+        Patch(color=GREY, alpha=0.4, linewidth=0, label="5 to 95 % of the seeds"),
+        Line2D([], [], color=GREY, marker="|", linewidth=0.8, label=_INTERVAL),
     ]
-    if HasIntervals():
-        handles.append(
-            Line2D([], [], color=GREY, marker="|", linewidth=0.8, label=_INTERVAL)
-        )
-    return handles
 
 
 def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
@@ -172,9 +165,8 @@ def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
     handles = [
         Line2D([], [], color=GREY, marker=".", linestyle="none", label="a run"),
         Line2D([], [], color=GREY, label="median"),
+        Line2D([], [], color=GREY, linewidth=2.4, label=_INTERVAL),
     ]
-    if HasIntervals():
-        handles.append(Line2D([], [], color=GREY, linewidth=2.4, label=_INTERVAL))
     figure.legend(
         handles=handles,
         loc="outside upper center",

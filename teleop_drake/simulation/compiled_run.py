@@ -258,6 +258,7 @@ def _Run(
         termination, reason = "interrupted", "interrupted by the user"
     times, signals = stepper.Recorded()
     return Outcome(
+        engine="compiled",
         times=times,
         signals=signals,
         steps=run.num_steps,

@@ -12,6 +12,7 @@ class Outcome:
     """What came out of a run.
 
     Attributes:
+        engine: As in SolverStatistics.
         times: The ends of the steps in s (N,).
         signals: By name (N, k).
         steps: Number of steps taken.
@@ -23,6 +24,7 @@ class Outcome:
         channels: As in Recording.
     """
 
+    engine: str
     times: np.ndarray
     signals: dict[str, np.ndarray]
     steps: int

@@ -2,7 +2,6 @@
 
 import contextlib
 import time as clock
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -60,7 +59,7 @@ def simulate(
     teleoperator: Diagram | None = None,
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
-    engine: str = "drake",
+    engine: str = "auto",
     advance: Callable[[LiveRun, float], None] | None = None,
 ) -> Recording:
     """Simulates a scenario from its start and records all signals of the loop.
@@ -105,9 +104,9 @@ def simulate(
             events; None: the task of the scenario.
         progress: Called now and then with the simulated time in s.
         engine: What runs it: `drake`, or `compiled`, machine code, which is compiled
-            once for each structure of a diagram and then runs many times as fast. What
-            cannot be compiled is run by Drake, and a warning says why; with `auto`
-            nothing does.
+            once for each structure of a diagram and then runs many times as fast;
+            `auto`: machine code where possible. What cannot be compiled is run by
+            Drake, and a note in the recording says why.
         advance: Takes the run at its start and the duration in s, and calls AdvanceTo()
             as often as it likes, to feed inputs in between for example; it may return
             earlier. None: AdvanceTo(duration) at once.
@@ -134,7 +133,7 @@ def simulate(
 
     speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
-    run = None
+    run, notes = None, []
     if engine != "drake":
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
@@ -142,9 +141,7 @@ def simulate(
             with Interpreted():  # There are too few calls to pay compiling.
                 run = RunCompiled(*what, advance)
         except CannotCompile as error:
-            if engine == "compiled":
-                warnings.warn(f"run in Drake's Simulator: {error}", stacklevel=2)
-    is_compiled = run is not None
+            notes = [f"Run in Drake's Simulator: {error}."]
     if run is None:
         run = _RunInDrake(*what, advance)
     if run.termination == "diverged":
@@ -155,7 +152,8 @@ def simulate(
         # Between two samples, numbers near the largest one leave the finite.
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
     recording = _MakeRecording(scenario, diagram, run)
-    with Interpreted() if is_compiled else contextlib.nullcontext():
+    recording.notes += notes
+    with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
     return recording
 
@@ -225,6 +223,7 @@ def _RunInDrake(
     times, signals = monitor.recorder.Finish()
     root_context = simulator.get_context()
     return Outcome(
+        engine="drake",
         times=times,
         signals=signals,
         steps=simulator.CountSteps(),
@@ -255,6 +254,7 @@ def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Rec
         events=[],
         surfaces=surfaces or (),
         solver=SolverStatistics(
+            engine=run.engine,
             scheme=scenario.simulator.integration_scheme,
             accuracy=scenario.simulator.accuracy,
             steps=run.steps,

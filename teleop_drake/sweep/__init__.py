@@ -13,7 +13,6 @@ from teleop_drake.sweep.result import (
 from teleop_drake.sweep.run import RunSweep, Sweep
 from teleop_drake.sweep.statistics import (
     Differences,
-    HasIntervals,
     HasSeeds,
     Statistics,
     VariesSeedsOnly,
@@ -25,7 +24,6 @@ __all__ = [
     "MAX_RUNS",
     "Differences",
     "FlattenMetrics",
-    "HasIntervals",
     "HasSeeds",
     "MetricUnits",
     "ParseValues",

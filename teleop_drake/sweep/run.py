@@ -240,7 +240,7 @@ def _RunAll(
     if missing and plan.engine != "drake":
         why = WhyNotCompiled(plan.scenario)
         if why:
-            (notice or warnings.warn)(f"run in Drake's Simulator: {why}")
+            (notice or warnings.warn)(f"Run in Drake's Simulator: {why}.")
     with contextlib.ExitStack() as stack:
         if missing and executor is None:
             executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(missing)))

@@ -49,24 +49,15 @@ def VariesSeedsOnly(result: SweepResult) -> bool:
     return HasSeeds(result) and varied <= {SEED, *CONTROLLERS}
 
 
-def HasIntervals() -> bool:
-    """Returns whether scipy is installed, without which there are no intervals."""
-    try:
-        import scipy.stats  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
 def MedianInterval(values: np.ndarray) -> tuple[float, float]:
     """Returns the bootstrap interval of a median, NaN for fewer than two values.
 
     Args:
         values: Finite numbers, of independent runs.
     """
-    if len(values) < 2 or not HasIntervals():
+    if len(values) < 2:
         return _NO_INTERVAL
-    from scipy.stats import bootstrap
+    from scipy.stats import bootstrap  # It takes a second.
 
     # The generator is new each time: the same runs give the same bytes.
     interval = bootstrap(
@@ -87,8 +78,6 @@ def ShareInterval(count: int, total: int) -> tuple[float, float]:
         count: Runs that are counted.
         total: All runs, at least one.
     """
-    if not HasIntervals():
-        return _NO_INTERVAL
     from scipy.stats import binomtest
 
     interval = binomtest(count, total).proportion_ci(LEVEL, method="wilson")

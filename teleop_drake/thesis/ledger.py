@@ -35,8 +35,7 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
 
     The rows of plain alternatives come last; their keys begin with "A-".
     """
-    runs.Prefetch(REQUESTS)
-    runs.Prefetch(Alike(), are_alike=True)
+    runs.Prefetch([*REQUESTS, *Alike()])
     evidence = Evidence(runs)
     return [
         *Chapter3(evidence),
@@ -49,8 +48,7 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
 
 def FutureWork(runs: ThesisRuns) -> list[Row]:
     """Returns a row for each claim on future work; their keys begin with "F-"."""
-    runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS])
-    runs.Prefetch(EXTENSION_REQUESTS, are_alike=True)
+    runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS, *EXTENSION_REQUESTS])
     evidence = Evidence(runs)
     return [*Learning(evidence), *Extensions(evidence)]
 

@@ -32,8 +32,7 @@ class ThesisRuns:
         jobs: Number of worker processes, >= 1; 1 simulates in this process, on demand.
         progress: Called with one line of text when a run is finished, possibly from
             another thread.
-        engine: What runs those of which there are many alike, as simulate() takes it.
-            All others are Drake's.
+        engine: As simulate() takes it.
 
     Raises:
         ValueError: If jobs is less than 1.
@@ -48,7 +47,6 @@ class ThesisRuns:
     ):
         CheckNumber("jobs", jobs, minimum=1)
         self._engine = engine
-        self._alike: set[str] = set()
         self._progress = progress
         self._executor = WorkerProcesses(jobs) if jobs > 1 else None
         self._requests: dict[tuple[str, str], tuple[str, AnyScenario]] = {}
@@ -90,7 +88,7 @@ class ThesisRuns:
             self._Start(key, name, overrides)
             try:
                 if self._executor is None:
-                    recording = simulate(scenario, engine=self._EngineOf(key))
+                    recording = simulate(scenario, engine=self._engine)
                     self._Report(name, overrides, recording)
                 else:
                     parts = self._futures.pop(key).result()
@@ -104,16 +102,13 @@ class ThesisRuns:
             self._recordings[key] = recording
         return self._recordings[key]
 
-    def Prefetch(
-        self, requests: Iterable[tuple[str, _Overrides]], *, are_alike: bool = False
-    ) -> None:
+    def Prefetch(self, requests: Iterable[tuple[str, _Overrides]]) -> None:
         """Starts runs that will be asked for, in this order.
 
         With one job there is nothing to gain: each is simulated when it is asked for.
 
         Args:
             requests: Names and overrides as __call__ takes them.
-            are_alike: Whether they differ in numbers only, so that machine code pays.
 
         Raises:
             ScenarioError: If a scenario is not valid.
@@ -121,8 +116,6 @@ class ThesisRuns:
         for name, overrides in requests:
             key, _ = self._Resolve(name, overrides)
             if key not in self._recordings:
-                if are_alike and key not in self._futures:
-                    self._alike.add(key)
                 self._Start(key, name, overrides)
 
     def Close(self) -> None:
@@ -141,7 +134,7 @@ class ThesisRuns:
         if self._executor is None or key in self._futures:
             return
         future = self._executor.submit(
-            _SimulateForTransport, name, dict(overrides), self._EngineOf(key)
+            _SimulateForTransport, name, dict(overrides), self._engine
         )
         self._futures[key] = future
         _, scenario = self._Resolve(name, overrides)
@@ -152,9 +145,6 @@ class ThesisRuns:
                 self._Report(name, overrides, recording)
 
         future.add_done_callback(Report)
-
-    def _EngineOf(self, key: str) -> str:
-        return self._engine if key in self._alike else "drake"
 
     def _Report(self, name: str, overrides: _Overrides, recording: Recording) -> None:
         if self._progress is not None:

@@ -109,6 +109,7 @@ def Sinusoids(phi, forward, back, w=3.0):
         },
         events=[],
         solver=SolverStatistics(
+            engine="drake",
             scheme="",
             accuracy=0,
             steps=0,

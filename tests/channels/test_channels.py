@@ -38,7 +38,8 @@ def network(text="", h=H):
 
 
 def run(*overrides, duration=1.0):
-    return Run("two_dof_collision", "direct_force", f"duration={duration}", *overrides)
+    overrides = (f"duration={duration}", *overrides)
+    return Run("two_dof_collision", "direct_force", *overrides, engine="drake")
 
 
 @pytest.mark.parametrize("h", Slow([0.02, 0.03]))
@@ -205,7 +206,7 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(tree))
     scenario = LoadScenario(path, ["simulator.max_step_size=0.01"])
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="drake")
     t = np.array([0.23, 0.31, 0.4444])
     times = np.arange(21) * 0.1
     values = 0.05 + 0.01 * np.sin(np.arange(21))
@@ -278,7 +279,7 @@ def test_no_step_is_longer_than_the_smallest_delay():
     )
     assert scenario.simulator.max_step_size == 0.05
     # Drake stretches a step by up to one per cent to end it on an event.
-    assert np.diff(simulate(scenario).time).max() < 0.00506
+    assert np.diff(simulate(scenario, engine="drake").time).max() < 0.00506
 
 
 @pytest.mark.parametrize(

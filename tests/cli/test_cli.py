@@ -652,8 +652,10 @@ def test_what_show_prints_can_be_compared_at_a_short_delay(
 
 def test_an_engine_that_cannot_run_it_says_why(capsys):
     override = "simulator.integration_scheme=runge_kutta3"
-    options = ["--set", override, "--engine", "compiled", "--json", "-"]
-    assert main(["run", "one_dof", *SHORT, *options]) == 0
-    assert "run in Drake's Simulator: compiled runs use runge_kutta5" in (
-        capsys.readouterr().err
-    )
+    for options in ([], ["--engine", "compiled"]):
+        assert main(["run", "one_dof", *SHORT, "--set", override, *options]) == 0
+        out, err = capsys.readouterr()
+        assert (
+            err.count("Run in Drake's Simulator: compiled runs use runge_kutta5") == 1
+        )
+        assert re.search(r"^engine +drake$", out, re.MULTILINE)

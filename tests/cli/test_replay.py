@@ -169,7 +169,7 @@ def test_recordings_that_cannot_be_read(recording, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "it has format 2"),
+        ({"format": 1}, "it has format 1"),
         ({"events": [{"name": "contact", "when": 1}]}, "unexpected keyword"),
         ({"solver": None}, "it has no 'solver'"),
         ({"scenario": "robot: {model: hexapod}"}, "robot"),
@@ -192,7 +192,7 @@ def test_what_older_versions_have_written_is_read(recording):
     with np.load(recording) as data:
         arrays = dict(data)
     description = json.loads(str(arrays["description"]))
-    assert description.pop("format") == 1
+    assert description.pop("format") == 2
     arrays["description"] = np.array(json.dumps(description))
     np.savez(recording, **arrays)
     assert LoadRecording(recording).EventTimes("contact") == [1.0]

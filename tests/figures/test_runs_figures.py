@@ -56,6 +56,7 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
         surfaces=scenario.Surfaces(),
         events=[Event(name="puncture", time=t_puncture)],
         solver=SolverStatistics(
+            engine="drake",
             scheme="runge_kutta5",
             accuracy=1e-8,
             steps=len(t),

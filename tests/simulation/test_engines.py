@@ -1,13 +1,14 @@
 """Compiled runs against those of Drake's Simulator."""
 
 import functools
+import re
 import signal
-import warnings
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
+from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.compiler import engine
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.kernel import Kernel
@@ -30,10 +31,9 @@ def tight(name, *overrides):
 
 def assert_same_run(scenario, *, tolerance=1e-6):
     """Compares all signals as shares of their ranges, except next to jumps."""
-    drake = simulate(scenario)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        compiled = simulate(scenario, engine="compiled")
+    drake = simulate(scenario, engine="drake")
+    compiled = simulate(scenario, engine="compiled")
+    assert compiled.solver.engine == "compiled"
     assert compiled.termination == drake.termination
     assert list(compiled.signals) == list(drake.signals)
     assert [event.name for event in compiled.events] == [
@@ -104,7 +104,7 @@ def test_packets_are_those_of_drake(channel):
         f"forward_channel={channel}",
         f"return_channel={channel}",
     )
-    drake, compiled = simulate(scenario), simulate(scenario, engine="compiled")
+    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
     assert compiled.channels == drake.channels
     times = [np.round(run.time, 9) for run in (compiled, drake)]
     common, ours, theirs = np.intersect1d(*times, return_indices=True)
@@ -120,7 +120,7 @@ def test_a_run_that_is_too_fast_ends_at_its_limit():
         "one_dof",
         ["duration=9", "controller.kind=direct_force", "divergence_speed_ratio=1.3"],
     )
-    drake, compiled = simulate(scenario), simulate(scenario, engine="compiled")
+    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
     assert compiled.termination == drake.termination == "diverged"
     assert compiled.time[-1] == pytest.approx(drake.time[-1], abs=1e-4)
     assert RunSummary(compiled)["metrics"]["diverged"]
@@ -224,11 +224,49 @@ def test_what_cannot_be_compiled_says_why():
     scenario = LoadScenario(
         "one_dof", ["duration=0.05", "simulator.integration_scheme=runge_kutta3"]
     )
-    with pytest.warns(UserWarning, match="runge_kutta5"):
-        simulate(scenario, engine="compiled")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        simulate(scenario, engine="auto")
+    for engine_name in ("compiled", "auto"):
+        recording = simulate(scenario, engine=engine_name)
+        assert recording.solver.engine == "drake"
+        (note,) = recording.notes
+        assert note.startswith(
+            "Run in Drake's Simulator: compiled runs use runge_kutta5"
+        )
+        assert RunSummary(recording)["notes"] == [note]
+    assert simulate(scenario, engine="drake").notes == []
+
+
+class Measured(DirectForce):
+    """A law with an output of which its kernel knows nothing."""
+
+    def __init__(self):
+        super().__init__(num_axes=1)
+        time = {self.time_ticket()}
+        self.DeclareVectorOutputPort("clock", 1, self._CalcClock, time)
+
+    def _CalcClock(self, context, output):
+        output.SetFromVector([context.get_time()])
+
+
+class Restless(DirectForce):
+    """A law with derivatives of which its kernel knows nothing."""
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        pass
+
+
+@pytest.mark.parametrize(
+    "law, reason",
+    [
+        (Measured(), "its kernel has no output 'clock'"),
+        (Restless(num_axes=1), "Restless has a DoCalcTimeDerivatives\\(\\) that its"),
+    ],
+)
+def test_what_a_subclass_adds_is_not_lost(law, reason):
+    scenario = LoadScenario("one_dof", {"duration": 0.05})
+    teleoperator = MakeTeleoperator(scenario, control_law=law)
+    recording = simulate(scenario, teleoperator=teleoperator)
+    assert recording.solver.engine == "drake"
+    assert re.search(reason, recording.notes[0])
 
 
 def test_an_unknown_engine_is_refused():

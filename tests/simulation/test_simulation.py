@@ -411,7 +411,8 @@ def test_more_steps_than_anyone_waits_for_are_refused():
 
 def test_progress_is_reported_in_order():
     reports = []
-    simulate(LoadScenario("one_dof", {"duration": 6.0}), progress=reports.append)
+    scenario = LoadScenario("one_dof", {"duration": 6.0})
+    simulate(scenario, progress=reports.append, engine="drake")
     assert reports
     assert reports == sorted(reports)
     assert reports[0] >= 0
@@ -423,7 +424,8 @@ def test_interrupt_keeps_what_there_is():
         if time > 0:
             signal.raise_signal(signal.SIGINT)
 
-    recording = simulate(LoadScenario("one_dof"), progress=interrupt)
+    scenario = LoadScenario("one_dof")
+    recording = simulate(scenario, progress=interrupt, engine="drake")
     assert recording.termination == "interrupted"
     assert 0 < recording.time[-1] < recording.scenario.duration
     assert len(recording["tool_position"]) == len(recording.time)
@@ -446,9 +448,9 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
                 raise SystemError("returned a result with an exception set") from None
         law(self, context, derivatives)
 
-    reference = Run("one_dof", ADAPTIVE)
+    reference = Run("one_dof", ADAPTIVE, engine="drake")
     monkeypatch.setattr(AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_once)
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="drake")
     assert (recording.termination, recording.reason) == (
         "interrupted",
         "interrupted by the user",
@@ -464,7 +466,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
 def test_interrupt_in_the_step_that_diverges(monkeypatch):
     """Otherwise a comparison would go on with its next run."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
-    assert simulate(scenario).termination == "diverged"
+    assert simulate(scenario, engine="drake").termination == "diverged"
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     limit = 1.1 * abs(scenario.surgeon.velocity[0])
     is_interrupted = False
@@ -480,7 +482,7 @@ def test_interrupt_in_the_step_that_diverges(monkeypatch):
     monkeypatch.setattr(
         AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_at_limit
     )
-    assert simulate(scenario).termination == "interrupted"
+    assert simulate(scenario, engine="drake").termination == "interrupted"
 
 
 def test_second_interrupt_does_not_wait(monkeypatch):
@@ -491,7 +493,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
 
     monkeypatch.setattr(adaptive_backstepping, "adaptive_errors", interrupt_twice)
     with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
-        simulate(LoadScenario("one_dof"))
+        simulate(LoadScenario("one_dof"), engine="drake")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -501,7 +503,9 @@ def test_interrupts_that_are_handled_elsewhere(handler):
     previous = signal.signal(signal.SIGINT, handler)
     try:
         recording = simulate(
-            scenario, progress=lambda time: signal.raise_signal(signal.SIGINT)
+            scenario,
+            progress=lambda time: signal.raise_signal(signal.SIGINT),
+            engine="drake",
         )
         assert signal.getsignal(signal.SIGINT) is handler
     finally:
@@ -603,6 +607,6 @@ def test_a_run_leaves_no_samples_behind(monkeypatch):
             recorders.append(weakref.ref(self))
 
     monkeypatch.setattr(run_monitor, "Recorder", Recorder)
-    simulate(LoadScenario("one_dof", {"duration": 0.1}))
+    simulate(LoadScenario("one_dof", {"duration": 0.1}), engine="drake")
     gc.collect()
     assert [recorder() for recorder in recorders] == [None]

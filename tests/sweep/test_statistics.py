@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -152,9 +151,3 @@ def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered
     assert Path("of/one_dof_seeds.png").exists()
     assert len(Csv("of/one_dof_seeds_runs.csv")) == 6
     assert Path("of/one_dof_seeds_differences.csv").exists()
-
-
-def test_without_scipy(monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.stats", None)
-    row = Row(Statistics(Result()), controller="a", metric=METRIC)
-    assert row["value"] is not None and row["low"] is None

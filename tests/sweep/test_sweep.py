@@ -3,7 +3,6 @@
 import csv
 import fcntl
 import functools
-import importlib.util
 import json
 import os
 import re
@@ -677,7 +676,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
     from teleop_drake.cli.main import MakeParser
 
     assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
-    assert MakeParser().parse_args(["run", "one_dof"]).engine == "drake"
+    assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
     engines, said = [], []
 
     def Simulate(source, overrides, engine):
@@ -691,16 +690,10 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
             "one_dof", grid, overrides=overrides, executor=threads, notice=said.append
         )
     assert engines == ["auto"] * 4
-    if importlib.util.find_spec("llvmlite"):
-        assert said == [
-            "run in Drake's Simulator: compiled runs use runge_kutta5 with error "
-            "control, not runge_kutta3"
-        ]
-    monkeypatch.setattr(
-        "teleop_drake.simulation.compiled_run.HasCompiler", lambda: False
-    )
-    sweep.Sweep("one_dof", grid, overrides=SHORT, executor=threads, notice=said.append)
-    assert said[-1].startswith("run in Drake's Simulator: llvmlite is not installed")
+    assert said == [
+        "Run in Drake's Simulator: compiled runs use runge_kutta5 with error control, "
+        "not runge_kutta3."
+    ]
     with pytest.raises(SweepError, match="engine = 'steam': must be one of drake"):
         sweep.PlanSweep("one_dof", grid, engine="steam")
 

@@ -113,6 +113,7 @@ def Record(
         surfaces=scenario.Surfaces(),
         events=[],
         solver=SolverStatistics(
+            engine="drake",
             scheme="runge_kutta5",
             accuracy=1e-8,
             steps=len(table),
@@ -564,6 +565,7 @@ def test_summary_has_the_promised_fields():
             "environment_force": [pytest.approx(150 * V_D * TAU)],
         },
         "solver": {
+            "engine": "drake",
             "scheme": "runge_kutta5",
             "accuracy": 1e-8,
             "steps": summary["solver"]["steps"],
@@ -603,7 +605,7 @@ def test_summary_has_the_promised_fields():
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
 @pytest.mark.parametrize("task", runs.TASKS[1:])
 def test_real_runs(task, kind):
-    recording = runs.Run(task, kind)
+    recording = runs.Run(task, kind, engine="drake")
     start = clock.process_time()
     metrics = RunMetrics(recording)
     # Typically 0.1 s.

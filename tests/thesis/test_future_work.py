@@ -182,7 +182,7 @@ def test_what_leakage_leaves_and_how_long_it_takes(which):
 def test_the_extensions():
     """The verdicts, and each number that the page of the thesis has of them."""
     with ThesisRuns(1) as runs:
-        runs.Prefetch(EXTENSION_REQUESTS, are_alike=True)
+        runs.Prefetch(EXTENSION_REQUESTS)
         rows = {row.key: row for row in Extensions(Evidence(runs))}
     assert {key for key, row in rows.items() if row.verdict == "refuted"} == {
         "F-puma-first-impact",

@@ -1,5 +1,4 @@
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -88,20 +87,3 @@ def test_an_interrupted_run_is_not_a_result(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         runs("one_dof", **SHORT)
     assert runs.num_simulated == 0
-
-
-def test_runs_that_are_alike_are_machine_code(monkeypatch):
-    engines = {}
-
-    def Simulate(scenario, engine):
-        engines[scenario.duration] = engine
-        return SimpleNamespace(
-            termination="completed", solver=SimpleNamespace(wall_time_s=1.0)
-        )
-
-    monkeypatch.setattr("teleop_drake.thesis.runs.simulate", Simulate)
-    runs = ThesisRuns(jobs=1)
-    runs.Prefetch([("one_dof", {"duration": 1.0})], are_alike=True)
-    for duration in (1.0, 2.0):
-        runs("one_dof", duration=duration)
-    assert engines == {1.0: "auto", 2.0: "drake"}

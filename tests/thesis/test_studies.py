@@ -1,15 +1,12 @@
 """The studies: solver, sensitivity and stability."""
 
 import math
-import sys
 
 import numpy as np
 import pytest
 from grids import Slow
 
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.thesis.report import _StudyHtml
-from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.thesis.studies import sensitivity as sensitivity_module
 from teleop_drake.thesis.studies import solver as solver_module
 from teleop_drake.thesis.studies.lyapunov import EstimateResidual, LyapunovTelemetry
@@ -109,14 +106,6 @@ def test_plain_solver_agrees_where_it_is_accurate():
     # The switch comes at the next step, and the bounces remember it.
     assert largest == pytest.approx(15.74e-3, rel=1e-2)
     assert rebound == pytest.approx(-1.229e-3, rel=1e-2)
-
-
-def test_without_scipy_the_solver_study_says_so(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "scipy", None)
-    study = SolverStudy(ThesisRuns(jobs=1))
-    assert "scipy" in study.title and "`fast`" in study.text
-    page = _StudyHtml(tmp_path, study)
-    assert "scipy" in page and "<table" not in page
 
 
 def test_only_psi0_moves_the_numbers_of_the_collision(sensitivity):

@@ -23,7 +23,7 @@ from teleop_drake.cli.options import (
 )
 from teleop_drake.cli.output import CheckHtml, CheckJson, PrepareFolder, WriteJson
 from teleop_drake.cli.progress import Simulate, SweepProgress
-from teleop_drake.cli.tables import NO_INTERVALS, Headline, SeedsTable, Table
+from teleop_drake.cli.tables import Headline, SeedsTable, Table
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -208,7 +208,6 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
     from teleop_drake.figures.runs import SaveFigure
     from teleop_drake.figures.sweeps import PlotSeeds
     from teleop_drake.sweep import (
-        HasIntervals,
         RunSweep,
         SelectMetrics,
         WriteTables,
@@ -228,8 +227,6 @@ def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
     if args.json is not None:
         WriteJson(args.json, result.records)
     if args.json != "-":
-        if not HasIntervals():
-            print(NO_INTERVALS)
         print(SeedsTable(result, metrics))
         print("Written:", ", ".join(map(str, [*figure_paths, *tables])))
     return 0

@@ -65,7 +65,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="simulated seconds in a second (default: 1)",
     )
-    AddEngineOption(parser, default="auto")
+    AddEngineOption(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",

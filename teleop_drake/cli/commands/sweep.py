@@ -60,7 +60,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "as puncture (default: a few; runs.csv has all)",
     )
     AddWorkerOptions(parser)
-    AddEngineOption(parser, default="auto")
+    AddEngineOption(parser)
     AddFormatOption(parser)
     AddRunOptions(
         parser,

@@ -3,6 +3,7 @@
 import bisect
 
 import numpy as np
+from scipy.integrate import RK45
 
 from teleop_drake.environments import CONTACT, FindSurface
 from teleop_drake.numerics.transfer_function import realize_transfer_function
@@ -107,12 +108,8 @@ def SolvePlainly(
         Times in s, positions in m and velocities in m/s at the ends of the steps.
 
     Raises:
-        ImportError: If scipy is not installed.
         RuntimeError: If the solver cannot meet the tolerance.
     """
-    # Only this study needs scipy, which the package can do without.
-    from scipy.integrate import RK45
-
     loop = _PlainLoop(scenario)
     solver = RK45(
         loop.Rate,

@@ -105,7 +105,7 @@ def SensitivityStudy(runs: ThesisRuns) -> Study:
     changes = _Changes()
     base_requests = {task: {**ADAPTIVE, **SHORT[task]} for task in _TASKS}
     runs.Prefetch(base_requests.items())
-    runs.Prefetch(((c.task, c.overrides) for c in changes), are_alike=True)
+    runs.Prefetch((c.task, c.overrides) for c in changes)
     base = {
         task: RunMetrics(runs(task, **overrides))
         for task, overrides in base_requests.items()

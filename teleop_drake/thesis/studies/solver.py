@@ -1,6 +1,5 @@
 """The solver study: where do the printed collision numbers come from?"""
 
-import importlib.util
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -105,18 +104,7 @@ def _SolveWithBoundariesLocated(runs: ThesisRuns) -> dict[float, _Numbers]:
 
 
 def SolverStudy(runs: ThesisRuns) -> Study:
-    """Looks for the printed collision numbers of direct force in solver tolerances.
-
-    Without scipy, whose solver it needs, the study says that it is left out.
-    """
-    if importlib.util.find_spec("scipy") is None:
-        return Study(
-            title=f"{_TITLE} (left out: it needs scipy)",
-            text="This study compares with a solver of scipy, which is not installed; "
-            "the extra `fast` of teleop-drake brings it.",
-            figures={},
-            table=([], []),
-        )
+    """Looks for the printed collision numbers of direct force in solver tolerances."""
     runs.Prefetch(REQUESTS)
     scenario = AsTeleoperation(LoadScenario("one_dof", DIRECT))
     plain = _SolvePlainly(scenario)
