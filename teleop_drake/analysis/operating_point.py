@@ -81,11 +81,22 @@ def OperatingPoints(
         scenario: A valid one, or its name or file.
         environment: The block, an environment of your own perhaps; None makes the
             scenario's.
+
+    Raises:
+        ScenarioError: If the environment does not tell its surfaces.
     """
     scenario = AsTeleoperation(scenario)
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surfaces = _Surfaces(scenario, environment)
+    block = environment or scenario.environment.MakeEnvironment(start)
+    surfaces = SurfacesOf(block)
+    if surfaces is None:
+        Refuse(
+            "environment",
+            type(block).__name__,
+            "one that tells its Surfaces(), between which operating points lie; of any "
+            "other, give AnalyzeStability() points of a run: OperatingPointOfRun()",
+        )
     contact = FindSurface(surfaces, CONTACT)
     arrival = math.inf
     if contact is not None and contact.Along(velocity) > 0:
@@ -107,16 +118,9 @@ def OperatingPoints(
         normal = contact.normal_W
         mobility = normal @ np.linalg.inv(inertia) @ normal
         energy = contact.Along(velocity) ** 2 / mobility / 2
-        block = environment or scenario.environment.MakeEnvironment(start)
         position += _DepthOfImpact(block, contact, position, energy) * normal
         points.append(_MakePoint(surfaces, position, 0 * velocity))
     return points
-
-
-def _Surfaces(scenario: Scenario, environment: System | None) -> tuple[Surface, ...]:
-    if environment is None:
-        return scenario.Surfaces()
-    return SurfacesOf(environment) or ()
 
 
 def _CrossingTime(surface: Surface, start: Array, velocity: Array) -> float:
@@ -233,7 +237,10 @@ def OperatingPointAt(
     """
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surfaces = _Surfaces(scenario, environment)
+    if environment is None:
+        surfaces = scenario.Surfaces()
+    else:
+        surfaces = SurfacesOf(environment) or ()
     normal = ShownNormal(surfaces, len(start))
     begin, speed = float(normal @ start), float(normal @ velocity)
     way = position - begin

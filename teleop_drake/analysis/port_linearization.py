@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 _BEND = 1e-4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PortModel:
     """What small deviations at one port of a diagram do at another one.
 
@@ -57,6 +57,17 @@ class PortModel:
     delays: tuple[float, ...]
     error: float
     held: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Returns sizes and delays on one line, without matrices."""
+        num_outputs, num_inputs = (
+            size - len(self.delays) for size in self.model.D.shape
+        )
+        delays = ", ".join(f"{delay:g}" for delay in sorted(set(self.delays)))
+        return (
+            f"PortModel({num_inputs} -> {num_outputs}, {self.model.num_states} states, "
+            f"delays [{delays}] s, error {self.error:.1g}, {len(self.held)} held)"
+        )
 
     def Response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
         """Returns the frequency response from u to y, (M, size of y, size of u).
@@ -84,10 +95,10 @@ class PortModel:
 
 def LinearizePorts(
     diagram: Diagram,
+    context: Context,
     input_port: InputPort,
     output_port: OutputPort,
     *,
-    context: Context | None = None,
     is_opened: bool = False,
     step: float = 1e-4,
 ) -> PortModel:
@@ -104,10 +115,10 @@ def LinearizePorts(
 
     Args:
         diagram: Any, with at least one continuous state or delay.
+        context: The operating point, of this diagram: from a Simulator, say; it is not
+            changed.
         input_port: Where the deviation is: of a system in the diagram, or its own.
         output_port: Where it is seen: of a system in the diagram, or its own.
-        context: The operating point, of this diagram: from a Simulator, say; it is not
-            changed. None: the default Context.
         is_opened: Whether the deviation takes the place of what the port receives.
         step: The longest difference of a state or an input, as a share of its size or
             of 1 if it is smaller; no surface of an environment may be as near.
@@ -120,11 +131,10 @@ def LinearizePorts(
             packets, a delay that varies), or a law bends at the operating point.
     """
     own = diagram.CreateDefaultContext()
-    if context is not None:
-        own.SetTimeStateAndParametersFrom(context)
+    own.SetTimeStateAndParametersFrom(context)
     for i in range(diagram.num_input_ports()):
         port = diagram.get_input_port(i)
-        is_known = context is not None and port.HasValue(context)
+        is_known = port.HasValue(context)
         port.FixValue(own, port.Eval(context) if is_known else np.zeros(port.size()))
     cut = _Cut(diagram, own, input_port, output_port, is_opened=is_opened)
     model, error = cut.Differentiate(step)

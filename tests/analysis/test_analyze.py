@@ -209,6 +209,17 @@ def test_unstable_at_every_delay_is_said(capsys):
     ]
 
 
+def test_a_wall_unstable_at_every_delay_is_said_first(capsys):
+    wall = ["--set", "environment.layers.bone.stiffness=20000"]
+    command = ["analyze", "one_dof", *wall, "--set", "controller.initial_psi=40"]
+    assert main(command) == 0
+    out = capsys.readouterr().out
+    assert (
+        "\nNot stable even without delay: bone, bone, force held.\n"
+        "With a delay it fails first in free, at 0.622 s" in out
+    )
+
+
 def test_an_undamped_tool_under_a_held_force_is_said(capsys):
     assert main(["analyze", "two_dof_collision", "--controller", "direct_force"]) == 0
     out = capsys.readouterr().out

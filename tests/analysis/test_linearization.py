@@ -444,6 +444,11 @@ def test_path():
         assert "\n" not in str(info.value)
 
 
+def test_no_point_is_invented_where_surfaces_are_not_told():
+    with pytest.raises(ScenarioError, match=r"^environment = 'LeafSystem': must "):
+        OperatingPoints(LoadScenario("two_dof_collision"), environment=LeafSystem())
+
+
 class Floor(LeafSystem):
     """Its only surface lies below the arm."""
 

@@ -49,8 +49,14 @@ LOOP_GAIN = K * np.exp(-1j * W * T) / (1j * W + 2)
 
 def test_closed_loop_from_the_diagrams_own_ports():
     diagram = MakeLoop()
-    model = LinearizePorts(diagram, diagram.get_input_port(), diagram.get_output_port())
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        diagram.get_input_port(),
+        diagram.get_output_port(),
+    )
     assert model.delays == (T,)
+    assert repr(model).startswith("PortModel(1 -> 1, 1 states, delays [0.13] s, error ")
     assert model.error < 1e-8 and model.held == ()
     expected = Plant() / (1 + LOOP_GAIN)
     np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-8)
@@ -60,13 +66,20 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
     diagram = MakeLoop()
     feedback = diagram.GetSubsystemByName("feedback")
     plant = diagram.GetSubsystemByName("plant")
-    closed = LinearizePorts(diagram, feedback.get_input_port(), plant.get_output_port())
+    context = diagram.CreateDefaultContext()
+    closed = LinearizePorts(
+        diagram, context, feedback.get_input_port(), plant.get_output_port()
+    )
     expected = -LOOP_GAIN / (1 + LOOP_GAIN)
     np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-8)
     # Cut in the middle of the nested diagram: minus the loop gain.
     gain = feedback.GetSubsystemByName("gain")
     opened = LinearizePorts(
-        diagram, gain.get_input_port(), plant.get_output_port(), is_opened=True
+        diagram,
+        context,
+        gain.get_input_port(),
+        plant.get_output_port(),
+        is_opened=True,
     )
     np.testing.assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-8)
 
@@ -85,9 +98,9 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
     controller = teleoperator.GetSubsystemByName("controller")
     model = LinearizePorts(
         teleoperator,
+        context,
         controller.GetInputPort("forward_packet"),
         controller.GetOutputPort("return_packet"),
-        context=context,
         is_opened=True,
     )
     response = model.Response(W)
@@ -103,9 +116,12 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
 
 def test_what_has_no_linear_model_is_refused():
     diagram = MakeLoop()
+    context = diagram.CreateDefaultContext()
     other = Gain(1.0, 1)
     with pytest.raises(ValueError, match="must be one in the diagram"):
-        LinearizePorts(diagram, other.get_input_port(), diagram.get_output_port())
+        LinearizePorts(
+            diagram, context, other.get_input_port(), diagram.get_output_port()
+        )
     sampled = MakeTeleoperator(
         LoadScenario(
             "one_dof", ["forward_channel={kind: sampled, sample_period: 0.01}"]
@@ -114,4 +130,4 @@ def test_what_has_no_linear_model_is_refused():
     controller = sampled.GetSubsystemByName("controller")
     ports = controller.get_input_port(0), controller.get_output_port(0)
     with pytest.raises(ValueError, match=r"'forward_channel.*must be without samples"):
-        LinearizePorts(sampled, *ports)
+        LinearizePorts(sampled, sampled.CreateDefaultContext(), *ports)

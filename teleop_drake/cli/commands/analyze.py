@@ -312,13 +312,17 @@ def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     """Returns sentences: where the loop fails first and why, and what it does now."""
     text = []
+    failing = [point["name"] for point in points if not _IsStableWithoutDelay(point)]
+    if failing:
+        text.append(f"Not stable even without delay: {', '.join(failing)}.")
     limits = [point for point in points if point["delay_margin"] is not None]
     if limits:
         least = min(limits, key=lambda point: point["delay_margin"])
         margin = least["delay_margin"]
         frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
+        place = "With a delay it fails first" if failing else "It fails first"
         text.append(
-            f"It fails first in {least['name']}, at {margin:.4g} s: the delay turns "
+            f"{place} in {least['name']}, at {margin:.4g} s: the delay turns "
             f"the phase at {frequency:.4g} rad/s by all of its margin, "
             f"{math.degrees(least['phase_margin']):.1f} deg."
         )
@@ -333,6 +337,12 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
                 change = f"doubles every {math.log(2) / root[0]:.3g} s"
             text.append(f"At {delay:g} s, in {point['name']}, {motion} {change}.")
     return text
+
+
+def _IsStableWithoutDelay(point: Mapping[str, Any]) -> bool:
+    """Returns whether the loop is stable at the shortest delays."""
+    intervals = point["stable_delays"]
+    return bool(intervals) and intervals[0][0] == 0
 
 
 def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
