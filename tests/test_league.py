@@ -223,7 +223,6 @@ def test_the_solver_of_networks_is_accurate_enough(kind):
     Time-domain passivity control chatters, and its control effort converges all the
     same.
     """
-    pytest.importorskip("llvmlite")
     case = ("two_dof_puncture", "never", "both", 0.2)
     overrides = Overrides(*case) | {"controller.kind": kind}
     ours, accurate = (

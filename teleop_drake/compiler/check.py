@@ -7,7 +7,6 @@ from pydrake.systems.framework import Context, Diagram, PortDataType, System
 from teleop_drake.compiler.check_run import CheckRun, KernelDisagrees
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.machine_code.compiled import HasCompiler
 
 __all__ = ["CheckKernel", "CheckNear", "Compare", "KernelDisagrees"]
 
@@ -53,7 +52,7 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
         context.SetTime(rng.uniform(0, 1))
         x = context.get_continuous_state_vector().CopyToVector()
         context.SetContinuousState(_Near(x, rng))
-        if is_block and HasCompiler() and len(evaluators) == 1:
+        if is_block and len(evaluators) == 1:
             evaluators.append(Evaluator(system, context, as_machine_code=True))
         for each in evaluators:
             Compare(each, system, context)

@@ -43,7 +43,7 @@ class CompiledRun:
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
-        as_machine_code: Whether to compile, for which llvmlite is needed; otherwise the
+        as_machine_code: Whether to compile; otherwise the
             same program runs in Python.
 
     Attributes:

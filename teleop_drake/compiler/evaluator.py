@@ -79,7 +79,7 @@ class Evaluator:
     Args:
         system: The diagram, or a block by itself.
         context: Its context, whose parameters and fixed inputs are taken over.
-        as_machine_code: Whether to compile it, for which llvmlite is needed.
+        as_machine_code: Whether to compile it.
 
     Attributes:
         system: The diagram.

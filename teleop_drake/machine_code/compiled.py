@@ -1,8 +1,7 @@
-"""Laws as machine code, where llvmlite is installed (the extra `fast`)."""
+"""Laws and loops as machine code."""
 
 import copy
 import functools
-import importlib.util
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,12 +23,6 @@ Array = NDArray[np.float64]
 Law = Callable[..., Array]
 
 
-@functools.cache
-def HasCompiler() -> bool:
-    """Returns whether llvmlite is installed."""
-    return importlib.util.find_spec("llvmlite") is not None
-
-
 _is_interpreted = False
 
 
@@ -45,7 +38,7 @@ def Interpreted() -> Iterator[None]:
 
 
 def CompileLaw(law: Law, *constants: Any) -> Law:
-    """Returns a law as machine code if llvmlite is installed, otherwise the law itself.
+    """Returns a law as machine code.
 
     It is the same function to within rounding. It is compiled when it is first called,
     and kept in the user's cache. A law that does what a graph of operations cannot, see
@@ -57,8 +50,6 @@ def CompileLaw(law: Law, *constants: Any) -> Law:
         constants: Its first arguments, the same each time. Whole numbers and arrays of
             them are among these, because they decide what is done.
     """
-    if not HasCompiler():
-        return functools.partial(law, *constants)
     return CompiledLaw(law, constants)
 
 
@@ -152,7 +143,7 @@ def _LibraryOf(
 
 
 def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
-    """Returns loops over arrays as machine code if llvmlite is installed.
+    """Returns loops over arrays as machine code.
 
     Unlike a law, they are compiled once a process, whatever changes around them.
 
@@ -161,7 +152,7 @@ def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
             and arrays, of the same numbers of dimensions each time, and returns
             nothing.
     """
-    return CompiledLoops(function) if HasCompiler() else function
+    return CompiledLoops(function)
 
 
 class CompiledLoops:

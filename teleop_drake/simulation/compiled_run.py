@@ -14,7 +14,6 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.machine_code.compiled import HasCompiler
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation.failures import (
@@ -64,8 +63,7 @@ def RunCompiled(
         advance: As simulate() takes it.
 
     Raises:
-        CannotCompile: If a block, the solver that is asked for, or the machine has no
-            machine code.
+        CannotCompile: If a block, or the solver that is asked for, has no machine code.
         KernelDisagrees: If the machine code does not compute what the diagram does.
     """
     _CheckSolver(config)
@@ -120,12 +118,7 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
 
 
 def _CheckSolver(config: SimulatorConfig) -> None:
-    """Raises CannotCompile without llvmlite, or if another solver is asked for."""
-    if not HasCompiler():
-        raise CannotCompile(
-            "llvmlite is not installed; the extra `fast` has it, and makes many runs "
-            "many times as fast"
-        )
+    """Raises CannotCompile if another solver is asked for."""
     if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
         raise CannotCompile(
             "compiled runs use runge_kutta5 with error control, not "

@@ -178,7 +178,6 @@ def test_what_did_not_happen_is_told():
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ARCHITECTURES)
 def test_an_architecture_runs_as_machine_code(controller):
-    pytest.importorskip("llvmlite")
     tight = ["simulator.accuracy=1e-11", "simulator.max_step_size=0.005"]
     scenario = LoadScenario(
         "one_dof", ["duration=1", f"controller.kind={controller}", *tight]

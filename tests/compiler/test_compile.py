@@ -14,8 +14,6 @@ from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
-pytest.importorskip("llvmlite")
-
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):

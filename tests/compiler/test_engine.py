@@ -13,8 +13,6 @@ from teleop_drake.kernel import Delay, Kernel, Transition
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
 
-pytest.importorskip("llvmlite")
-
 
 def nothing(context, output):
     """What Drake would call."""

@@ -115,7 +115,6 @@ PROGRAMS = [
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: "-".join(program))
 def test_machine_code_is_what_the_program_is(program):
     """The tests above have the program run by Python."""
-    pytest.importorskip("llvmlite")
     scenario = LoadScenario(
         program[0], ["duration=0.1", "simulator.accuracy=1e-10", *program[1:]]
     )

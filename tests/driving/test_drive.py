@@ -46,8 +46,6 @@ def Driven(hand, duration, overrides=(), **arguments):
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_what_the_hand_did_can_be_repeated(engine, tmp_path):
     """The recorded operator gives the same run, to what the solver is accurate to."""
-    if engine == "compiled":
-        pytest.importorskip("llvmlite")
     # Half of the full speed is the task's speed.
     hand = ScriptedHand(lambda t: [0.5 * math.sin(2 * t) ** 2], DIRECT)
     (segment,) = Driven(hand, 2.0, engine=engine)
@@ -153,7 +151,6 @@ def test_a_segment_is_as_long_as_its_steps_allow():
 
 def test_machine_code_ends_as_drake_does():
     """What the hand wants, and a run that diverges, end a segment of either engine."""
-    pytest.importorskip("llvmlite")
     ends = []
     others = dataclasses.replace(DIRECT, delay=0.05)
     for engine in ("drake", "compiled"):

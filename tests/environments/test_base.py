@@ -179,7 +179,6 @@ def test_three_axes_meet_a_slope():
 
 def test_a_block_of_ones_own_runs_as_machine_code():
     """Also without modes: contact is found where the tool crosses its surface."""
-    pytest.importorskip("llvmlite")
     overrides = [
         "environment={kind: own_environment:Floor}",
         "surgeon.velocity=[0, -0.1]",

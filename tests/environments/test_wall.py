@@ -60,7 +60,6 @@ def test_kernel_and_surface_in_any_direction(config, n):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_both_engines_run_into_it(kind):
-    pytest.importorskip("llvmlite")
     scenario = Collision(
         kind, "duration=2.2", "controller.kind=direct_force", "simulator.accuracy=1e-9"
     )

@@ -6,8 +6,6 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("llvmlite")
-
 from teleop_drake.machine_code import cache, compiled
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.compiled import CompileLaw

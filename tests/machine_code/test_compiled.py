@@ -28,20 +28,14 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.layered_force import layer_regions, layer_table
 from teleop_drake.laws.robust_backstepping import robust_errors, robust_rate
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.machine_code import compiled
 from teleop_drake.machine_code.compiled import (
-    CompiledLaw,
     CompileLaw,
-    CompileLoops,
     Interpreted,
 )
 from teleop_drake.numerics.interpolation import (
-    fit_polynomials,
     limited_polynomial,
 )
 from teleop_drake.scenario import LayerConfig
-
-pytest.importorskip("llvmlite")
 
 
 def AssertSame(law, constants, samples):
@@ -329,17 +323,16 @@ def test_threads_do_not_share_what_they_work_with():
 
 
 RUN = """
-import json, sys
-if sys.argv[1] == "without":
-    sys.modules["llvmlite"] = None  # As if it were not installed.
+import functools, json, sys
 import numpy as np
-from teleop_drake.machine_code.compiled import HasCompiler
+from teleop_drake.machine_code import compiled
+if sys.argv[1] == "without":
+    compiled.CompileLaw, compiled.CompileLoops = functools.partial, lambda loops: loops
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
-assert HasCompiler() == ("without" not in sys.argv)
 for name, overrides in json.loads(sys.argv[2]):
-    recording = simulate(LoadScenario(name, overrides))
+    recording = simulate(LoadScenario(name, overrides), engine="drake")
     metrics = RunMetrics(recording)
     # Error control may end a step of the same kind 1e-11 s later.
     times = np.linspace(0, recording.time[-1], 500)
@@ -375,7 +368,7 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=Slow([0.2, 1.0]))
 def whole_runs(request):
-    """Every run with llvmlite and without it; the short run of the tests has a part."""
+    """Every run with machine code of laws and without it, a part in the short run."""
     runs = [
         (name, values | {"duration": request.param * values["duration"]})
         for name, values in RUNS.values()
@@ -391,7 +384,7 @@ def whole_runs(request):
     ]
 
 
-@pytest.mark.xdist_group("without_llvmlite")
+@pytest.mark.xdist_group("without_machine_code")
 @pytest.mark.parametrize("number, name", list(enumerate(RUNS)))
 def test_a_run_without_machine_code_is_the_same(whole_runs, number, name):
     """And so are as many steps, which error control chooses."""
@@ -399,11 +392,3 @@ def test_a_run_without_machine_code_is_the_same(whole_runs, number, name):
         np.array(lines[number].split(), dtype=float) for lines in whole_runs
     )
     np.testing.assert_allclose(fast, without, rtol=0, atol=1e-12)
-
-
-def test_it_is_optional(monkeypatch):
-    monkeypatch.setattr(compiled, "HasCompiler", lambda: False)
-    law = CompileLaw(joint_torques)
-    assert not isinstance(law, CompiledLaw)
-    assert law.func is joint_torques
-    assert CompileLoops(fit_polynomials) is fit_polynomials

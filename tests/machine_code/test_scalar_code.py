@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from teleop_drake.compiler.source import put
-
-pytest.importorskip("llvmlite")
-
 from teleop_drake.machine_code.native import Evaluate, Library, ObjectFile
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.symbols import Untraceable

@@ -7,8 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-pytest.importorskip("llvmlite")
-
 from teleop_drake.machine_code.native import Library, ObjectFile
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import (

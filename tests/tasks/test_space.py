@@ -54,7 +54,6 @@ def test_a_turned_task_has_the_same_metrics():
     ),
 )
 def test_both_engines(name, overrides):
-    pytest.importorskip("llvmlite")
     scenario = LoadScenario(name, overrides)
     assert WhyNotCompiled(scenario) == ""
     drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
@@ -75,7 +74,6 @@ def test_both_engines(name, overrides):
 
 
 def test_the_tool_slides_at_coulombs_limit():
-    pytest.importorskip("llvmlite")
     scenario = LoadScenario("wall_sliding", ["controller.kind=direct_force"])
     wall = scenario.environment
     assert isinstance(wall, FrictionWallConfig)

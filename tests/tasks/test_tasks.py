@@ -69,8 +69,6 @@ def test_a_task_of_ones_own():
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_a_task_limits_the_speed(engine):
-    if engine == "compiled":
-        pytest.importorskip("llvmlite")
     recording = simulate(LoadScenario("one_dof", [SHORT]), task=Slow(), engine=engine)
     assert recording.termination == "diverged"
     assert recording.reason.endswith("m/s, exceeds a snail")
