@@ -104,8 +104,7 @@ class Evaluator:
             self.function = compiler(self.program)
         except Untraceable as error:
             owner = self.program.OwnerOf(error.function) or system
-            name = getattr(error.function, "__name__", "its kernel")
-            raise UnsupportedSystem(owner, f"{name}(): {error}") from error
+            raise UnsupportedSystem(owner, str(error)) from error
 
     def Evaluate(self, context: Context) -> tuple[Array, Array]:
         """Returns the outputs and the time derivatives in a context.

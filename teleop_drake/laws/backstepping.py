@@ -306,7 +306,7 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     U, sigma, Vt = np.linalg.svd(Psi)
     at_limit = sigma <= Psi_min
     if not at_limit.any():
-        return update
+        return update.copy()
     U_m, Vt_m = U[:, at_limit], Vt[at_limit]
     R = U_m.T @ update @ Vt_m.T
     eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)

@@ -14,27 +14,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.symbols import (
+    AsReal,
     Number,
     Numbers,
     Ref,
+    Table,
     Untraceable,
 )
-from teleop_drake.machine_code.traced_numpy import FUNCTIONS, MODULES
 from teleop_drake.machine_code.tracing import (
     BOOLEAN,
     Branch,
+    Follow,
     Graph,
     Leaf,
     Node,
-    Trace,
+    Traced,
 )
 
 Stores = dict[tuple[str, int], Any]
 
-LIBRARY_FUNCTIONS = ("exp", "log", "sin", "cos", "tan", "atan", "tanh", "pow")
+LIBRARY_FUNCTIONS = (
+    "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
+    "tanh", "pow", "fmod",
+)  # fmt: skip
 """Those of C's mathematics that the code may call."""
 
-_INTRINSICS = ("sqrt", "fabs", "floor", "trunc", "exp", "log", "sin", "cos", "pow")
+_INTRINSICS = (
+    "sqrt", "fabs", "floor", "ceil", "trunc", "rint", "copysign", "exp", "log", "sin",
+    "cos", "pow",
+)  # fmt: skip
+_WITH_TWO_SIDES = ("pow", "atan2", "fmod", "copysign")
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
 _LOGIC = {"and": "and", "or": "or"}
@@ -74,7 +83,19 @@ def TraceProgram(
     Raises:
         Untraceable: If one of its functions does what a graph cannot.
     """
-    graph = Graph()
+    return Traced(
+        lambda graph: _TraceProgram(graph, text, names, sizes, num_parameters, integers)
+    )
+
+
+def _TraceProgram(
+    graph: Graph,
+    text: str,
+    names: dict[str, Callable[..., Any]],
+    sizes: tuple[int, int, int],
+    num_parameters: int,
+    integers: NDArray[np.int64],
+) -> ScalarProgram:
     num_y, num_x, num_m = sizes
     x, m, p, y = (
         _Given(graph, name, size)
@@ -83,7 +104,7 @@ def TraceProgram(
         )
     )  # fmt: skip
     dx = _Given(graph, "dx", num_x)
-    q = integers.copy().view(Numbers)
+    q = integers.copy().view(Table)
     arrays = {"dx": dx, "y": y}
     states: list[Stores] = []
 
@@ -95,10 +116,7 @@ def TraceProgram(
             return True
 
     traced: dict[str, Any] = {
-        name: Trace(graph, function, MODULES, FUNCTIONS)
-        if isinstance(function, FunctionType)
-        else function
-        for name, function in names.items()
+        name: Follow(graph, function, name) for name, function in names.items()
     }
     exec(text, traced)
     traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
@@ -124,19 +142,25 @@ def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     Raises:
         Untraceable: If it does what a graph cannot.
     """
-    graph = Graph()
+    return Traced(lambda graph: _TraceLaw(graph, law, samples))
+
+
+def _TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
+    graph.is_given_finite = False
     p = _Given(graph, "p", sum(np.size(x) for x in samples if not IsWhole(x)))
     arguments, end = [], 0
     for sample in samples:
         if IsWhole(sample):
             is_array = isinstance(sample, np.ndarray)
-            arguments.append(sample.view(Numbers) if is_array else sample)
+            arguments.append(sample.view(Table) if is_array else sample)
             continue
         start, end = end, end + np.size(sample)
         arguments.append(p[start:end].reshape(np.shape(sample))[()])
-    result = Trace(graph, law, MODULES, FUNCTIONS)(*arguments)
+    result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
+    if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):
+        raise Untraceable(f"{law.__name__}() returns something else than numbers")
     return ScalarProgram(
-        graph, {("dx", i): value for i, value in enumerate(np.ravel(result))}, {}
+        graph, {("dx", i): value for i, value in enumerate(result.flat)}, {}
     )
 
 
@@ -163,11 +187,8 @@ def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
 
 
 def _Operand(value: Any) -> Any:
-    if isinstance(value, Number):
-        if value.graph.IsBoolean(value):
-            return value.graph.Add("select", value, 1.0, 0.0).ref
-        return value.ref
-    return float(value)
+    value = AsReal(value)
+    return value.ref if isinstance(value, Number) else value
 
 
 def MakeCode(program: ScalarProgram) -> str:
@@ -201,7 +222,7 @@ def MakeCode(program: ScalarProgram) -> str:
 
 
 def _Doubles(name: str) -> str:
-    return "double, double" if name == "pow" else "double"
+    return "double, double" if name in _WITH_TWO_SIDES else "double"
 
 
 _HEAD = """
@@ -397,8 +418,7 @@ class _Writer:
         self.lines.append(f"{end}:")
         self.block = end
         for k, place in enumerate(live.values()):
-            number = Number(self._graph, Ref(place))
-            kind = "i1" if self._graph.IsBoolean(number) else "double"
+            kind = "i1" if self._graph.IsBoolean(place) else "double"
             values = ", ".join(f"[{row[k]}, %{label}]" for label, row in incoming)
             self._scopes[-1][place] = self._Assign(f"phi {kind} {values}")
 

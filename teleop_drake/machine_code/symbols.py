@@ -1,6 +1,7 @@
-"""Numbers of which it is only known what is done with them.
+"""Symbolic numbers and arrays of them: each records the operation that made it.
 
-See tracing, which makes a graph of that.
+See tracing, which makes a graph of that, and traced_numpy, which fills in what numpy's
+functions do with them.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,15 +9,27 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+UFUNCS: dict[Any, Any] = {}
+"""What computes a ufunc of numpy on arrays of objects."""
+
+FUNCTIONS: dict[Any, Callable[..., Any]] = {}
+"""What takes the place of another function of numpy."""
+
 
 class Untraceable(Exception):
     """A function that does what a graph of operations cannot.
 
     Attributes:
-        function: The function; None if it is not known.
+        function: The outermost function; None if it is not known.
+        place: The function and the line that are to blame.
     """
 
     function: Any = None
+    place: str = ""
+
+    def __str__(self) -> str:
+        """Returns the place and the reason."""
+        return f"{self.place}: {self.args[0]}" if self.place else str(self.args[0])
 
 
 class Ref(NamedTuple):
@@ -29,29 +42,42 @@ class Ref(NamedTuple):
     place: int
 
 
-def AsReal(value: Any) -> Any:
-    """Returns a number of which a yes is 1 and a no is 0.
+def IsBoolean(value: Any) -> bool:
+    """Returns whether a number, also one of Python, is a yes or no."""
+    if isinstance(value, Number):
+        return value.is_boolean
+    return isinstance(value, (bool, np.bool_))
 
-    Args:
-        value: A number, also one of Python.
-    """
+
+def AsReal(value: Any) -> Any:
+    """Returns a number of which a yes is 1 and a no is 0."""
     if not isinstance(value, Number):
         return float(value)
-    if value.graph.IsBoolean(value):
-        return value.graph.Add("select", value, 1.0, 0.0)
-    return value
+    return value.graph.Add("select", value, 1.0, 0.0) if value.is_boolean else value
+
+
+def AsBoolean(value: Any) -> Any:
+    """Returns whether a number is not zero."""
+    return value if IsBoolean(value) else value != 0.0
+
+
+def Not(value: Any) -> Any:
+    """Returns the opposite of AsBoolean()."""
+    value = AsBoolean(value)
+    if isinstance(value, Number):
+        return value.graph.Add("not", value)
+    return not value
 
 
 def IsSame(column: Sequence[Any]) -> bool:
-    """Returns whether all are the same number, whatever it is.
-
-    Args:
-        column: Numbers, also those of Python.
-    """
+    """Returns whether all are the same number, whatever it is."""
     first = column[0]
     if isinstance(first, Number):
         return all(isinstance(x, Number) and x.ref == first.ref for x in column)
-    return all(not isinstance(x, Number) and x == first for x in column)
+    return all(
+        not isinstance(x, Number) and x == first and IsBoolean(x) == IsBoolean(first)
+        for x in column
+    )
 
 
 def _Constant(value: Any) -> Any:
@@ -70,17 +96,25 @@ def _Operator(
 
     Args:
         name: The operation.
-        fold: Returns the result if one side makes it trivial, else None.
+        fold: Returns the result if it is no operation `name`, else None.
         swapped: Whether the number is on the right.
     """
 
     def Operate(self: "Number", other: Any) -> Any:
+        if self.is_boolean and IsBoolean(other) and name in ("add", "mul", "sub"):
+            if name == "mul":
+                return self & other
+            raise Untraceable(
+                "a sum of two comparisons, which numpy takes for `or`: write float()"
+            )
         if not isinstance(other, Number):
             other = _Constant(other)
             if other is None:
                 return NotImplemented
-        a, b = (other, self) if swapped else (self, other)
-        a, b = _Plain(a), _Plain(b)
+        else:
+            other = AsReal(other)
+        own = AsReal(self) if self.is_boolean else self
+        a, b = (other, own) if swapped else (own, other)
         if fold is not None:
             result = fold(a, b)
             if result is not None:
@@ -88,10 +122,6 @@ def _Operator(
         return self.graph.Add(name, a, b)
 
     return Operate
-
-
-def _Plain(value: Any) -> Any:
-    return AsReal(value) if isinstance(value, Number) else value
 
 
 def _FoldSum(a: Any, b: Any) -> Any:
@@ -108,17 +138,41 @@ def _FoldDifference(a: Any, b: Any) -> Any:
 
 def _FoldProduct(a: Any, b: Any) -> Any:
     for x, y in ((a, b), (b, a)):
-        if isinstance(x, float) and x in (0.0, 1.0, -1.0):
-            return 0.0 if x == 0.0 else (y if x == 1.0 else -y)
+        if isinstance(x, float) and abs(x) == 1.0:
+            return y if x == 1.0 else -y
+        if isinstance(x, float) and x == 0.0 and y.graph.IsFinite(y):
+            return 0.0
     return None
 
 
 def _FoldQuotient(a: Any, b: Any) -> Any:
-    if isinstance(a, float) and a == 0.0:
-        return 0.0
     if isinstance(b, float) and abs(b) in (0.5, 1.0, 2.0, 4.0):
         return a * (1 / b)
     return None
+
+
+def Remainder(a: Any, b: Any) -> Any:
+    """Returns a % b, whose sign is that of b."""
+    rest = Apply("fmod", a, b)
+    has_other_sign = AsReal(rest < 0.0) != AsReal(b < 0.0)
+    return Where((rest != 0.0) & has_other_sign, rest + b, rest)
+
+
+def FloorQuotient(a: Any, b: Any) -> Any:
+    """Returns a // b."""
+    rest = Apply("fmod", a, b)
+    has_other_sign = AsReal(rest < 0.0) != AsReal(b < 0.0)
+    quotient = (a - rest) / b
+    quotient = Where((rest != 0.0) & has_other_sign, quotient - 1.0, quotient)
+    whole = Apply("floor", quotient)
+    whole = Where(quotient - whole > 0.5, whole + 1.0, whole)
+    return Where(b == 0.0, a / b, whole) if isinstance(b, Number) else whole
+
+
+def Apply(operation: str, *values: Any) -> Any:
+    """Returns the value of an operation, of which one argument is a Number."""
+    graph = next(value.graph for value in values if isinstance(value, Number))
+    return graph.Add(operation, *values)
 
 
 class Notes(Protocol):
@@ -131,49 +185,40 @@ class Notes(Protocol):
     nodes: list[Any]
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
-        """Returns the value of an operation.
+        """Returns the value of an operation on numbers, also those of Python."""
 
-        Args:
-            operation: Its name.
-            arguments: Numbers, also those of Python.
-        """
-
-    def IsBoolean(self, value: Any) -> bool:
-        """Returns whether a number is a yes or no.
-
-        Args:
-            value: A number, also one of Python.
-        """
+    def IsFinite(self, value: "Number") -> bool:
+        """Returns whether a number is finite where states and parameters are."""
 
     def Decide(self, condition: Ref) -> bool:
-        """Returns the answer to a condition.
+        """Returns the answer to a condition."""
 
-        Args:
-            condition: The node.
-        """
+    def Call(
+        self, function: Any, arguments: Sequence[Any], keywords: dict[str, Any]
+    ) -> Any:
+        """Returns what a function returns, merged over all ways through it."""
 
 
 class Number:
     """A value that a graph computes.
 
-    Args:
-        graph: The graph.
-        place: Of its node.
-
     Attributes:
         graph: The graph.
         ref: The node.
+        is_boolean: Whether it is a yes or no.
     """
 
-    __slots__ = ("graph", "ref")
+    __slots__ = ("graph", "is_boolean", "ref")
 
-    def __init__(self, graph: "Notes", place: Ref):
-        self.graph, self.ref = graph, place
+    def __init__(self, graph: "Notes", ref: Ref, is_boolean: bool = False):
+        self.graph, self.ref, self.is_boolean = graph, ref, is_boolean
 
     def __bool__(self) -> bool:
         """Returns the answer on the way that is being traced."""
-        condition = self if self.graph.IsBoolean(self) else self != 0.0
-        return self.graph.Decide(condition.ref)
+        return self.graph.Decide(AsBoolean(self).ref)
+
+    def __repr__(self) -> str:
+        raise Untraceable("it makes text of what depends on numbers")
 
     __add__ = _Operator("add", _FoldSum)
     __radd__ = _Operator("add", _FoldSum, swapped=True)
@@ -183,6 +228,11 @@ class Number:
     __rmul__ = _Operator("mul", _FoldProduct, swapped=True)
     __truediv__ = _Operator("div", _FoldQuotient)
     __rtruediv__ = _Operator("div", _FoldQuotient, swapped=True)
+    __mod__ = _Operator("fmod", Remainder)
+    __rmod__ = _Operator("fmod", Remainder, swapped=True)
+    __floordiv__ = _Operator("floor", FloorQuotient)
+    __rfloordiv__ = _Operator("floor", FloorQuotient, swapped=True)
+    __rpow__ = _Operator("pow", swapped=True)
     __lt__ = _Operator("lt")
     __le__ = _Operator("le")
     __gt__ = _Operator("gt")
@@ -197,85 +247,53 @@ class Number:
     def __or__(self, other: Any) -> Any:
         return self._Logical("or", other)
 
-    __rand__, __ror__ = __and__, __or__
+    def __xor__(self, other: Any) -> Any:
+        both = IsBoolean(self) and IsBoolean(other)
+        return AsReal(self) != AsReal(other) if both else NotImplemented
+
+    __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
 
     def _Logical(self, name: str, other: Any) -> Any:
-        if isinstance(other, (bool, np.bool_)):
+        if not (IsBoolean(self) and IsBoolean(other)):
+            return NotImplemented
+        if not isinstance(other, Number):
             is_and = name == "and"
             return self if bool(other) == is_and else bool(other)
-        if isinstance(other, Number):
-            return self.graph.Add(name, self, other)
-        return NotImplemented
+        return self.graph.Add(name, self, other)
 
-    def __invert__(self) -> "Number":
-        return self.graph.Add("not", self)
+    def __invert__(self) -> Any:
+        raise Untraceable("~ of a number, which Python and numpy take for two; use not")
 
     def __neg__(self) -> Any:
+        if self.is_boolean:
+            raise Untraceable("the negative of a comparison: write float()")
         node = self.graph.nodes[self.ref.place]
         if node.operation == "neg":
             return Number(self.graph, node.arguments[0])
-        return self.graph.Add("neg", AsReal(self))
+        return self.graph.Add("neg", self)
 
     def __pos__(self) -> "Number":
         return self
 
     def __abs__(self) -> "Number":
-        return self.graph.Add("fabs", AsReal(self))
+        return self if IsBoolean(self) else self.graph.Add("fabs", self)
 
     def __pow__(self, other: Any) -> Any:
-        power = None if isinstance(other, Number) else _Constant(other)
-        if power is not None and power == int(power) and 0 <= power <= 4:
+        power = other if isinstance(other, Number) else _Constant(other)
+        if power is None:
+            return NotImplemented
+        if isinstance(power, float) and power in (0.0, 1.0, 2.0, 3.0, 4.0):
             result: Any = 1.0
             for _ in range(int(power)):
-                result = self * result
+                result = AsReal(self) * result
             return result
-        if power == 0.5:
-            return self.sqrt()
-        return self.graph.Add("pow", self, other if power is None else power)
+        if isinstance(power, float) and power == 0.5:
+            return self.graph.Add("sqrt", self)
+        return self.graph.Add("pow", self, power)
 
-    def __rpow__(self, other: Any) -> "Number":
-        return self.graph.Add("pow", _Constant(other), self)
-
-    # What numpy's functions call on the elements of an array of objects.
-    def sqrt(self) -> "Number":
-        """Returns the square root."""
-        return self.graph.Add("sqrt", self)
-
-    def exp(self) -> "Number":
-        """Returns the exponential."""
-        return self.graph.Add("exp", self)
-
-    def log(self) -> "Number":
-        """Returns the natural logarithm."""
-        return self.graph.Add("log", self)
-
-    def sin(self) -> "Number":
-        """Returns the sine."""
-        return self.graph.Add("sin", self)
-
-    def cos(self) -> "Number":
-        """Returns the cosine."""
-        return self.graph.Add("cos", self)
-
-    def tan(self) -> "Number":
-        """Returns the tangent."""
-        return self.graph.Add("tan", self)
-
-    def arctan(self) -> "Number":
-        """Returns the arc tangent."""
-        return self.graph.Add("atan", self)
-
-    def tanh(self) -> "Number":
-        """Returns the hyperbolic tangent."""
-        return self.graph.Add("tanh", self)
-
-    def floor(self) -> "Number":
-        """Returns the largest whole number that is not larger."""
-        return self.graph.Add("floor", self)
-
-    def trunc(self) -> "Number":
-        """Returns the whole number next to it on the side of zero."""
-        return self.graph.Add("trunc", AsReal(self))
+    def __round__(self, decimals: int | None = None) -> Any:
+        scale = 10.0 ** (decimals or 0)
+        return self.graph.Add("rint", self * scale) / scale
 
     def conjugate(self) -> "Number":
         """Returns the number itself."""
@@ -286,98 +304,216 @@ class Number:
         """One, as numpy's numbers have it."""
         return 1
 
+    def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
+        return CallUfunc(*arguments, **keywords)
 
-class Numbers(np.ndarray):
-    """An array of `Number`s, whose indices may be Numbers too."""
+    def __array_function__(self, *arguments: Any) -> Any:
+        return CallFunction(*arguments)
 
-    def __array_wrap__(self, array: Any, *_: Any) -> Any:
-        """Returns a number where numpy would have an array without dimensions."""
-        return array.view(Numbers) if array.ndim > 0 else array[()]
+
+class Table(np.ndarray):
+    """An array whose indices may be Numbers and arrays of them."""
 
     def __getitem__(self, key: Any) -> Any:
         keys = key if isinstance(key, tuple) else (key,)
-        for axis, item in enumerate(keys):
-            if isinstance(item, Number):
-                return self._Selected(keys, axis)
-            if isinstance(item, np.ndarray) and item.dtype == object:
-                # A mask: each answer is a way of its own.
-                mask = np.array([bool(x) for x in item.flat]).reshape(item.shape)
-                return self[(*keys[:axis], mask, *keys[axis + 1 :])]
-        return super().__getitem__(key)
+        if any(isinstance(item, Number) for item in keys):
+            return self._Selected(keys)
+        return super().__getitem__(_Masked(key))
 
-    def _Selected(self, keys: tuple[Any, ...], axis: int) -> Any:
-        index = keys[axis]
-        rows = [self[(*keys[:axis], i, *keys[axis + 1 :])] for i in range(len(self))]
-        if axis > 0:
+    def _Selected(self, keys: tuple[Any, ...]) -> Any:
+        """Returns the row that a Number says; nothing finite if there is none."""
+        index, *others = keys
+        if not isinstance(index, Number) or IsBoolean(index):
             raise Untraceable("an index behind another one depends on numbers")
-        result = rows[-1]
-        for i in range(len(rows) - 2, -1, -1):
+        rows = [self[(i, *others)] for i in range(len(self))]
+        index = Where(index < 0.0, index + len(self), index)
+        result: Any = np.nan
+        for i in reversed(range(len(rows))):
             result = Where(index == float(i), rows[i], result)
         return result
+
+
+def _Masked(key: Any) -> Any:
+    """Returns an index with the answers for yes or no; each is a way of its own."""
+    if isinstance(key, tuple):
+        return tuple(_Masked(item) for item in key)
+    if not HasNumbers(key):
+        return key
+    items = Objects(key)
+    if not all(map(IsBoolean, items.flat)):
+        raise Untraceable("an array of indices depends on numbers")
+    return np.array([bool(x) for x in items.flat], bool).reshape(items.shape)
+
+
+def _NoType(array: Any) -> Any:
+    raise Untraceable("it asks for the type, the memory or the order of numbers")
+
+
+class Numbers(Table):
+    """An array of `Number`s."""
+
+    dtype = tobytes = data = base = property(_NoType)
+    argsort = partition = argpartition = property(_NoType)
+
+    def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
+        return CallUfunc(*arguments, **keywords)
+
+    def __array_function__(self, *arguments: Any) -> Any:
+        return CallFunction(*arguments)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         keys = key if isinstance(key, tuple) else (key,)
         if any(isinstance(item, Number) for item in keys):
             raise Untraceable("it writes at an index that depends on numbers")
+        if HasNumbers(key) and np.shape(key) == self.shape and np.ndim(value) == 0:
+            key, value = ..., Where(key, value, self)
+        key = _Masked(key)
+        # An array of yes and no stays one, and one of numbers too.
+        if any(map(IsBoolean, Objects(np.asarray(self)[key]).flat)):
+            if not all(map(IsBoolean, Objects(value).flat)):
+                raise Untraceable("it writes numbers where yes or no was")
+        else:
+            value = _REAL(Objects(value))
         super().__setitem__(key, value)
 
-    def __lt__(self, other: Any) -> Any:
-        return np.less(self, other, dtype=object)
+    def astype(  # type: ignore[override]
+        self, kind: Any, **keywords: Any
+    ) -> Any:
+        """Returns the numbers as others of Python's."""
+        convert = FUNCTIONS.get(kind)
+        if convert is None or keywords:
+            raise Untraceable(f"astype({kind})")
+        result = AsNumbers(np.frompyfunc(convert, 1, 1)(np.asarray(self)))
+        # What is written into an array of whole numbers would be cut off.
+        result.flags.writeable = convert is FUNCTIONS[float]
+        return result
 
-    def __le__(self, other: Any) -> Any:
-        return np.less_equal(self, other, dtype=object)
+    def sort(self, *arguments: Any) -> None:  # type: ignore[override]
+        """Sorts the elements in place."""
+        self[...] = FUNCTIONS[np.sort](self, *arguments)
 
-    def __gt__(self, other: Any) -> Any:
-        return np.greater(self, other, dtype=object)
 
-    def __ge__(self, other: Any) -> Any:
-        return np.greater_equal(self, other, dtype=object)
+def _Method(name: str) -> Callable[..., Any]:
+    return lambda self, *a, **k: FUNCTIONS[getattr(np, name)](self, *a, **k)
 
-    def __eq__(self, other: Any) -> Any:
-        return np.equal(self, other, dtype=object)
 
-    def __ne__(self, other: Any) -> Any:
-        return np.not_equal(self, other, dtype=object)
+for _name in ("argmax", "argmin", "clip", "mean", "round"):
+    setattr(Numbers, _name, _Method(_name))
+
+_REAL = np.frompyfunc(AsReal, 1, 1)
+
+
+def Objects(value: Any) -> Any:
+    """Returns a value as an array that numpy takes for one of objects."""
+    if isinstance(value, np.generic):  # Else its operators call numpy's functions.
+        value = value.item()
+    return np.asarray(np.asarray(value, object))
 
 
 def AsNumbers(value: Any) -> Numbers:
-    """Returns an array as one that Numbers can be written into.
-
-    Args:
-        value: An array, a number or a list of them.
-    """
+    """Returns an array as one that Numbers can be written into."""
     return np.asarray(value, object).view(Numbers)
 
 
-def HasNumbers(value: Any) -> bool:
-    """Returns whether a value is a Number, or may have one in it.
+def _Result(value: Any) -> Any:
+    """Returns what numpy made of arrays of objects."""
+    if isinstance(value, (tuple, list)):
+        return type(value)(_Result(item) for item in value)
+    if not isinstance(value, np.ndarray) or value.dtype != object:
+        return value
+    return AsNumbers(value) if value.ndim else value.item()
 
-    Args:
-        value: Anything that a function takes.
-    """
+
+def Unified(array: Any) -> Any:
+    """Returns an array in which yes and no are numbers if anything else is."""
+    if not isinstance(array, Numbers) or len(set(map(IsBoolean, array.flat))) < 2:
+        return array
+    return AsNumbers(_REAL(np.asarray(array)))
+
+
+_DEFAULTS = {"dtype": None, "where": True, "keepdims": False}
+
+
+def CallUfunc(
+    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
+) -> Any:
+    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
+    traced = UFUNCS.get(ufunc, ufunc if ufunc in (np.matmul, np.vecdot) else None)
+    is_along_axis = method in ("reduce", "accumulate")
+    if is_along_axis and ufunc in (np.logical_and, np.logical_or):
+        keywords.pop("dtype", None)
+        traced = ufunc  # It asks no more elements than it has to, one by one.
+    keywords = {
+        k: x for k, x in keywords.items() if x is not _DEFAULTS.get(k, keywords)
+    }
+    known = {"axis", "keepdims"} if is_along_axis else set()
+    if traced is None or not keywords.keys() <= known:
+        names = ", ".join([*keywords, "..."])
+        raise Untraceable(f"np.{ufunc.__name__}({names}) is not known")
+    arrays = [Objects(value) for value in inputs]
+    if is_along_axis:
+        if ufunc in (np.add, np.multiply):  # The sum of yes and no is their number.
+            arrays = [_REAL(array) for array in arrays]
+        if keywords == {"axis": None}:
+            arrays, keywords = [arrays[0].ravel()], {}
+    result = _Result(getattr(traced, method)(*arrays, **keywords))
+    if out is None:
+        return result
+    out[0][...] = result
+    return out[0]
+
+
+def CallFunction(
+    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
+) -> Any:
+    """Calls another function of numpy, as __array_function__ has it."""
+    if function not in FUNCTIONS:
+        raise Untraceable(f"np.{function.__name__}() is not known")
+    return FUNCTIONS[function](*arguments, **keywords)
+
+
+def Structural(function: Any) -> Callable[..., Any]:
+    """Returns a function of numpy that does not care what is in an array."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        arguments = tuple(_Plain(value) for value in arguments)
+        keywords = {name: _Plain(value) for name, value in keywords.items()}
+        return Unified(_Result(function(*arguments, **keywords)))
+
+    return Call
+
+
+def _Plain(value: Any) -> Any:
+    if isinstance(value, (tuple, list)):
+        if any(isinstance(item, (tuple, list, np.ndarray)) for item in value):
+            return [_Plain(item) for item in value]
+        return Objects(value) if HasNumbers(value) else value
+    return Objects(value) if isinstance(value, (Number, Numbers)) else value
+
+
+def HasNumbers(value: Any) -> bool:
+    """Returns whether a value is a Number, or may have one in it."""
     if isinstance(value, np.ndarray):
-        return bool(value.dtype == object)
-    if isinstance(value, (list, tuple)):
-        return any(HasNumbers(item) for item in value)
+        return isinstance(value, Numbers) or bool(value.dtype == object)
+    if isinstance(value, dict):
+        return any(map(HasNumbers, value.values()))
+    if isinstance(value, (list, tuple, set)):
+        return any(map(HasNumbers, value))
     return isinstance(value, Number)
 
 
 def Where(condition: Any, a: Any, b: Any) -> Any:
-    """Returns a where a condition holds and b elsewhere, element by element.
-
-    Args:
-        condition: A yes or no, or an array of them.
-        a: A number or an array.
-        b: A number or an array.
-    """
-    if any(isinstance(item, np.ndarray) for item in (condition, a, b)):
-        arrays = (np.asarray(item, object) for item in (condition, a, b))
-        result = np.frompyfunc(Where, 3, 1)(*arrays)
-        return result.view(Numbers) if isinstance(result, np.ndarray) else result
+    """Returns a where a condition holds and b elsewhere, element by element."""
+    if any(isinstance(item, (np.ndarray, list, tuple)) for item in (condition, a, b)):
+        return Unified(_Result(_WHERE(*map(Objects, (condition, a, b)))))
     if not isinstance(condition, Number):
         return a if condition else b
     if IsSame((a, b)):
         return a
-    if not condition.graph.IsBoolean(condition):
-        condition = condition != 0.0
+    condition = AsBoolean(condition)
+    if IsBoolean(a) and IsBoolean(b):
+        return (condition & a) | (Not(condition) & b)
     return condition.graph.Add("select", condition, AsReal(a), AsReal(b))
+
+
+_WHERE = np.frompyfunc(Where, 3, 1)

@@ -1,21 +1,33 @@
 """What functions of numpy, math and Python do with the Numbers of a graph.
 
-Most functions of numpy work on arrays of Numbers as they are. Here are those that would
-ask an array what its numbers are, or hand it to LAPACK.
+A function of numpy that is not here is refused when it gets Numbers.
 """
 
+import builtins
 import math
+import operator
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.machine_code.symbols import (
+    FUNCTIONS,
+    UFUNCS,
+    Apply,
+    AsBoolean,
     AsNumbers,
+    AsReal,
+    CallFunction,
+    CallUfunc,
     HasNumbers,
+    IsBoolean,
+    Not,
     Number,
     Numbers,
+    Objects,
+    Structural,
+    Unified,
     Untraceable,
     Where,
 )
@@ -26,80 +38,185 @@ _SWEEPS = {1: 0, 2: 1, 3: 5}
 _MAX_SWEEPS = 8
 
 
-class _Module:
-    """A module of which some functions are replaced."""
-
-    def __init__(self, module: ModuleType, functions: dict[str, Any]):
-        self._module, self._functions = module, functions
-
-    def __getattr__(self, name: str) -> Any:
-        return self._functions.get(name) or getattr(self._module, name)
+# Functions of single numbers.
 
 
-def _OrElse(
-    usual: Callable[..., Any], traced: Callable[..., Any]
-) -> Callable[..., Any]:
-    """Returns a function that is the usual one where there are no Numbers."""
+def _Operation(name: str, usual: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a function that is an operation of the graph, or the usual one."""
 
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        if HasNumbers(arguments):
-            return traced(*arguments, **keywords)
-        return usual(*arguments, **keywords)
+    def Of(*values: Any) -> Any:
+        values = tuple(v.item() if isinstance(v, np.ndarray) else v for v in values)
+        if any(isinstance(value, Number) for value in values):
+            return Apply(name, *values)
+        return usual(*values)
 
-    return Call
-
-
-def _Filled(usual: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a function that makes an array into which Numbers can be written."""
-
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        if HasNumbers(arguments):
-            keywords.pop("dtype", None)
-        array = usual(*arguments, **keywords)
-        return AsNumbers(array) if array.dtype.kind in "fO" else array
-
-    return Call
-
-
-def _ZerosLike(array: Any, **keywords: Any) -> Any:
-    return AsNumbers(np.zeros(np.shape(array)))
-
-
-def _OnesLike(array: Any, **keywords: Any) -> Any:
-    return AsNumbers(np.ones(np.shape(array)))
-
-
-def _FullLike(array: Any, value: Any, **keywords: Any) -> Any:
-    return AsNumbers(np.full(np.shape(array), value, object))
+    return Of
 
 
 def _Minimum(a: Any, b: Any) -> Any:
     # What is not a number stays so.
-    a, b = AsNumbers(a), AsNumbers(b)
-    return _Scalar(Where((a < b) | (a != a), a, b))
+    return Where((a < b) | (a != a), a, b)
 
 
 def _Maximum(a: Any, b: Any) -> Any:
-    a, b = AsNumbers(a), AsNumbers(b)
-    return _Scalar(Where((a > b) | (a != a), a, b))
+    return Where((a > b) | (a != a), a, b)
 
 
 def _Clip(a: Any, lower: Any, upper: Any) -> Any:
-    return _Minimum(_Maximum(a, lower), upper)
+    a = a if lower is None else _Maximum(a, lower)
+    return a if upper is None else _Minimum(a, upper)
 
 
 def _Sign(a: Any) -> Any:
-    a = AsNumbers(a)
-    return _Scalar(Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, 0.0)))
+    return Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, a * 1.0))
+
+
+def _Heaviside(a: Any, at_zero: Any) -> Any:
+    return Where(a > 0.0, 1.0, Where(a < 0.0, 0.0, Where(a == 0.0, at_zero, a)))
+
+
+def _Hypot(*values: Any) -> Any:
+    return _SQRT(sum((x * x for x in values), 0.0))
+
+
+def _And(a: Any, b: Any) -> Any:
+    return AsBoolean(a) & AsBoolean(b)
+
+
+def _Or(a: Any, b: Any) -> Any:
+    return AsBoolean(a) | AsBoolean(b)
+
+
+def _IsInfinite(a: Any) -> Any:
+    return abs(AsReal(a)) == math.inf
 
 
 def _IsFinite(a: Any) -> Any:
-    return _Scalar(abs(AsNumbers(a)) < math.inf)
+    return abs(AsReal(a)) < math.inf
 
 
-def _Scalar(value: Any) -> Any:
-    """Returns the element of an array without dimensions."""
-    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+def _Radians(a: Any) -> Any:
+    return a * (math.pi / 180)
+
+
+def _Degrees(a: Any) -> Any:
+    return a * (180 / math.pi)
+
+
+def _Log(a: Any, base: Any = None) -> Any:
+    return _LOG(a) if base is None else _LOG(a) / _LOG(base)
+
+
+def _Smallest(*values: Any, **keywords: Any) -> Any:
+    return _Best(operator.lt, *values, **keywords)
+
+
+def _Largest(*values: Any, **keywords: Any) -> Any:
+    return _Best(operator.gt, *values, **keywords)
+
+
+def _Best(is_better: Callable[[Any, Any], Any], *values: Any) -> Any:
+    first, *others = values[0] if len(values) == 1 else values
+    for value in others:
+        first = Where(is_better(value, first), value, first)
+    return first
+
+
+def _Float(value: Any = 0.0) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.item()
+    return AsReal(value) if isinstance(value, Number) else float(value)
+
+
+def _Whole(value: Any = 0, *base: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.item()
+    return Apply("trunc", value) if isinstance(value, Number) else int(value, *base)
+
+
+# Functions of arrays.
+
+
+def _Like(value: Any) -> Callable[..., Any]:
+    """Returns a function that fills an array of the shape of another one."""
+
+    def Call(array: Any, fill: Any = value, dtype: Any = None) -> Any:
+        if FUNCTIONS.get(dtype, dtype) not in (None, FUNCTIONS[float]) or (
+            dtype is None and any(map(IsBoolean, Objects(array).flat))
+        ):
+            raise Untraceable("an array of something else than numbers")
+        result = AsNumbers(np.empty(np.shape(array), object))
+        result[...] = fill
+        return result
+
+    return Call
+
+
+def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a function that makes an array into which Numbers can be written."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        # The types of Python may have been replaced.
+        arguments, keywords = (
+            _WithTypes(arguments),
+            dict(zip(keywords, _WithTypes(keywords.values()), strict=True)),
+        )
+        if HasNumbers(arguments):
+            is_known = usual in (np.array, np.asarray, np.ascontiguousarray)
+            kinds = keywords.pop("dtype", None), *arguments[1:]
+            if not is_known or any(x not in (None, float, np.float64) for x in kinds):
+                raise Untraceable(f"np.{usual.__name__}() of what depends on numbers")
+            array = usual(arguments[0], dtype=object, **keywords)
+            return Unified(array.view(Numbers))
+        array = usual(*arguments, **keywords)
+        return AsNumbers(array) if array.dtype.kind == "f" else array
+
+    return Call
+
+
+def _WithTypes(values: Any) -> Any:
+    """Returns values in which Python's types stand for themselves."""
+    return tuple(_USUAL.get(x, x) if callable(x) else x for x in values)
+
+
+def _Full(shape: Any, fill: Any, dtype: Any = None) -> Any:
+    if HasNumbers(fill):
+        return _Like(0.0)(np.empty(shape), fill, dtype)
+    return _Array(np.full)(shape, fill, dtype=dtype)
+
+
+def _NanToNum(
+    a: Any, copy: bool = True, nan: Any = 0.0, posinf: Any = None, neginf: Any = None
+) -> Any:
+    largest = float(np.finfo(float).max)
+    a = AsNumbers(a)
+    top, bottom = (
+        given if given is not None else limit
+        for given, limit in ((posinf, largest), (neginf, -largest))
+    )
+    result = Where(a != a, nan, Where(a == math.inf, top, a))
+    result = Where(result == -math.inf, bottom, result)
+    if not copy:
+        a[...] = result
+    return result
+
+
+def _Interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None) -> Any:
+    xp, fp = AsNumbers(xp), AsNumbers(fp)
+    result: Any = fp[0] if left is None else left
+    for i in range(len(xp) - 1):
+        slope = (fp[i + 1] - fp[i]) / (xp[i + 1] - xp[i])
+        result = Where(x >= xp[i], slope * (x - xp[i]) + fp[i], result)
+    result = Where(x >= xp[-1], fp[-1], result)
+    result = result if right is None else Where(x > xp[-1], right, result)
+    return Where(x == x, result, x)
+
+
+def _Select(conditions: Any, choices: Any, default: Any = 0.0) -> Any:
+    result = default
+    for condition, choice in zip(conditions[::-1], choices[::-1], strict=True):
+        result = Where(condition, choice, result)
+    return result
 
 
 def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
@@ -109,53 +226,52 @@ def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
     return count
 
 
-def _Smallest(*values: Any) -> Any:
-    values = tuple(values[0]) if len(values) == 1 else values
-    result = values[0]
-    for value in values[1:]:
-        result = Where(value < result, value, result)
-    return result
+def _Mean(a: Any, *arguments: Any, **keywords: Any) -> Any:
+    total = np.sum(AsNumbers(a), *arguments, **keywords)
+    return total * (np.size(total) / np.size(a))
 
 
-def _Largest(*values: Any) -> Any:
-    values = tuple(values[0]) if len(values) == 1 else values
-    result = values[0]
-    for value in values[1:]:
-        result = Where(value > result, value, result)
-    return result
+def _Round(a: Any, decimals: int = 0) -> Any:
+    return np.frompyfunc(round, 2, 1)(Objects(a), decimals)
 
 
-def _Whole(value: Any) -> Any:
-    return _Float(value).trunc()
+def _Square(A: Any) -> Any:
+    """Returns a copy of a square matrix."""
+    A = AsNumbers(np.array(Objects(A)))
+    if A.ndim != 2 or len(A) != A.shape[1]:
+        raise Untraceable("np.linalg of no square matrix")
+    return A
 
 
-def _Float(value: Any) -> Any:
-    return value.item() if isinstance(value, np.ndarray) else value
-
-
-def _Solve(A: Any, B: Any) -> Any:
-    """Returns A^-1 B by Gauss and Jordan, with pivots."""
-    A = np.array(A, object).view(Numbers)
-    is_vector = np.ndim(B) == 1
-    B = np.array(B, object).view(Numbers).reshape(len(A), -1)
-    n = len(A)
-    for i in range(n):
-        for j in range(i + 1, n):
+def _Eliminated(A: Any, B: Any) -> Any:
+    """Returns a matrix as an upper triangle, B after the same steps, and the sign."""
+    A, B, sign = _Square(A), AsNumbers(np.array(Objects(B))), 1.0
+    for i in range(len(A)):
+        for j in range(i + 1, len(A)):
             is_larger = abs(A[j, i]) > abs(A[i, i])
+            sign = Where(is_larger, -sign, sign)
             for M in (A, B):
                 upper = Where(is_larger, M[j], M[i])
                 M[j], M[i] = Where(is_larger, M[i], M[j]), upper
-        scale = 1.0 / A[i, i]
-        A[i], B[i] = A[i] * scale, B[i] * scale
-        for j in range(n):
-            if j != i:
-                factor = A[j, i]
-                A[j], B[j] = A[j] - factor * A[i], B[j] - factor * B[i]
-    return B[:, 0] if is_vector else B
+        for j in range(i + 1, len(A)):
+            factor = A[j, i] / Where(A[i, i] == 0.0, 1.0, A[i, i])
+            A[j], B[j] = A[j] - factor * A[i], B[j] - factor * B[i]
+    return A, B, sign
 
 
-def _Inverse(A: Any) -> Any:
-    return _Solve(A, np.eye(len(A)))
+def _Solve(A: Any, B: Any) -> Any:
+    """Returns A^-1 B by Gauss's elimination, with pivots."""
+    A, B, _ = _Eliminated(A, B)
+    for i in reversed(range(len(A))):
+        for j in range(i + 1, len(A)):
+            B[i] = B[i] - A[i, j] * B[j]
+        B[i] = B[i] * (1.0 / A[i, i])
+    return B
+
+
+def _Determinant(A: Any) -> Any:
+    A, _, sign = _Eliminated(A, A)
+    return sign * np.prod(np.diag(A))
 
 
 def _Rotation(off_diagonal: Any, difference: Any) -> tuple[Any, Any]:
@@ -196,124 +312,294 @@ def _Sorted(keys: list[Any], columns: list[Any], is_ascending: bool) -> None:
                 items[k + 1] = Where(swap, first, second)
 
 
+def _Items(a: Any) -> list[Any]:
+    if np.ndim(a) != 1:
+        raise Untraceable("the order of numbers in a matrix")
+    return list(AsNumbers(a))
+
+
+def _Sort(a: Any) -> Any:
+    items = _Items(a)
+    for end in range(len(items) - 1, 0, -1):
+        for k in range(end):
+            x, y = items[k], items[k + 1]
+            swap = (x > y) | ((x != x) & (y == y))  # What is not a number is last.
+            items[k], items[k + 1] = Where(swap, y, x), Where(swap, x, y)
+    return AsNumbers(items)
+
+
+def _PlaceOf(is_better: Callable[[Any, Any], Any]) -> Callable[[Any], Any]:
+    """Returns a function that returns the index of the best element."""
+
+    def Call(a: Any) -> Any:
+        best, *others = _Items(a)
+        place: Any = 0
+        for i, item in enumerate(others):
+            # What is not a number is best.
+            change = is_better(item, best) & (best == best)
+            change = change | ((item != item) & (best == best))
+            place, best = Where(change, i + 1.0, place), Where(change, item, best)
+        return place
+
+    return Call
+
+
 def _Eigh(A: Any) -> Any:
     """Returns eigenvalues and eigenvectors of a symmetric matrix, by Jacobi."""
+    A = np.tril(_Square(A))  # As numpy does, it looks at the lower half.
+    A = A + np.tril(A, -1).T
     n = len(A)
-    A, V = np.array(A, object).view(Numbers), AsNumbers(np.eye(n))
+    V = AsNumbers(np.eye(n))
     for i, j in _Pairs(n):
         cosine, sine = _Rotation(A[i, j], A[j, j] - A[i, i])
         for M in (A, A.T, V):
             _Rotate(M, i, j, cosine, sine)
     values, vectors = [A[i, i] for i in range(n)], [V[:, i] for i in range(n)]
     _Sorted(values, vectors, True)
-    return AsNumbers(values), np.stack(vectors, axis=1).view(Numbers)
+    return AsNumbers(values), np.stack(vectors, axis=1)
 
 
 def _Svd(A: Any) -> Any:
-    """Returns U, sigma and V^T of a regular square matrix, by one-sided Jacobi."""
-    n = len(A)
-    U, V = np.array(A, object).view(Numbers), AsNumbers(np.eye(n))
+    """Returns U, sigma and V^T of a square matrix, by one-sided Jacobi."""
+    U = _Square(A)
+    n = len(U)
+    V = AsNumbers(np.eye(n))
     for i, j in _Pairs(n):
         a, b = U[:, i], U[:, j]
         cosine, sine = _Rotation((a * b).sum(), (b * b).sum() - (a * a).sum())
         for M in (U, V):
             _Rotate(M, i, j, cosine, sine)
     sigma = [(U[:, i] * U[:, i]).sum() ** 0.5 for i in range(n)]
-    both = [np.concatenate((U[:, i] / sigma[i], V[:, i])) for i in range(n)]
+    both = [np.concatenate((U[:, i], V[:, i])) for i in range(n)]
     _Sorted(sigma, both, False)
-    columns = np.stack(both, axis=1).view(Numbers)
-    return columns[:n], AsNumbers(sigma), columns[n:].T
+    columns = np.stack(both, axis=1)
+    U, sigmas = columns[:n], AsNumbers(sigma)
+    for number in (*U.flat, *sigmas):
+        if isinstance(number, Number):  # Its ways are merged, as those of a helper.
+            number.graph.Call(_MakeOrthonormal, (U, sigmas), {})
+            break
+    return U, sigmas, columns[n:].T
 
 
-def _Norm(a: Any) -> Any:
+def _MakeOrthonormal(U: Any, sigma: Any) -> None:
+    """Makes orthogonal columns unit vectors, others in the place of those of zeros."""
+    n = len(U)
+    for k in range(n):
+        if sigma[k] > n * np.finfo(float).eps * sigma[0]:
+            U[:, k] = U[:, k] / sigma[k]
+            continue
+        for i in range(k, n):
+            # Of the unit vectors, the one that is farthest from the columns there are.
+            rest = np.eye(n) - sum(np.outer(U[:, j], U[:, j]) for j in range(i))
+            best, length = rest[0], rest[0, 0]
+            for j in range(1, n):
+                is_longer = rest[j, j] > length
+                best = Where(is_longer, rest[j], best)
+                length = Where(is_longer, rest[j, j], length)
+            U[:, i] = best / length**0.5
+        return
+
+
+def _Norm(a: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     a = AsNumbers(a)
-    if a.ndim != 1:
+    if ord is None and axis is None:
+        a = a.ravel() if not keepdims else a
+    elif not isinstance(axis, int) and (a.ndim != 1 or axis is not None):
         raise Untraceable("np.linalg.norm of a matrix")
-    return (a * a).sum() ** 0.5
+    axis = -1 if axis is None else axis
+    if ord in (1, math.inf):
+        combined = abs(a).sum if ord == 1 else abs(a).max
+        return combined(axis=axis, keepdims=keepdims)
+    if ord not in (None, 2) or (keepdims and a.ndim != 1):
+        raise Untraceable(f"np.linalg.norm with ord={ord}")
+    return (a * a).sum(axis=axis, keepdims=keepdims) ** 0.5
 
 
-def _Unknown(name: str) -> Callable[..., Any]:
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        raise Untraceable(f"{name} of what depends on numbers")
+# The tables. First the operations of a graph, by numpy's names.
+_OPERATIONS = {
+    "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
+} | {
+    name: name
+    for name in (
+        "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor",
+        "ceil", "trunc", "rint", "copysign", "fmod",
+    )
+}  # fmt: skip
+_ELEMENTWISE: dict[str, Callable[..., Any]] = {
+    usual: _Operation(name, getattr(np, usual)) for usual, name in _OPERATIONS.items()
+}
+_SQRT, _LOG = _ELEMENTWISE["sqrt"], _ELEMENTWISE["log"]
+_ELEMENTWISE |= {
+    "less": operator.lt, "less_equal": operator.le, "greater": operator.gt,
+    "greater_equal": operator.ge, "equal": operator.eq, "not_equal": operator.ne,
+    "subtract": operator.sub, "divide": operator.truediv, "power": operator.pow,
+    "remainder": operator.mod, "floor_divide": operator.floordiv,
+    "bitwise_and": operator.and_, "bitwise_or": operator.or_,
+    "bitwise_xor": operator.xor, "logical_and": _And, "logical_or": _Or,
+    "minimum": _Minimum, "maximum": _Maximum, "heaviside": _Heaviside,
+    "hypot": _Hypot, "negative": operator.neg, "positive": operator.pos,
+    "absolute": abs, "fabs": abs, "square": lambda a: a * a,
+    "reciprocal": lambda a: 1.0 / a, "sign": _Sign, "invert": Not, "logical_not": Not,
+    "conjugate": lambda a: a, "isnan": lambda a: a != a, "isinf": _IsInfinite,
+    "isfinite": _IsFinite, "deg2rad": _Radians, "radians": _Radians,
+    "rad2deg": _Degrees, "degrees": _Degrees,
+}  # fmt: skip
+UFUNCS |= {
+    getattr(np, name): np.frompyfunc(function, getattr(np, name).nin, 1)
+    for name, function in _ELEMENTWISE.items()
+} | {np.add: np.add, np.multiply: np.multiply}
+_CLIP = np.frompyfunc(_Clip, 3, 1)
+
+# What does not care about what is in an array.
+_STRUCTURAL = (
+    "append", "array_split", "argwhere", "atleast_1d", "atleast_2d", "block",
+    "broadcast_to", "column_stack", "concatenate", "copy", "cross", "delete", "diag",
+    "diagonal", "diff", "dot", "einsum", "expand_dims", "flatnonzero", "flip", "fliplr",
+    "flipud", "hstack", "inner", "insert", "kron", "moveaxis", "ndim", "nonzero",
+    "outer", "polyval", "ravel", "repeat", "reshape", "roll", "shape", "size", "split",
+    "squeeze", "stack", "swapaxes", "tensordot", "tile", "trace", "transpose", "tril",
+    "triu", "vdot", "vstack",
+)  # fmt: skip
+_METHODS = "sum", "prod", "max", "min", "any", "all", "cumsum", "cumprod"
+
+
+def _Method(name: str) -> Callable[..., Any]:
+    return lambda a, *others, **k: getattr(AsNumbers(a), name)(*others, **k)
+
+
+def _Through(ufunc: Any) -> Callable[..., Any]:
+    """Returns a function of arrays that computes elements one by one."""
+
+    def Call(*values: Any, out: Any = None) -> Any:
+        result = AsNumbers(ufunc(*map(Objects, values)))
+        if out is None:
+            return result if result.ndim else result.item()
+        out[...] = result
+        return out
 
     return Call
 
 
-def _Elementwise(name: str) -> Callable[..., Any]:
-    """Returns one of numpy's functions for arrays with Numbers and others."""
-    usual = getattr(np, name)
-
-    def Of(value: Any) -> Any:
-        is_number = isinstance(value, Number)
-        return getattr(value, name)() if is_number else float(usual(value))
-
-    return lambda a: _Scalar(np.frompyfunc(Of, 1, 1)(AsNumbers(a)))
-
-
-_LINALG = {
-    name: _OrElse(getattr(np.linalg, name), _Unknown(f"np.linalg.{name}"))
-    for name in ("cholesky", "det", "eig", "eigvals", "eigvalsh", "lstsq", "pinv", "qr")
-} | {
-    "inv": _OrElse(np.linalg.inv, _Inverse),
-    "solve": _OrElse(np.linalg.solve, _Solve),
-    "eigh": _OrElse(np.linalg.eigh, _Eigh),
-    "svd": _OrElse(np.linalg.svd, _Svd),
-    "norm": _OrElse(np.linalg.norm, _Norm),
-}
-_ELEMENTWISE = (
-    "sqrt", "exp", "log", "sin", "cos", "tan", "arctan", "tanh", "floor", "trunc"
-)  # fmt: skip
-_NUMPY = {
-    name: _OrElse(getattr(np, name), _Elementwise(name)) for name in _ELEMENTWISE
-} | {
-    name: _Filled(getattr(np, name))
-    for name in (
-        "array", "asarray", "ascontiguousarray", "column_stack", "concatenate", "diag",
-        "empty", "eye", "full", "identity", "ones", "outer", "stack", "zeros",
-    )
-} | {
-    "zeros_like": _OrElse(np.zeros_like, _ZerosLike),
-    "empty_like": _OrElse(np.empty_like, _ZerosLike),
-    "ones_like": _OrElse(np.ones_like, _OnesLike),
-    "full_like": _OrElse(np.full_like, _FullLike),
-    "where": _OrElse(np.where, Where),
-    "minimum": _OrElse(np.minimum, _Minimum),
-    "maximum": _OrElse(np.maximum, _Maximum),
-    "clip": _OrElse(np.clip, _Clip),
-    "sign": _OrElse(np.sign, _Sign),
-    "isfinite": _OrElse(np.isfinite, _IsFinite),
-    "searchsorted": _OrElse(np.searchsorted, _SearchSorted),
-    "float64": _OrElse(np.float64, _Float),
-    "linalg": _Module(np.linalg, _LINALG),
+FUNCTIONS |= {
+    **{getattr(np, name): Structural(getattr(np, name)) for name in _STRUCTURAL},
+    **{getattr(np, name): _Method(name) for name in _METHODS},
+    np.zeros_like: _Like(0.0), np.empty_like: _Like(0.0), np.ones_like: _Like(1.0),
+    np.full_like: _Like(None), np.where: Where, np.clip: _Through(_CLIP),
+    np.round: _Through(_Round), np.sort: _Sort, np.argmax: _PlaceOf(operator.gt),
+    np.argmin: _PlaceOf(operator.lt), np.nan_to_num: _NanToNum, np.mean: _Mean,
+    np.interp: _Interp, np.select: _Select, np.searchsorted: _SearchSorted,
+    np.count_nonzero: lambda a: (AsNumbers(a) != 0.0).sum(),
+    np.linalg.solve: _Solve, np.linalg.inv: lambda A: _Solve(A, np.eye(len(A))),
+    np.linalg.det: _Determinant, np.linalg.eigh: _Eigh, np.linalg.svd: _Svd,
+    np.linalg.norm: _Norm,
 }  # fmt: skip
 
 
-def _Method(name: str) -> Callable[..., Any]:
-    return lambda x: getattr(_Float(x), name)()
+class OfNumpy:
+    """A function of numpy, for which a list of Numbers is an array, too."""
+
+    def __init__(self, function: Any):
+        self._function = function
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Calls the function."""
+        function = self._function
+        if not (HasNumbers(arguments) or HasNumbers(keywords)):
+            return function(*arguments, **keywords)
+        if not isinstance(function, np.ufunc):
+            return CallFunction(function, None, arguments, keywords)
+        if "out" in keywords:
+            keywords["out"] = (keywords["out"],)
+        return CallUfunc(function, "__call__", *arguments, **keywords)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._function, name)
+
+
+def Refusing(function: Any, name: str, always: bool = False) -> Callable[..., Any]:
+    """Returns a function that is the usual one where there are no Numbers."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        if always or HasNumbers(arguments) or HasNumbers(keywords):
+            raise Untraceable(f"a call of {name}()")
+        return function(*arguments, **keywords)
+
+    return Call
+
+
+def _OrElse(
+    usual: Callable[..., Any], traced: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Returns a function that is the usual one where there are no Numbers."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        function = traced if HasNumbers(arguments) else usual
+        return function(*arguments, **keywords)
+
+    return Call
+
+
+def _IsInstance(value: Any, kinds: Any) -> bool:
+    if isinstance(value, Number):
+        raise Untraceable("isinstance() of what depends on numbers")
+    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
+    return isinstance(value, _WithTypes(kinds))
 
 
 _MATH = {
-    "sqrt": _OrElse(math.sqrt, _Method("sqrt")),
-    "exp": _OrElse(math.exp, _Method("exp")),
-    "log": _OrElse(math.log, _Method("log")),
-    "sin": _OrElse(math.sin, _Method("sin")),
-    "cos": _OrElse(math.cos, _Method("cos")),
-    "tan": _OrElse(math.tan, _Method("tan")),
-    "atan": _OrElse(math.atan, _Method("arctan")),
-    "tanh": _OrElse(math.tanh, _Method("tanh")),
-    "floor": _OrElse(math.floor, _Method("floor")),
-    "fabs": abs,
-    "pow": _OrElse(math.pow, lambda a, b: a**b),
-    "isfinite": _OrElse(math.isfinite, _IsFinite),
-}
+    name: _Operation(name, getattr(math, name))
+    for name in _OPERATIONS.values()
+    if name != "rint"
+} | {
+    "log": _OrElse(math.log, _Log), "hypot": _OrElse(math.hypot, _Hypot),
+    "fabs": abs, "pow": _OrElse(math.pow, operator.pow), "radians": _Radians,
+    "degrees": _Degrees, "isfinite": _IsFinite, "isinf": _IsInfinite,
+    "isnan": lambda a: a != a,
+}  # fmt: skip
 
-MODULES: dict[Any, Any] = {np: _Module(np, _NUMPY), math: _Module(math, _MATH)}
-"""What takes the place of modules; see Trace()."""
+REPLACED: dict[Any, Any] = {
+    **{getattr(math, name): function for name, function in _MATH.items()},
+    **{
+        getattr(np, name): _Array(getattr(np, name))
+        for name in (
+            "array", "asarray", "ascontiguousarray", "empty", "eye", "identity", "ones",
+            "zeros", "linspace", "arange",
+        )
+    },
+    np.full: _Full,
+    float: _Float, np.float64: _Float, int: _Whole,
+    min: _OrElse(min, _Smallest), max: _OrElse(max, _Largest),
+    isinstance: _IsInstance,
+}  # fmt: skip
+"""What takes the place of functions that numpy does not let us replace."""
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "int": _OrElse(int, _Whole),
-    "float": _OrElse(float, _Float),
-    "min": _OrElse(min, _Smallest),
-    "max": _OrElse(max, _Largest),
+FUNCTIONS |= {
+    float: _Float, np.float64: _Float, _Float: _Float, int: _Whole, _Whole: _Whole,
+    bool: AsBoolean, np.bool_: AsBoolean,
+}  # fmt: skip
+BUILTINS: dict[str, Any] = {
+    **vars(builtins),
+    **{
+        name: Refusing(getattr(builtins, name), name)
+        for name in (
+            "type", "hasattr", "getattr", "id", "hash", "callable", "repr", "str",
+            "format", "print", "vars", "dir", "complex", "divmod",
+        )
+    },
+    **{
+        name: Refusing(None, name, always=True)
+        for name in (
+            "compile", "eval", "exec", "globals", "input", "locals",
+            "next", "open",
+        )
+    },
+    **{function.__name__: REPLACED[function] for function in (float, int, min, max)},
+    "isinstance": _IsInstance,
+}  # fmt: skip
+"""Python's own functions."""
+
+_USUAL = {
+    function: getattr(builtins, name)
+    for name, function in BUILTINS.items()
+    if function is not getattr(builtins, name)
 }
-"""What takes the place of Python's own functions; see Trace()."""

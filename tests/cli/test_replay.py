@@ -183,7 +183,7 @@ def test_recordings_of_another_version(change, message, recording, capsys):
     arrays["description"] = np.array(json.dumps(description))
     np.savez(recording, **arrays)
     line = Refused(capsys, "replay", recording, "--out", "a.html")
-    assert "must be a recording of format 1, as this version" in line
+    assert "must be a recording of format 2, as this version" in line
     assert message in line
 
 

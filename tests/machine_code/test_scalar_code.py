@@ -1,13 +1,22 @@
 """Functions as graphs of operations, and as LLVM's code: the same numbers."""
 
+import contextlib
+import inspect
 import math
+import re
 
+import hostile_laws as laws
 import numpy as np
 import pytest
 
 from teleop_drake.compiler.source import put
-from teleop_drake.machine_code.native import Evaluate, Library, ObjectFile
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
+from teleop_drake.machine_code.native import (
+    BoundEvaluate,
+    Evaluate,
+    Library,
+    ObjectFile,
+)
+from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw, TraceProgram
 from teleop_drake.machine_code.symbols import Untraceable
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
@@ -89,6 +98,40 @@ def test_machine_code_and_python_agree(function):
                 f(0.3, x, m, p, q, y, dx, everything)
                 results.append(np.concatenate((y, dx)))
         np.testing.assert_allclose(results[2:], results[:2], rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("law", laws.RIGHT, ids=lambda law: law.__name__)
+@pytest.mark.filterwarnings("ignore")
+def test_a_law_is_the_same_in_machine_code(law):
+    rng = np.random.default_rng(1)
+    program = TraceLaw(law, [np.ones(6)])
+    memory, result = np.zeros(6), np.zeros(len(program.stores))
+    call = BoundEvaluate(Library(ObjectFile(MakeCode(program))), memory, result)
+    for k in range(40):
+        memory[:] = x = rng.normal(size=6) * (0.7 if k % 2 else 1.5)
+        call()
+        expected = np.full(len(result), np.nan)
+        with contextlib.suppress(IndexError):
+            expected[:] = law(x.copy())
+        if np.isfinite(expected).any():
+            np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
+        else:
+            assert not np.isfinite(result).all()
+
+
+@pytest.mark.parametrize("law", laws.REFUSED, ids=lambda law: law.__name__)
+def test_what_would_be_wrong_is_refused_with_its_line(law):
+    before = repr([laws.COUNTS, laws.NOTES, vars(laws.Calls), laws.WORK, laws.TOTAL])
+    lines, first = inspect.getsourcelines(law)
+    marked = [first + i for i, line in enumerate(lines) if "# here" in line]
+    with pytest.raises(Untraceable) as error:
+        TraceLaw(law, [np.ones(6)])
+    name, line = re.match(r"(\w+)\(\), line (\d+): ", str(error.value)).groups()
+    assert hasattr(laws, name) or name == law.__name__
+    assert not marked or int(line) in marked
+    # What it has changed is as it was.
+    after = repr([laws.COUNTS, laws.NOTES, vars(laws.Calls), laws.WORK, laws.TOTAL])
+    assert after == before
 
 
 def test_what_a_graph_cannot_do_is_refused():
