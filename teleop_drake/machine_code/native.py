@@ -99,6 +99,7 @@ class Library:
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(data))
         self._engine.finalize_object()
+        self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
         """Returns where a function is.
@@ -107,6 +108,16 @@ class Library:
             name: Of the function.
         """
         return int(self._engine.get_function_address(name))
+
+    def RaiseFault(self) -> None:
+        """Raises an IndexError if loops have ended at an index; see typed_code."""
+        if self._fault is None:
+            address = self._engine.get_global_value_address("fault")
+            self._fault = ctypes.c_char_p.from_address(address)
+        place = self._fault
+        if place.value is not None:
+            where, place.value = place.value.decode(), None
+            raise IndexError(f"{where}: an index is outside of its array")
 
 
 _ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32)
@@ -185,6 +196,7 @@ def BoundLoops(
 
     def Call(*arguments: Any) -> None:
         function(*(x for value in arguments for x in Header(value)))
+        library.RaiseFault()
 
     Call.__dict__["owner"] = library
     return Call
@@ -209,4 +221,6 @@ class Integrator:
         """Integrates, as the function in Python does."""
         headers = [np.array(Header(value), np.int64) for value in (problem, memory)]
         pointers = (header.ctypes.data for header in headers)
-        return int(self._function(evaluate.address, *pointers, *numbers))
+        status = int(self._function(evaluate.address, *pointers, *numbers))
+        self._library.RaiseFault()
+        return status

@@ -7,17 +7,18 @@ is outside of that is refused when it is compiled, by its line.
 
 import ast
 import inspect
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from teleop_drake.machine_code.typed_expressions import ExpressionWriter
+from teleop_drake.machine_code.typed_expressions import ExpressionWriter, IndicesOf
 from teleop_drake.machine_code.typed_values import (
     EVALUATE,
     INTEGER,
     NOTHING,
+    ArrayType,
     ConstantText,
     NotTyped,
     PartsOf,
@@ -33,7 +34,8 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     """Returns a function and all that it calls as LLVM's code.
 
     Args:
-        function: Its arrays' elements are taken by whole indices >= 0.
+        function: Where an index is not in its array, it ends, and the variable `fault`
+            points to the function's name and the line.
         types: Those of its arguments. A named tuple is a pointer to its Header().
 
     Raises:
@@ -43,6 +45,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     module.Compile(function, tuple(types), "")
     return "\n".join(
         [
+            "@fault = global ptr null",
             *module.constants,
             *(
                 f"declare double @llvm.{name}.f64({arguments})"
@@ -50,6 +53,8 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
             ),
             *module.functions,
             "!0 = !{}",
+            '!1 = !{!"branch_weights", i32 1000, i32 1}',
+            '!2 = !{!"branch_weights", i32 1, i32 1000}',
         ]
     )
 
@@ -108,11 +113,7 @@ class _Module:
         return self._known[key]
 
     def Constant(self, array: Any) -> Value:
-        """Returns a constant array.
-
-        Args:
-            array: Of numpy.
-        """
+        """Returns a constant array of numpy."""
         if id(array) not in self._arrays:
             kind = TypeOf(np.ascontiguousarray(array))
             name = f"@array{len(self._arrays)}"
@@ -125,6 +126,15 @@ class _Module:
             dimensions = tuple(str(n) for n in array.shape)
             self._arrays[id(array)] = Value(kind, (name, *dimensions))
         return self._arrays[id(array)]
+
+    def Text(self, text: str) -> str:
+        """Returns the name of a constant text."""
+        name = f'@"{text}"'
+        size = len(text) + 1
+        line = f'{name} = private constant [{size} x i8] c"{text}\\00"'
+        if line not in self.constants:
+            self.constants.append(line)
+        return name
 
 
 class _Function(ExpressionWriter):
@@ -160,10 +170,10 @@ class _Function(ExpressionWriter):
             ]
             self._Assign(name, Value(kind, operands))
         self._Block(definition.body)
+        if self._is_open and self.result not in (None, NOTHING):
+            raise self._Refuse("it may end without returning a number", definition)
         if self._is_open:
-            self._lines.append(
-                "  unreachable" if self.result not in (None, NOTHING) else "  ret void"
-            )
+            self._lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
         """Returns the definition.
@@ -174,8 +184,10 @@ class _Function(ExpressionWriter):
         """
         head = f"define {linkage} {self.result or NOTHING} @{name}"
         arguments = ", ".join(self._arguments)
-        lines = [f"{head}({arguments}) {{", "entry:", *self._slots, *self._lines, "}"]
-        return "\n".join(lines)
+        lines = [f"{head}({arguments}) {{", "entry:", *self._slots, *self._lines]
+        result = self.result or NOTHING
+        value = "" if result == NOTHING else " zeroinitializer"
+        return "\n".join([*lines, "fault:", f"  ret {result}{value}", "}"])
 
     # Statements.
 
@@ -195,9 +207,15 @@ class _Function(ExpressionWriter):
                 self._AssignTo(target, value)
             case ast.AnnAssign(target=target, value=ast.expr() as value):
                 self._AssignTo(target, value)
-            case ast.AugAssign(target=target, op=op, value=value):
-                old = self._Expression(_AsLoad(target))
-                self._PutInto(target, self._Operate(op, old, self._Expression(value)))
+            case ast.AugAssign(target=ast.Name(id=name), op=op, value=value):
+                old = self._Named(name, node.target)
+                new = self._Operate(op, old, self._Expression(value))
+                self._Assign(name, new)
+            case ast.AugAssign(target=ast.Subscript() as target, op=op, value=value):
+                place = self._Element(target)
+                old = self._Loaded(place)
+                new = self._Operate(op, old, self._Expression(value))
+                self._Store(place, new, target)
             case ast.If():
                 self._If(node)
             case ast.While(test=test, body=body, orelse=[]):
@@ -245,7 +263,9 @@ class _Function(ExpressionWriter):
             return
         if not isinstance(target, ast.Subscript):
             raise self._Refuse(type(target).__name__, target)
-        place = self._Element(target)
+        self._Store(self._Element(target), value, target)
+
+    def _Store(self, place: Value, value: Value, target: ast.expr) -> None:
         if place.type.num_dimensions:
             raise self._Refuse("it writes a whole array", target)
         kind = place.type.item
@@ -283,9 +303,13 @@ class _Function(ExpressionWriter):
             case _:
                 array = self._Expression(node.iter)
                 first, last, step = zero, Value(INTEGER, array.operands[1:2]), one
+        if not step.operands[0].lstrip("-").isdigit():
+            raise self._Refuse("a step of a range that is no constant", node)
         # As in Python, the body does not decide what comes next.
         counter = self._Slot(INTEGER)
         self._Put(INTEGER, counter, first)
+        if array is None and step is one:
+            self._CheckBefore(node, first, last)
         head, inner, following, end = (self._Name() for _ in range(4))
         self._Label(head)
         i = self._Take(INTEGER, counter)
@@ -303,12 +327,62 @@ class _Function(ExpressionWriter):
         self._Jump(head)
         self._Label(end)
 
+    def _CheckBefore(self, node: ast.For, first: Value, last: Value) -> None:
+        """Checks indices before a loop, so that nothing is left of that inside of it.
 
-def _AsLoad(target: ast.expr) -> ast.expr:
-    """Returns what is assigned to as an expression."""
-    match target:
-        case ast.Name(id=name):
-            return ast.Name(id=name, ctx=ast.Load())
-        case ast.Subscript(value=value, slice=index):
-            return ast.Subscript(value=value, slice=index, ctx=ast.Load())
-    return target
+        Those are the counter, and variables that stay, where they are used in each
+        round.
+        """
+        inside = [x for statement in node.body for x in ast.walk(statement)]
+        if any(isinstance(x, (ast.Break, ast.Continue, ast.Return)) for x in inside):
+            return
+        assigned = {x.id for x in inside if _IsAssigned(x)}
+        assert isinstance(node.target, ast.Name)
+        counter = node.target.id
+        checks = [
+            (element, axis, index.id)
+            for element in _Unconditional(node.body)
+            if not assigned & _NamesIn(element.value)
+            for axis, index in enumerate(IndicesOf(element))
+            if isinstance(index, ast.Name)
+            and index.id not in assigned
+            and index.id in {counter, *self._variables}
+        ]
+        if not checks or counter in assigned:
+            return
+        begin, end = self._Name(), self._Name()
+        more = self._Do(f"icmp slt i64 {first.operands[0]}, {last.operands[0]}")
+        self._lines.append(f"  br i1 {more}, label %{begin}, label %{end}")
+        self._is_open = False
+        self._Label(begin)
+        for element, axis, name in checks:
+            array = self._Expression(element.value)
+            if not isinstance(array.type, ArrayType):
+                continue
+            dimension = array.operands[1 + axis]
+            ends = (first, last) if name == counter else (self._Named(name, element),)
+            if any(value.type != INTEGER for value in ends):
+                continue
+            low, high = ends[0].operands[0], ends[-1].operands[0]
+            test = "sle" if name == counter else "slt"
+            self._Demand(self._Do(f"icmp sge i64 {low}, 0"), element)
+            self._Demand(self._Do(f"icmp {test} i64 {high}, {dimension}"), element)
+            self._checked.add((id(element), axis))
+        self._Label(end)
+
+
+def _IsAssigned(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+
+
+def _NamesIn(node: ast.AST) -> set[str]:
+    return {x.id for x in ast.walk(node) if isinstance(x, ast.Name)}
+
+
+def _Unconditional(body: Sequence[ast.stmt]) -> Iterator[ast.Subscript]:
+    """Yields the elements of arrays that are used in each round of a loop."""
+    for statement in body:
+        if isinstance(statement, (ast.Assign, ast.AugAssign, ast.AnnAssign)):
+            inside = list(ast.walk(statement))
+            if not any(isinstance(x, (ast.IfExp, ast.BoolOp)) for x in inside):
+                yield from (x for x in inside if isinstance(x, ast.Subscript))

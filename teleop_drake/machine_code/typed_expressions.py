@@ -31,6 +31,9 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.NotEq: "ne",
 }
 
+# What a variable has before it has a value: no number, and no index.
+_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
+
 
 class Module(Protocol):
     """What functions share."""
@@ -47,11 +50,15 @@ class Module(Protocol):
         """
 
     def Constant(self, array: Any) -> Value:
-        """Returns a constant array.
+        """Returns a constant array of numpy."""
 
-        Args:
-            array: Of numpy.
-        """
+    def Text(self, text: str) -> str:
+        """Returns the name of a constant text."""
+
+
+def IndicesOf(node: ast.Subscript) -> list[ast.expr]:
+    """Returns the indices of an element."""
+    return node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
 
 
 class ExpressionWriter:
@@ -69,6 +76,8 @@ class ExpressionWriter:
         self._num_names = 0
         self._variables: dict[str, tuple[Type, list[str]]] = {}
         self._is_open = True
+        # Elements of arrays, and places of indices there, that have been checked.
+        self._checked: set[tuple[int, int]] = set()
 
     # Writing.
 
@@ -102,8 +111,22 @@ class ExpressionWriter:
         for part in PartsOf(kind):
             name = f"%{self._Name()}"
             self._slots.append(f"  {name} = alloca {part}")
+            if part in _NO_VALUES:
+                self._slots.append(f"  store {part} {_NO_VALUES[part]}, ptr {name}")
             slots.append(name)
         return slots
+
+    def _Demand(self, condition: str, node: ast.AST | None) -> None:
+        """Ends the function with an error unless a condition holds."""
+        where = self._module.Text(self._Where(node))
+        good, bad = self._Name(), self._Name()
+        self._lines += [
+            f"  br i1 {condition}, label %{good}, label %{bad}, !prof !1",
+            f"{bad}:",
+            f"  store ptr {where}, ptr @fault",
+            "  br label %fault",
+            f"{good}:",
+        ]
 
     def _Put(self, kind: Type, slots: list[str], value: Value) -> None:
         value = self._As(kind, value)
@@ -146,8 +169,11 @@ class ExpressionWriter:
         raise self._Refuse("the truth of what is no yes or no", None)
 
     def _Refuse(self, what: str, node: ast.AST | None) -> NotTyped:
+        return NotTyped(f"{self._Where(node)}: {what}")
+
+    def _Where(self, node: ast.AST | None) -> str:
         line = getattr(node, "lineno", self._function.__code__.co_firstlineno)
-        return NotTyped(f"{self._function.__name__}, line {line}: {what}")
+        return f"{self._function.__name__}(), line {line}"
 
     # Expressions.
 
@@ -238,15 +264,54 @@ class ExpressionWriter:
             raise self._Refuse("an index of what is no array", node)
         if isinstance(node.slice, ast.Slice):
             return self._Slice(array, node.slice)
-        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        return self._At(array, [self._Expression(item) for item in items])
+        indices = []
+        for axis, item in enumerate(IndicesOf(node)):
+            index = self._Expression(item)
+            if (id(node), axis) not in self._checked:
+                index = self._Checked(index, array.operands[1 + axis], node)
+            indices.append(index)
+        return self._At(array, indices)
+
+    def _Checked(self, index: Value, dimension: str, node: ast.AST) -> Value:
+        """Returns an index as one from the beginning; it has to be in the array."""
+        operand = self._As(INTEGER, index).operands[0]
+        if operand.startswith("-"):
+            operand = self._Do(f"add i64 {operand}, {dimension}")
+        inside = self._Do(f"icmp ult i64 {operand}, {dimension}")
+        if operand.isdigit() or index.operands[0] != operand:
+            self._Demand(inside, node)
+            return Value(INTEGER, (operand,))
+        before, outside, good = self._Name(), self._Name(), self._Name()
+        self._lines += [
+            f"  br label %{before}",
+            f"{before}:",
+            f"  br i1 {inside}, label %{good}, label %{outside}, !prof !1",
+            f"{outside}:",
+        ]
+        from_end = self._Do(f"add i64 {operand}, {dimension}")
+        self._Demand(self._Do(f"icmp ult i64 {from_end}, {dimension}"), node)
+        end = self._Name()
+        self._lines += [
+            f"  br label %{end}",
+            f"{end}:",
+            f"  br label %{good}",
+            f"{good}:",
+        ]
+        operand = self._Do(f"phi i64 [{operand}, %{before}], [{from_end}, %{end}]")
+        return Value(INTEGER, (operand,))
 
     def _Slice(self, array: Value, part: ast.Slice) -> Value:
         """Returns the rows of an array from one to before another."""
         if part.lower is None or part.upper is None or part.step is not None:
             raise self._Refuse("a slice without both ends, or with steps", part)
         first, end = self._Expression(part.lower), self._Expression(part.upper)
-        _, *rest = array.operands[1:]
+        dimension, *rest = array.operands[1:]
+        for low, high in (
+            ("0", first.operands[0]),
+            (first.operands[0], end.operands[0]),
+            (end.operands[0], dimension),
+        ):
+            self._Demand(self._Do(f"icmp sle i64 {low}, {high}"), part)
         # The first row, as an array of fewer dimensions, is where it begins.
         pointer = self._At(array, [first]).operands[0]
         size = self._Do(f"sub i64 {end.operands[0]}, {first.operands[0]}")
@@ -405,8 +470,14 @@ class ExpressionWriter:
         )
         if kind == NOTHING:
             self._lines.append(f"  call void @{name}({operands})")
-            return Value(NOTHING, ())
-        return Value(kind, (self._Do(f"call {kind} @{name}({operands})"),))
+            result = Value(NOTHING, ())
+        else:
+            result = Value(kind, (self._Do(f"call {kind} @{name}({operands})"),))
+        fault, following = self._Do("load ptr, ptr @fault"), self._Name()
+        bad = self._Do(f"icmp ne ptr {fault}, null")
+        self._lines.append(f"  br i1 {bad}, label %fault, label %{following}, !prof !2")
+        self._lines.append(f"{following}:")
+        return result
 
     def _CallEvaluate(self, function: Value, values: list[Value]) -> Value:
         """Writes a call of `evaluate`, which takes pointers."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from teleop_drake.machine_code.compiled import CompileLoops
 from teleop_drake.machine_code.native import Library, ObjectFile
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import (
@@ -104,6 +105,39 @@ def test_machine_code_and_python_agree(t):
     np.testing.assert_allclose(results[1], results[0], rtol=1e-14)
 
 
+def last_of(x, result, i):
+    result[0] = x[-1] + x[-2] + x[i]
+
+
+def rows_of(x, result, i):
+    part = x[i : i + 2]
+    result[-1] = part[0] + last(x, i)
+
+
+def last(x, i):
+    return x[i - 1]
+
+
+def test_an_index_is_in_its_array_or_an_error():
+    x = np.array([1.0, 2.0, 4.0])
+    for function, inside, outside in (
+        (last_of, (-3, -1, 0, 2), (-4, 3)),
+        (rows_of, (0, 1), (-1, 2, -3)),
+    ):
+        loops, line = CompileLoops(function), function.__code__.co_firstlineno + 1
+        for i in inside:
+            result, expected = np.zeros(1), np.zeros(1)
+            loops(x, result, i)
+            function(x, expected, i)
+            assert result == expected
+        for i in outside:
+            with pytest.raises(
+                IndexError, match=rf"{function.__name__}\(\), line {line}"
+            ):
+                loops(x, np.zeros(1), i)
+        loops(x, result, inside[0])
+
+
 def test_what_is_outside_is_refused_with_its_line():
     def with_a_list(n):
         items = [n]
@@ -117,8 +151,22 @@ def test_what_is_outside_is_refused_with_its_line():
     def with_a_condition_of_a_number(n):
         return 1.0 if n / 2 else 2.0
 
+    def with_no_end(n):
+        if n > 0:
+            return 1.0
+
+    def with_any_step(n):
+        for _ in range(0, 5, n):
+            pass
+
+    for function, reason in (
+        (with_no_end, "it may end without"),
+        (with_any_step, "a step of a range"),
+    ):
+        with pytest.raises(NotTyped, match=reason):
+            MakeTypedCode(function, [INTEGER])
     line = with_a_list.__code__.co_firstlineno + 1
-    with pytest.raises(NotTyped, match=f"with_a_list, line {line}: List"):
+    with pytest.raises(NotTyped, match=rf"with_a_list\(\), line {line}: List"):
         MakeTypedCode(with_a_list, [INTEGER])
     with pytest.raises(NotTyped, match="a variable is i64 and double"):
         MakeTypedCode(with_two_types, [INTEGER])
