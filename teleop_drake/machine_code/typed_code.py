@@ -336,7 +336,11 @@ class _Function(ExpressionWriter):
         inside = [x for statement in node.body for x in ast.walk(statement)]
         if any(isinstance(x, (ast.Break, ast.Continue, ast.Return)) for x in inside):
             return
-        assigned = {x.id for x in inside if _IsAssigned(x)}
+        assigned = {
+            x.id
+            for x in inside
+            if isinstance(x, ast.Name) and isinstance(x.ctx, ast.Store)
+        }
         assert isinstance(node.target, ast.Name)
         counter = node.target.id
         checks = [
@@ -369,10 +373,6 @@ class _Function(ExpressionWriter):
             self._Demand(self._Do(f"icmp {test} i64 {high}, {dimension}"), element)
             self._checked.add((id(element), axis))
         self._Label(end)
-
-
-def _IsAssigned(node: ast.AST) -> bool:
-    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
 
 
 def _NamesIn(node: ast.AST) -> set[str]:
