@@ -2,9 +2,11 @@
 
 import copy
 import functools
+import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FunctionType
 from typing import Any, NamedTuple, cast
 
@@ -23,18 +25,28 @@ Array = NDArray[np.float64]
 Law = Callable[..., Array]
 
 
-_is_interpreted = False
+# Each thread has its own.
+_is_interpreted: ContextVar[bool] = ContextVar("is_interpreted", default=False)
 
 
 @contextmanager
 def Interpreted() -> Iterator[None]:
-    """Lets compiled laws run as they are, where a few calls do not pay compiling."""
-    global _is_interpreted
-    before, _is_interpreted = _is_interpreted, True
+    """Lets this thread run compiled laws as they are, where a few calls do not pay."""
+    token = _is_interpreted.set(True)
     try:
         yield
     finally:
-        _is_interpreted = before
+        _is_interpreted.reset(token)
+
+
+_told: set[Any] = set()
+
+
+def TellOnce(error: Untraceable) -> None:
+    """Logs that a law is not compiled, at the first time."""
+    if error.function not in _told:
+        _told.add(error.function)
+        logging.getLogger("teleop_drake").warning("not compiled: %s", error)
 
 
 def CompileLaw(law: Law, *constants: Any) -> Law:
@@ -42,7 +54,7 @@ def CompileLaw(law: Law, *constants: Any) -> Law:
 
     It is the same function to within rounding. It is compiled when it is first called,
     and kept in the user's cache. A law that does what a graph of operations cannot, see
-    `tracing`, stays as it is.
+    `tracing`, stays as it is, and a line in the log says why.
 
     Args:
         law: Takes numbers and arrays, of the same shapes each time, and returns an
@@ -68,7 +80,7 @@ class CompiledLaw:
 
     def __call__(self, *arguments: Any) -> Array:
         """Calls the law."""
-        if _is_interpreted:
+        if _is_interpreted.get():
             return self.law(*arguments)
         call: _Call | None = getattr(self._local, "call", None)
         if call is None or not all(map(Surroundings.AreSame, call.surroundings)):
@@ -91,7 +103,10 @@ class CompiledLaw:
             surroundings.append(Surroundings(self.law.args))
             if not all(x.AreSame() for x in surroundings):
                 raise Untraceable("what it reads changes, or cannot be compared")
-        except Untraceable:
+        except Untraceable as error:
+            error.function = self.law.func
+            error.place = error.place or f"{self.law.func.__name__}()"
+            TellOnce(error)
             return _Call((), [], None, result)
         values = [np.asarray(sample) for sample in samples if not IsWhole(sample)]
         memory = np.concatenate([np.ravel(value) for value in values])
@@ -168,7 +183,7 @@ class CompiledLoops:
 
     def __call__(self, *arguments: Any) -> None:
         """Calls the function; its arrays are contiguous."""
-        if _is_interpreted:
+        if _is_interpreted.get():
             self.function(*arguments)
             return
         if self._call is None:

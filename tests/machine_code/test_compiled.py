@@ -126,10 +126,28 @@ def halved(u):
     return u
 
 
-def test_what_is_no_graph_of_operations_stays_as_it_is():
-    law = CompileLaw(halved)
-    assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
-    assert law._local.call.run is None
+def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
+    for law in (CompileLaw(halved), CompileLaw(halved)):
+        assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
+        assert law._local.call.run is None
+    (record,) = caplog.records
+    assert record.message.startswith("not compiled: halved(), line ")
+
+
+def test_other_threads_are_not_interpreted():
+    law, calls = CompileLaw(lambda x: x + 1.0), []
+
+    def Call():
+        law(np.zeros(1))
+        calls.append(getattr(law._local, "call", None))
+
+    with Interpreted():
+        Call()
+        thread = threading.Thread(target=Call)
+        thread.start()
+        thread.join()
+    assert calls[0] is None
+    assert calls[1] is not None
 
 
 def test_whole_numbers_as_arguments_are_numbers():
