@@ -1,14 +1,17 @@
 """Whether kernels compute what their blocks do."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, PortDataType, System
 
 from teleop_drake.compiler.check_run import CheckRun, KernelDisagrees
+from teleop_drake.compiler.engine import Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
 
-__all__ = ["CheckKernel", "CheckNear", "Compare", "KernelDisagrees"]
+__all__ = ["CheckKernel", "CheckNear", "CheckVisited", "Compare", "KernelDisagrees"]
 
 Array = NDArray[np.float64]
 
@@ -73,18 +76,24 @@ def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
     y, _ = evaluator.Evaluate(context)
     program = evaluator.program
     _, m, _ = evaluator.ReadContext(context)
-    before, contexts = m.copy(), ContextsIn(evaluator.system, context)
+    before = m.copy()
     for _, guard, source, target in program.transitions:
         if guard is None or y[guard][0] >= 0:
             m[target] = np.where(y[source] != before[target], y[source], m[target])
-    for block, part in zip(evaluator.blocks, program.modes, strict=True):
+    _SetModes(evaluator, context, m)
+    return not np.array_equal(m, before)
+
+
+def _SetModes(evaluator: Evaluator, context: Context, m: Array) -> None:
+    """Sets all discrete states."""
+    contexts = ContextsIn(evaluator.system, context)
+    for block, part in zip(evaluator.blocks, evaluator.program.modes, strict=True):
         own = contexts[block.system]
         first = part.start
         for i in range(own.num_discrete_state_groups()):
             size = own.get_discrete_state(i).size()
             own.SetDiscreteState(i, m[first : first + size])
             first += size
-    return not np.array_equal(m, before)
 
 
 def CheckNear(
@@ -117,6 +126,42 @@ def CheckNear(
         context.SetContinuousState(x)
 
 
+def CheckVisited(
+    evaluator: Evaluator, system: System, context: Context, visited: Iterable[Visited]
+) -> None:
+    """Checks an Evaluator where a run has been: time, state, modes, delayed signals.
+
+    Args:
+        evaluator: Of the system.
+        system: A diagram.
+        context: Its context, which does not stay as it is.
+        visited: Where the run has been.
+
+    Raises:
+        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
+    """
+    program, contexts = evaluator.program, ContextsIn(system, context)
+    parts = {part.start: part for _, _, part in program.delays}
+    for t, x, m, y in visited:
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            continue
+        context.SetTime(t)
+        _SetModes(evaluator, context, m)
+        for block in evaluator.blocks:
+            for name, source in block.inputs.items():
+                part = program.signals.get(source, slice(-1, -1))
+                if part.start in parts:
+                    port = block.system.GetInputPort(name)
+                    port.FixValue(contexts[block.system], y[part])
+        try:
+            context.SetContinuousState(x)
+            Compare(evaluator, system, context, y)
+        except KernelDisagrees:
+            # A step may end on an edge of a law, where rounding decides.
+            context.SetContinuousState(x + 1e-7 * (1 + np.abs(x)))
+            Compare(evaluator, system, context, y)
+
+
 def _Raises(system: System, context: Context) -> bool:
     """Returns whether a system itself cannot be where a check has put it."""
     try:
@@ -142,23 +187,32 @@ def _Near(x: Array, rng: np.random.Generator) -> Array:
     return x + 0.1 * (1 + np.abs(x)) * rng.normal(size=x.size)
 
 
-def Compare(evaluator: Evaluator, system: System, context: Context) -> None:
+def Compare(
+    evaluator: Evaluator,
+    system: System,
+    context: Context,
+    delayed: Array | None = None,
+) -> None:
     """Compares what an Evaluator computes in a context with what Drake does.
 
     Args:
         evaluator: Of the system.
         system: A block or a diagram.
         context: Its context.
+        delayed: As Evaluate() takes it. What delays deliver is not compared then.
 
     Raises:
         KernelDisagrees: If anything differs; it names the block.
     """
-    y, dx = evaluator.Evaluate(context)
+    y, dx = evaluator.Evaluate(context, delayed)
+    given = {part.start for _, _, part in evaluator.program.delays}
     program, contexts = evaluator.program, ContextsIn(system, context)
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
         if not block.system.HasOutputPort(output.port):
             continue  # What belongs to a transition.
+        if delayed is not None and part.start in given:
+            continue
         port = block.system.GetOutputPort(output.port)
         if port.get_data_type() == PortDataType.kVectorValued:
             expected = port.Eval(contexts[block.system])

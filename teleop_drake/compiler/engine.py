@@ -1,7 +1,7 @@
 """Runs a compiled diagram."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,11 +26,32 @@ Array = NDArray[np.float64]
 
 _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 
-# How many rows are integrated at a time. In between Python notices Ctrl-C.
-_CHUNK = 2048
+# For how many steps there is room at first, and how many rows are integrated at a time.
+# In between Python notices Ctrl-C.
+_ROOM, _CHUNK = 2048, 128
 
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
+
+
+# How many of the states where a run has been are kept, the last one among them.
+_MAX_VISITED = 4
+
+
+class Visited(NamedTuple):
+    """Where a run has been.
+
+    Attributes:
+        t: The time in s.
+        x: Continuous state.
+        m: Discrete state.
+        y: Signals, among them what came out of delays.
+    """
+
+    t: float
+    x: Array
+    m: Array
+    y: Array
 
 
 class CompiledRun:
@@ -50,6 +71,7 @@ class CompiledRun:
         evaluator: Of the diagram.
         failure: Why it cannot go on; empty if it can.
         error: What was raised in the midst of a step, after which it cannot go on.
+        visited: Where it has been, a few times.
 
     Raises:
         UnsupportedSystem: If a block of the diagram cannot be compiled.
@@ -69,6 +91,7 @@ class CompiledRun:
         self._is_machine_code = as_machine_code
         self.failure = ""
         self.error: Exception | None = None
+        self.visited: list[Visited] = []
         self._accuracy, self._max_step = accuracy, max_step
         program = self.evaluator.program
         self._problem = Problem(
@@ -84,7 +107,10 @@ class CompiledRun:
             y=y,
             time=context.get_time(),
             first_step=0.1 * max_step,
-            room=_CHUNK,
+            room=_ROOM,
+        )
+        self._memory = self._memory._replace(
+            row_times=np.zeros(_CHUNK), rows=np.zeros((_CHUNK, len(y)))
         )
         self._advance: Callable[..., Any] | None = None
 
@@ -151,6 +177,10 @@ class CompiledRun:
         times = self._memory.row_times[:num].copy()
         rows = self._memory.rows[:num].copy()
         counts[delay_problem.ROWS] = 0
+        if num:
+            memory = self._memory
+            visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
+            self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
         if status == delay_integrator.STUCK:
             # In the words of Drake.
             self.failure = (

@@ -106,16 +106,22 @@ class Evaluator:
             owner = self.program.OwnerOf(error.function) or system
             raise UnsupportedSystem(owner, str(error)) from error
 
-    def Evaluate(self, context: Context) -> tuple[Array, Array]:
+    def Evaluate(
+        self, context: Context, delayed: Array | None = None
+    ) -> tuple[Array, Array]:
         """Returns the outputs and the time derivatives in a context.
 
         Args:
             context: Of the diagram.
+            delayed: A y with what comes out of delays; None: their initial values.
 
         Returns:
             y and dx; see `source`.
         """
         x, m, y = self.ReadContext(context)
+        if delayed is not None:
+            for _, _, part in self.program.delays:
+                y[part] = delayed[part]
         dx = np.zeros(len(x))
         self.function(context.get_time(), x, m, *self.program.parameters, y, dx, True)
         return y, dx

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.compiler.check import CheckNear
+from teleop_drake.compiler.check import CheckNear, CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
@@ -89,6 +89,8 @@ def RunCompiled(
     CheckNear(run.evaluator, diagram, context, num_states=1 if is_known else 2)
     _checked.add(program)
     outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
+    visited = run.visited[-1:] if is_known else run.visited
+    CheckVisited(run.evaluator, diagram, context, visited)
     context.SetTime(outcome.times[-1])
     outcome.channels = {
         system.get_name(): system.Statistics(

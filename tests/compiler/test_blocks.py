@@ -1,10 +1,12 @@
 """Every block of the package has a kernel that computes what the block does."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.primitives import ZeroOrderHold
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Sine, ZeroOrderHold
 
 from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
 from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
@@ -15,9 +17,16 @@ from teleop_drake.channels.receiver import Receiver
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.channels.variable import VariableDelay
-from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
+from teleop_drake.compiler.check import (
+    CheckKernel,
+    CheckNear,
+    CheckVisited,
+    KernelDisagrees,
+)
+from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.environments import LayerConfig, Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.kernel import Kernel
 from teleop_drake.operators import Surgeon
 from teleop_drake.operators.modes import past_surface, with_stop
 from teleop_drake.operators.trapezoid import TrapezoidConfig
@@ -168,6 +177,43 @@ def wrong(block, **changes):
 def test_a_wrong_transition_or_delay_is_found(block, changes):
     with pytest.raises(KernelDisagrees, match="its kernel says"):
         CheckKernel(wrong(block, **changes), num_states=1)
+
+
+class Limit(LeafSystem):
+    """y = u, of which the kernel says it for u <= 0.5 only."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self._u = self.DeclareVectorInputPort("u", 1)
+        self.DeclareVectorOutputPort("y", 1, self._Calc)
+
+    def Kernel(self):
+        return Kernel(outputs={"y": (np.minimum, "u", "limit")}, parameters=LIMIT)
+
+    def _Calc(self, context, output):
+        output.SetFromVector(self._u.Eval(context))
+
+
+LIMIT = {"limit": np.array([0.5])}
+
+
+@pytest.mark.parametrize("end, is_found", [(0.7, False), (1.5, True)])
+def test_a_kernel_is_checked_where_the_run_has_been(end, is_found):
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", Sine(1.0, 1.0, 0.0, True))
+    delay = builder.AddNamedSystem("delay", TransportDelay(delay=0.3, size=1))
+    limit = builder.AddNamedSystem("limit", Limit())
+    builder.Connect(source.get_output_port(0), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), limit.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    rest = {"end": end, "accuracy": 1e-6, "max_step": 0.1, "as_machine_code": False}
+    run = CompiledRun(diagram, context, **rest)
+    CheckNear(run.evaluator, diagram, context)
+    run.Advance(end)
+    found = pytest.raises(KernelDisagrees, match="limit: its kernel says y")
+    with found if is_found else contextlib.nullcontext():
+        CheckVisited(run.evaluator, diagram, context, run.visited)
 
 
 def test_what_did_not_happen_is_told():
