@@ -671,7 +671,14 @@ class _Followed:
         for code in codes:
             _CheckCode(code, code is codes[0])
         graph.codes |= set(codes)
-        names = {**function.__globals__, "__builtins__": BUILTINS}
+
+        def Import(name: str, *arguments: Any) -> Any:
+            module = __import__(name, *arguments)
+            is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
+            return module if is_of_numpy else _Module(graph, module, name, function)
+
+        own = {**BUILTINS, "__import__": Import}
+        names = {**function.__globals__, "__builtins__": own}
         for name in {name for code in codes for name in code.co_names} & names.keys():
             names[name] = Follow(graph, names[name], name, function)
         cells = []
@@ -704,7 +711,6 @@ _REFUSED = {
     "STORE_GLOBAL": "it assigns to a global variable",
     "DELETE_GLOBAL": "it deletes a global variable",
     "STORE_DEREF": "it assigns to a variable outside of it",
-    "IMPORT_NAME": "it imports",
     "IS_OP": "it asks whether something `is` True or False",
 }
 _REFUSED_NUMBERS = {dis.opmap[name] for name in _REFUSED}
