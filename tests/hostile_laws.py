@@ -478,7 +478,14 @@ def functions(x):
         np.rint(a),
     ]
     sizes = [np.hypot(a, b), math.hypot(a, b, 2), norm(x), norm([a, b]), math.fabs(a)]
-    signs = [np.copysign(3, a), math.copysign(a, b), np.heaviside(a, 0.5), abs(a) ** b]
+    signs = [
+        np.copysign(a, 0.0),
+        np.copysign(a, -0.0),
+        np.copysign(3, a),
+        math.copysign(a, b),
+        np.heaviside(a, 0.5),
+        abs(a) ** b,
+    ]
     tables = [
         np.interp(a, [-1, 0, 0.5], [2, 3, -1]),
         np.interp(b, [0, 1], x[:2], left=a),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.machine_code.following import Follow, Traced
 from teleop_drake.machine_code.symbols import (
     AsReal,
     Number,
@@ -24,11 +25,9 @@ from teleop_drake.machine_code.symbols import (
 from teleop_drake.machine_code.tracing import (
     BOOLEAN,
     Branch,
-    Follow,
     Graph,
     Leaf,
     Node,
-    Traced,
 )
 
 Stores = dict[tuple[str, int], Any]
@@ -195,11 +194,7 @@ def MakeCode(program: ScalarProgram) -> str:
     """Returns the source of `evaluate` in LLVM's language.
 
     It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
-    has no use for q, whose numbers are in the code.
-
-    Args:
-        program: What to compute.
-    """
+    has no use for q, whose numbers are in the code."""
     writer = _Writer(program.graph)
     sides = [
         [(place, _Operand(value)) for place, value in stores.items()]
@@ -235,9 +230,6 @@ entry:
 class _Writer:
     """Writes the operations of a graph, each where it is first needed.
 
-    Args:
-        graph: The operations.
-
     Attributes:
         lines: The code.
         block: Name of the block under way.
@@ -255,11 +247,7 @@ class _Writer:
         self._needs: dict[int, frozenset[int]] = {}
 
     def Enliven(self, values: Iterable[Any]) -> None:
-        """Finds out which results of merges are used.
-
-        Args:
-            values: What will be stored.
-        """
+        """Finds out which results of merges are used."""
         seen: set[int] = set()
         pending = [value.place for value in values if isinstance(value, Ref)]
         while pending:

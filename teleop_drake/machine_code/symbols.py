@@ -74,10 +74,8 @@ def IsSame(column: Sequence[Any]) -> bool:
     first = column[0]
     if isinstance(first, Number):
         return all(isinstance(x, Number) and x.ref == first.ref for x in column)
-    return all(
-        not isinstance(x, Number) and x == first and IsBoolean(x) == IsBoolean(first)
-        for x in column
-    )
+    # As texts, 0.0 is not -0.0, and True is not 1.0.
+    return all(not isinstance(x, Number) and repr(x) == repr(first) for x in column)
 
 
 def _Constant(value: Any) -> Any:

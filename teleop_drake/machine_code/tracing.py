@@ -16,28 +16,18 @@ call, functions that work with numbers in a way that is not known here. A number
 Python would raise an error for, such as an index that is too large, is nan.
 """
 
-import contextlib
-import dis
 import functools
 import math
-import pickle
-import random
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import (
-    BuiltinFunctionType,
-    CellType,
-    CodeType,
-    FunctionType,
-    MethodType,
-    ModuleType,
-)
-from typing import Any, NamedTuple, TypeVar
+from types import CodeType
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from teleop_drake.machine_code.contents import AreShared, Contents, Reshaped
 from teleop_drake.machine_code.symbols import (
     AsNumbers,
     AsReal,
@@ -45,12 +35,8 @@ from teleop_drake.machine_code.symbols import (
     IsSame,
     Number,
     Ref,
-    Table,
     Untraceable,
 )
-from teleop_drake.machine_code.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
-
-T = TypeVar("T")
 
 # Operations whose value is yes or no.
 BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
@@ -71,7 +57,7 @@ _MAX_NODES = 100_000
 _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have converged"
 
 
-class _MustJoinCaller(BaseException):
+class MustJoinCaller(BaseException):
     """A helper whose ways have to be ways of its caller.
 
     Attributes:
@@ -118,17 +104,17 @@ class Graph:
         merges: The trees that nodes named "merge" take their values from.
         followed: The functions that are traced, by what they stand for.
         codes: What may work with numbers: the code of these functions.
-        joined: The code of those that are not merged; see _MustJoinCaller.
+        joined: The code of those that are not merged; see MustJoinCaller.
         surroundings: What they have from outside, by its name, as it was at first.
     """
 
     is_given_finite: bool = True
     nodes: list[Node] = field(default_factory=list)
     merges: list[Branch] = field(default_factory=list)
-    followed: dict[Any, "_Followed"] = field(default_factory=dict)
+    followed: dict[Any, Any] = field(default_factory=dict)
     codes: set[CodeType] = field(default_factory=set)
     joined: set[CodeType] = field(default_factory=set)
-    surroundings: "dict[int, _Surrounding]" = field(default_factory=dict)
+    surroundings: dict[int, Any] = field(default_factory=dict)
     _places: dict[Node, Ref] = field(default_factory=dict)
     _booleans: set[int] = field(default_factory=set)
     _infinite: set[int] = field(default_factory=set)
@@ -147,6 +133,8 @@ class Graph:
                 if value.is_boolean and operation not in _OF_BOOLEANS:
                     value = AsReal(value)
                 value = value.ref
+            elif value == 0.0 and str(value) == "-0.0" and operation != "neg":
+                value = self.Add("neg", 0.0).ref  # Else it would be taken for 0.0.
             operands.append(value)
         node = Node(operation, tuple(operands))
         place = self._places.get(node)
@@ -217,7 +205,7 @@ class Graph:
         code = getattr(function, "__code__", None)
         if code in self.joined and self._path is not None:
             return function(*arguments, **keywords)
-        before = _Contents((arguments, keywords))
+        before = Contents((arguments, keywords))
         arrays = [x for x in before.arrays if x.size and x.flags.writeable]
         outer = self._answers, self._path, self._forced
         forced: list[bool] = []
@@ -238,7 +226,7 @@ class Graph:
                 is_changed = before.Changed(with_numbers=False)
                 if is_changed or shape_here != shape:
                     if outer[1] is not None:
-                        raise _MustJoinCaller(code)
+                        raise MustJoinCaller(code)
                     what = "changes" if is_changed else "returns"
                     raise Untraceable(f"what it {what} depends on its numbers")
                 values += [x for array in arrays for x in np.asarray(array).flat]
@@ -257,7 +245,7 @@ class Graph:
         values = self._Merge(leaves)
         for array in reversed(arrays):
             values, written = values[: -array.size], values[-array.size :]
-            np.asarray(array)[...] = _Reshaped(written, array.shape)
+            np.asarray(array)[...] = Reshaped(written, array.shape)
         return _Unflat(first, shape, iter(values))
 
     def _Merge(
@@ -312,139 +300,7 @@ def _IsOwn(code: CodeType) -> bool:
     return any(folder in Path(code.co_filename).parents for folder in folders)
 
 
-class _Contents:
-    """What there is in values that can change, as it is now.
-
-    Args:
-        value: Where to begin.
-
-    Attributes:
-        arrays: Those with Numbers in them.
-    """
-
-    def __init__(self, value: Any):
-        self.arrays: list[Any] = []
-        self._known: dict[int, tuple[Any, tuple[Any, ...]]] = {}
-        pending = [value]
-        while pending:
-            value = pending.pop()
-            parts = () if id(value) in self._known else _Parts(value)
-            if parts:
-                self._known[id(value)] = value, parts
-                if isinstance(value, np.ndarray) and parts[0] is _OBJECTS:
-                    self.arrays.append(value)
-                else:
-                    pending += parts
-
-    def Has(self, value: Any) -> bool:
-        """Returns whether a value is among them."""
-        return id(value) in self._known
-
-    def Shares(self, array: Any) -> bool:
-        """Returns whether an array is part of one of them."""
-        return any(
-            isinstance(value, np.ndarray) and _AreShared(array, value)
-            for value, _ in self._known.values()
-        )
-
-    def Changed(self, with_numbers: bool = True) -> bool:
-        """Returns whether anything has changed, or what has no Numbers in it."""
-        arrays = {} if with_numbers else {id(array) for array in self.arrays}
-        return any(
-            not _AreSame(parts, _Parts(value))
-            for i, (value, parts) in self._known.items()
-            if i not in arrays
-        )
-
-    def Restore(self, values: Sequence[Any] | None = None) -> None:
-        """Makes values what they were; None: all that Python lets us."""
-        for value, parts in self._known.values():
-            if values is not None and not any(value is x for x in values):
-                continue
-            if isinstance(value, np.ndarray) and value.flags.writeable:
-                is_of_objects = parts[0] is _OBJECTS
-                old = parts[1:] if is_of_objects else np.frombuffer(*parts)
-                np.asarray(value)[...] = _Reshaped(old, value.shape)
-            elif isinstance(value, list):
-                value[:] = parts[1:]
-            elif isinstance(value, (dict, type)):
-                half = 1 + len(parts) // 2
-                items = dict(zip(parts[1:half], parts[half:], strict=True))
-                if isinstance(value, dict):
-                    value.clear()
-                    value.update(items)
-                else:
-                    for name, attribute in items.items():
-                        setattr(value, name, attribute)
-            elif isinstance(value, set):
-                value.clear()
-                value.update(parts[1:])
-
-
-_OBJECTS = object()
-_PLAIN = str, bytes, int, float, complex, type(None)
-
-# Packages whose classes do not change.
-_FOREIGN = "numpy", "pydrake"
-
-
-def _Parts(value: Any) -> tuple[Any, ...]:
-    """Returns what a value is made of; nothing if it cannot change."""
-    if isinstance(value, np.ndarray):
-        plain = np.asarray(value)
-        if plain.dtype == object:
-            return _OBJECTS, *plain.flat
-        return plain.tobytes(), plain.dtype
-    if isinstance(value, dict):
-        return dict, *value.keys(), *value.values()
-    if isinstance(value, (tuple, list, set)):
-        return type(value), *value
-    if isinstance(value, FunctionType):
-        cells = [x.cell_contents for x in value.__closure__ or () if x != CellType()]
-        return FunctionType, *cells, value.__defaults__, value.__kwdefaults__
-    if isinstance(value, (MethodType, BuiltinFunctionType)):
-        return MethodType, value.__self__
-    if isinstance(value, (_Followed, Number, ModuleType, CodeType, *_PLAIN)):
-        return ()
-    if isinstance(value, type):
-        package = value.__module__.split(".")[0]
-        if package in sys.stdlib_module_names or package in _FOREIGN:
-            return ()
-        own = {
-            k: x for k, x in vars(value).items() if k[:2] != "__" and not callable(x)
-        }
-        return type, *own.keys(), *own.values()
-    slots = [getattr(value, x) for x in _Slots(value.__class__) if hasattr(value, x)]
-    attributes = getattr(value, "__dict__", None)
-    if isinstance(attributes, dict) and not isinstance(value, random.Random):
-        return type(value), attributes, *slots
-    if slots:
-        return type(value), *slots
-    with contextlib.suppress(Exception):
-        return (pickle.dumps(value),)
-    return ()
-
-
-@functools.cache
-def _Slots(kind: type) -> tuple[str, ...]:
-    names = [vars(base).get("__slots__", ()) for base in kind.__mro__]
-    return tuple(x for s in names for x in ((s,) if isinstance(s, str) else s))
-
-
-def _AreSame(before: tuple[Any, ...], after: tuple[Any, ...]) -> bool:
-    return len(before) == len(after) and all(
-        a is b or (isinstance(a, bytes) and a == b)
-        for a, b in zip(before, after, strict=True)
-    )
-
-
-def _Reshaped(values: Any, shape: tuple[int, ...]) -> Any:
-    array = np.empty(len(values), object)
-    array[:] = values
-    return array.reshape(shape)
-
-
-def _Flat(value: Any, known: _Contents | None) -> tuple[Any, list[Any]]:
+def _Flat(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
     """Returns what a value is made of, and the numbers in it that may differ.
 
     Args:
@@ -460,7 +316,7 @@ def _Flat(value: Any, known: _Contents | None) -> tuple[Any, list[Any]]:
         for item in value:
             shape, inner = _Flat(item, known)
             is_array = known is not None and isinstance(item, np.ndarray)
-            if is_array and any(_AreShared(item, x) for x in arrays if x is not item):
+            if is_array and any(AreShared(item, x) for x in arrays if x is not item):
                 shape = object()  # It is like nothing else.
             shapes.append(shape)
             values += inner
@@ -479,10 +335,6 @@ def _Flat(value: Any, known: _Contents | None) -> tuple[Any, list[Any]]:
     return ("same", id(value)), []
 
 
-def _AreShared(a: Any, b: Any) -> bool:
-    return np.may_share_memory(np.asarray(a), np.asarray(b))
-
-
 def _Unflat(first: Any, shape: Any, values: Any) -> Any:
     """Returns what is made like the result of the first way, with other numbers."""
     kind, *others = shape
@@ -490,255 +342,10 @@ def _Unflat(first: Any, shape: Any, values: Any) -> Any:
         return next(values)
     if kind == "array":
         size = int(np.prod(others[0]))
-        array = AsNumbers(_Reshaped([next(values) for _ in range(size)], others[0]))
+        array = AsNumbers(Reshaped([next(values) for _ in range(size)], others[0]))
         array.flags.writeable = first.flags.writeable
         return array
     if isinstance(kind, str):
         return first
     items = [_Unflat(*x, values) for x in zip(first, others, strict=True)]
     return kind(*items) if hasattr(kind, "_fields") else kind(items)
-
-
-def Traced(trace: Callable[[Graph], T]) -> T:
-    """Returns what tracing returns.
-
-    Args:
-        trace: Notes in an empty graph what functions do.
-
-    Raises:
-        Untraceable: If they do what a graph cannot, or change anything.
-    """
-    joined: set[CodeType] = set()
-    surroundings: dict[int, _Surrounding] = {}
-    try:
-        while True:
-            graph = Graph(joined=joined, surroundings=surroundings)
-            try:
-                result = trace(graph)
-            except _MustJoinCaller as helper:
-                joined |= set(helper.args)
-                continue
-            for surrounding in surroundings.values():
-                if surrounding.contents.Changed():
-                    raise surrounding.Refused("it changes")
-            return result
-    except Untraceable:
-        for surrounding in surroundings.values():
-            surrounding.contents.Restore()
-        raise
-
-
-# Modules whose functions return another value each time, and such that do not.
-_CHANGING = "numpy.random", "random", "secrets", "time", "uuid"
-_HARMLESS = "_operator", "_functools", "builtins"
-
-
-class _Surrounding(NamedTuple):
-    """What a function has from outside of it.
-
-    Attributes:
-        function: The function; None if there is none yet.
-        name: What it calls that.
-        contents: What there is in it at first.
-    """
-
-    function: FunctionType | None
-    name: str
-    contents: _Contents
-
-    def Refused(self, why: str) -> Untraceable:
-        """Returns an error that says in which line it is mentioned."""
-        error = Untraceable(f"{why} {self.name}")
-        if self.function is not None:
-            line = self.function.__code__.co_firstlineno
-            for x in dis.get_instructions(self.function.__code__):
-                if x.argval == self.name.split(".")[-1] and x.positions:
-                    line = x.positions.lineno or line
-                    break
-            error.place = f"{self.function.__name__}(), line {line}"
-        return error
-
-
-def Follow(
-    graph: Graph, value: Any, name: str, function: FunctionType | None = None
-) -> Any:
-    """Returns what to use instead of what a function has from outside of it.
-
-    Args:
-        graph: Where to note what it does with numbers.
-        value: What it has.
-        name: What it calls that.
-        function: The function; None if there is none yet.
-    """
-    try:
-        if value in REPLACED:
-            return REPLACED[value]
-    except TypeError:  # It has no hash.
-        pass
-    if isinstance(value, ModuleType):
-        return _Module(graph, value, name, function)
-    owner = type(getattr(value, "__self__", None))
-    module = getattr(value, "__module__", None) or owner.__module__
-    if callable(value) and module.startswith(_CHANGING):
-        return Refusing(value, name, always=True)
-    if module.split(".")[0] in ("numpy", "math") and callable(value):
-        if hasattr(value, "_implementation") or isinstance(value, np.ufunc):
-            return OfNumpy(value)
-        return value if isinstance(value, type) else Refusing(value, name)
-    if isinstance(value, FunctionType):
-        if value not in graph.followed:
-            graph.followed[value] = _Followed(graph, value)
-        return graph.followed[value]
-    if isinstance(value, functools.partial):
-        followed = Follow(graph, value.func, name, function)
-        return functools.partial(followed, *value.args, **value.keywords)
-    if isinstance(value, MethodType):
-        followed = Follow(graph, value.__func__, name, function)
-        return functools.partial(followed, value.__self__)
-    if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
-        return Refusing(value, name, always=True)
-    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-        is_real = value.dtype.kind == "f"
-        array = AsNumbers(value) if is_real else value.view(Table)
-        array.flags.writeable = False
-        return array
-    if id(value) not in graph.surroundings:
-        surrounding = _Surrounding(function, name, _Contents((value,)))
-        if hasattr(value, "__next__"):
-            raise surrounding.Refused("it takes from an iterator,")
-        graph.surroundings[id(value)] = surrounding
-    return value
-
-
-class _Module:
-    """A module whose functions are followed."""
-
-    def __init__(self, graph: Graph, module: ModuleType, name: str, function: Any):
-        object.__setattr__(self, "_followed", (graph, module, name, function))
-
-    def __setattr__(self, attribute: str, value: Any) -> None:
-        raise Untraceable(f"it assigns to {self._followed[2]}.{attribute}")
-
-    def __getattr__(self, attribute: str) -> Any:
-        graph, module, name, function = self._followed
-        value = getattr(module, attribute)
-        return Follow(graph, value, f"{name}.{attribute}", function)
-
-
-class _Followed:
-    """A function that notes what it and its helpers do.
-
-    Args:
-        graph: Where to note it.
-        function: The function.
-    """
-
-    def __init__(self, graph: Graph, function: FunctionType):
-        self._graph, self._function = graph, function
-        self._copy: FunctionType | None = None
-
-    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
-        function = self._function
-        try:
-            copy = self._copy = self._copy or self._Copy()
-            return self._graph.Call(copy, arguments, keywords)
-        except Exception as error:  # Whatever it does to what is no number.
-            line = self._Line(error.__traceback__)
-            if not isinstance(error, Untraceable):
-                error = Untraceable(f"{type(error).__name__}: {error}")
-            error.place = error.place or f"{function.__name__}(), line {line}"
-            error.function = function
-            raise error from None
-
-    def _Line(self, traceback: Any) -> int:
-        line, codes = self._function.__code__.co_firstlineno, self._Codes()
-        while traceback is not None:
-            if traceback.tb_frame.f_code in codes:
-                line = traceback.tb_lineno
-            traceback = traceback.tb_next
-        return line
-
-    def _Codes(self) -> list[CodeType]:
-        """Returns the code of the function, and that of those inside of it."""
-        codes = [self._function.__code__]
-        for code in codes:
-            codes += [x for x in code.co_consts if isinstance(x, CodeType)]
-        return codes
-
-    def _Copy(self) -> FunctionType:
-        """Returns the function with what it has from outside replaced."""
-        function, graph, codes = self._function, self._graph, self._Codes()
-        for code in codes:
-            _CheckCode(code, code is codes[0])
-        graph.codes |= set(codes)
-
-        def Import(name: str, *arguments: Any) -> Any:
-            module = __import__(name, *arguments)
-            is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
-            return module if is_of_numpy else _Module(graph, module, name, function)
-
-        own = {**BUILTINS, "__import__": Import}
-        names = {**function.__globals__, "__builtins__": own}
-        for name in {name for code in codes for name in code.co_names} & names.keys():
-            names[name] = Follow(graph, names[name], name, function)
-        cells = []
-        for name, cell in zip(
-            function.__code__.co_freevars, function.__closure__ or (), strict=True
-        ):
-            is_empty = cell == CellType()
-            content = () if is_empty else (cell.cell_contents,)
-            cells.append(CellType(*(Follow(graph, x, name, function) for x in content)))
-        copy = FunctionType(
-            function.__code__,
-            names,
-            function.__name__,
-            tuple(
-                Follow(graph, value, "a default", function)
-                for value in function.__defaults__ or ()
-            ),
-            tuple(cells),
-        )
-        copy.__kwdefaults__ = {
-            name: Follow(graph, value, name, function)
-            for name, value in (function.__kwdefaults__ or {}).items()
-        }
-        return copy
-
-
-_REFUSED = {
-    "PUSH_EXC_INFO": "it catches errors",
-    "MATCH_CLASS": "it asks of which class something is",
-    "STORE_GLOBAL": "it assigns to a global variable",
-    "DELETE_GLOBAL": "it deletes a global variable",
-    "STORE_DEREF": "it assigns to a variable outside of it",
-    "IS_OP": "it asks whether something `is` True or False",
-}
-_REFUSED_NUMBERS = {dis.opmap[name] for name in _REFUSED}
-
-
-def _CheckCode(code: CodeType, is_outermost: bool) -> None:
-    """Refuses what is seen in code without running it."""
-    if not _REFUSED_NUMBERS & set(code.co_code[::2]):
-        return
-    instructions = list(dis.get_instructions(code))
-    # `with np.errstate()` catches nothing.
-    num_blocks = sum(x.opname == "WITH_EXCEPT_START" for x in instructions)
-    num_harmless = sum(x.argval == "errstate" for x in instructions)
-    line = code.co_firstlineno
-    for before, x in zip([None, *instructions], instructions, strict=False):
-        line = (x.positions and x.positions.lineno) or line
-        if x.opname not in _REFUSED:
-            continue
-        if x.opname == "IS_OP" and not (before and isinstance(before.argval, bool)):
-            continue
-        if x.opname == "STORE_DEREF" and not (
-            is_outermost and x.argval in code.co_freevars
-        ):
-            continue
-        if x.opname == "PUSH_EXC_INFO" and num_harmless >= num_blocks > 0:
-            num_blocks -= 1
-            num_harmless -= 1
-            continue
-        error = Untraceable(_REFUSED[x.opname])
-        error.place = f"{code.co_name}(), line {line}"
-        raise error

@@ -76,11 +76,7 @@ class _Module:
         self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
 
     def Definition(self, function: FunctionType) -> ast.FunctionDef:
-        """Returns the definition of a function, from its file that is parsed once.
-
-        Args:
-            function: The function.
-        """
+        """Returns the definition of a function, from its file that is parsed once."""
         lines, first = inspect.findsource(function)
         file = function.__code__.co_filename
         if file not in self._definitions:
@@ -94,13 +90,7 @@ class _Module:
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
     ) -> tuple[str, Type]:
-        """Returns the name of a function for types of arguments, and what it returns.
-
-        Args:
-            function: The function.
-            types: Of its arguments.
-            linkage: LLVM's word for who may call it.
-        """
+        """Returns the name of a function for types, and what it returns."""
         key = function, types
         if key not in self._known:
             name = function.__name__
@@ -140,11 +130,6 @@ class _Module:
 class _Function(ExpressionWriter):
     """The code of one function for types of arguments.
 
-    Args:
-        module: Where what it needs is.
-        function: The function.
-        types: Of its arguments.
-
     Attributes:
         result: Type of what it returns; None: nothing.
     """
@@ -176,12 +161,7 @@ class _Function(ExpressionWriter):
             self._lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
-        """Returns the definition.
-
-        Args:
-            name: Of the function.
-            linkage: LLVM's word for who may call it.
-        """
+        """Returns the definition."""
         head = f"define {linkage} {self.result or NOTHING} @{name}"
         arguments = ", ".join(self._arguments)
         lines = [f"{head}({arguments}) {{", "entry:", *self._slots, *self._lines]

@@ -41,13 +41,7 @@ class Module(Protocol):
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = ...
     ) -> tuple[str, Type]:
-        """Returns the name of a function for types of arguments, and what it returns.
-
-        Args:
-            function: The function.
-            types: Of its arguments.
-            linkage: LLVM's word for who may call it.
-        """
+        """Returns the name of a function for types, and what it returns."""
 
     def Constant(self, array: Any) -> Value:
         """Returns a constant array of numpy."""
@@ -62,12 +56,7 @@ def IndicesOf(node: ast.Subscript) -> list[ast.expr]:
 
 
 class ExpressionWriter:
-    """Writes expressions of one function, and what their values need.
-
-    Args:
-        module: Compiles other functions, and has constant arrays.
-        function: The function.
-    """
+    """Writes expressions of one function, and what their values need."""
 
     def __init__(self, module: Module, function: FunctionType):
         self._module, self._function = module, function

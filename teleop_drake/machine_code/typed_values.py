@@ -55,11 +55,7 @@ class Value:
 
 
 def TypeOf(value: Any) -> Type:
-    """Returns the type of an argument.
-
-    Args:
-        value: A number, an array, or a named tuple of them.
-    """
+    """Returns the type of an argument."""
     if isinstance(value, bool):
         return BOOLEAN
     if isinstance(value, (int, np.integer)):
@@ -77,11 +73,7 @@ def TypeOf(value: Any) -> Type:
 
 
 def Header(value: Any) -> list[int]:
-    """Returns what is in memory of a named tuple: addresses and dimensions.
-
-    Args:
-        value: A named tuple, an array or a whole number.
-    """
+    """Returns what is in memory of a named tuple: addresses and dimensions."""
     if isinstance(value, np.ndarray):
         return [value.ctypes.data, *value.shape]
     if isinstance(value, (int, np.integer)):
@@ -90,11 +82,7 @@ def Header(value: Any) -> list[int]:
 
 
 def ConstantText(value: Any) -> str:
-    """Returns a number in LLVM's language.
-
-    Args:
-        value: A number of Python's.
-    """
+    """Returns a number in LLVM's language."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
@@ -103,11 +91,7 @@ def ConstantText(value: Any) -> str:
 
 
 def PartsOf(kind: Type) -> tuple[str, ...]:
-    """Returns the types of the operands of a value.
-
-    Args:
-        kind: Its type.
-    """
+    """Returns the types of the operands of a value."""
     if isinstance(kind, ArrayType):
         return ("ptr", *("i64" for _ in range(kind.num_dimensions)))
     if isinstance(kind, TupleType) or kind == EVALUATE:
@@ -116,11 +100,7 @@ def PartsOf(kind: Type) -> tuple[str, ...]:
 
 
 def NumSlots(kind: Type) -> int:
-    """Returns how many numbers a type has in a Header().
-
-    Args:
-        kind: The type.
-    """
+    """Returns how many numbers a type has in a Header()."""
     if isinstance(kind, TupleType):
         return sum(NumSlots(inner) for _, inner in kind.fields)
     return len(PartsOf(kind))

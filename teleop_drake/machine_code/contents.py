@@ -1,0 +1,163 @@
+"""Contents of values that can change: whether they have changed, and as they were."""
+
+import contextlib
+import functools
+import pickle
+import random
+import sys
+from collections.abc import Sequence
+from types import (
+    BuiltinFunctionType,
+    CellType,
+    CodeType,
+    FunctionType,
+    MethodType,
+    ModuleType,
+)
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.machine_code.symbols import Number
+
+
+class Opaque:
+    """A base of what is not looked into."""
+
+
+class Contents:
+    """What there is in values that can change, as it is now.
+
+    Args:
+        value: Where to begin.
+
+    Attributes:
+        arrays: Those with Numbers in them.
+    """
+
+    def __init__(self, value: Any):
+        self.arrays: list[Any] = []
+        self._known: dict[int, tuple[Any, tuple[Any, ...]]] = {}
+        pending = [value]
+        while pending:
+            value = pending.pop()
+            parts = () if id(value) in self._known else _Parts(value)
+            if parts:
+                self._known[id(value)] = value, parts
+                if isinstance(value, np.ndarray) and parts[0] is _OBJECTS:
+                    self.arrays.append(value)
+                else:
+                    pending += parts
+
+    def Has(self, value: Any) -> bool:
+        """Returns whether a value is among them."""
+        return id(value) in self._known
+
+    def Shares(self, array: Any) -> bool:
+        """Returns whether an array is part of one of them."""
+        return any(
+            isinstance(value, np.ndarray) and AreShared(array, value)
+            for value, _ in self._known.values()
+        )
+
+    def Changed(self, with_numbers: bool = True) -> bool:
+        """Returns whether anything has changed, or what has no Numbers in it."""
+        arrays = {} if with_numbers else {id(array) for array in self.arrays}
+        return any(
+            not _AreSame(parts, _Parts(value))
+            for i, (value, parts) in self._known.items()
+            if i not in arrays
+        )
+
+    def Restore(self, values: Sequence[Any] | None = None) -> None:
+        """Makes values what they were; None: all that Python lets us."""
+        for value, parts in self._known.values():
+            if values is not None and not any(value is x for x in values):
+                continue
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                is_of_objects = parts[0] is _OBJECTS
+                old = parts[1:] if is_of_objects else np.frombuffer(*parts)
+                np.asarray(value)[...] = Reshaped(old, value.shape)
+            elif isinstance(value, list):
+                value[:] = parts[1:]
+            elif isinstance(value, (dict, type)):
+                half = 1 + len(parts) // 2
+                items = dict(zip(parts[1:half], parts[half:], strict=True))
+                if isinstance(value, dict):
+                    value.clear()
+                    value.update(items)
+                else:
+                    for name, attribute in items.items():
+                        setattr(value, name, attribute)
+            elif isinstance(value, set):
+                value.clear()
+                value.update(parts[1:])
+
+
+_OBJECTS = object()
+_PLAIN = str, bytes, int, float, complex, type(None)
+
+# Packages whose classes do not change.
+_FOREIGN = "numpy", "pydrake"
+
+
+def _Parts(value: Any) -> tuple[Any, ...]:
+    """Returns what a value is made of; nothing if it cannot change."""
+    if isinstance(value, np.ndarray):
+        plain = np.asarray(value)
+        if plain.dtype == object:
+            return _OBJECTS, *plain.flat
+        return plain.tobytes(), plain.dtype
+    if isinstance(value, dict):
+        return dict, *value.keys(), *value.values()
+    if isinstance(value, (tuple, list, set)):
+        return type(value), *value
+    if isinstance(value, FunctionType):
+        cells = [x.cell_contents for x in value.__closure__ or () if x != CellType()]
+        return FunctionType, *cells, value.__defaults__, value.__kwdefaults__
+    if isinstance(value, (MethodType, BuiltinFunctionType)):
+        return MethodType, value.__self__
+    if isinstance(value, (Opaque, Number, ModuleType, CodeType, *_PLAIN)):
+        return ()
+    if isinstance(value, type):
+        package = value.__module__.split(".")[0]
+        if package in sys.stdlib_module_names or package in _FOREIGN:
+            return ()
+        own = {
+            k: x for k, x in vars(value).items() if k[:2] != "__" and not callable(x)
+        }
+        return type, *own.keys(), *own.values()
+    slots = [getattr(value, x) for x in _Slots(value.__class__) if hasattr(value, x)]
+    attributes = getattr(value, "__dict__", None)
+    if isinstance(attributes, dict) and not isinstance(value, random.Random):
+        return type(value), attributes, *slots
+    if slots:
+        return type(value), *slots
+    with contextlib.suppress(Exception):
+        return (pickle.dumps(value),)
+    return ()
+
+
+@functools.cache
+def _Slots(kind: type) -> tuple[str, ...]:
+    names = [vars(base).get("__slots__", ()) for base in kind.__mro__]
+    return tuple(x for s in names for x in ((s,) if isinstance(s, str) else s))
+
+
+def _AreSame(before: tuple[Any, ...], after: tuple[Any, ...]) -> bool:
+    return len(before) == len(after) and all(
+        a is b or (isinstance(a, bytes) and a == b)
+        for a, b in zip(before, after, strict=True)
+    )
+
+
+def AreShared(a: Any, b: Any) -> bool:
+    """Returns whether two arrays may have elements in common."""
+    return np.may_share_memory(np.asarray(a), np.asarray(b))
+
+
+def Reshaped(values: Any, shape: tuple[int, ...]) -> Any:
+    """Returns an array of objects."""
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array.reshape(shape)

@@ -1,0 +1,272 @@
+"""Functions that are followed while they compute with Numbers, and all that they call.
+
+A copy of a function gets other globals: numpy, math, Python's own functions and its
+helpers are replaced. What cannot be followed is refused by its line.
+"""
+
+import dis
+import functools
+from collections.abc import Callable
+from types import (
+    BuiltinFunctionType,
+    CellType,
+    CodeType,
+    FunctionType,
+    MethodType,
+    ModuleType,
+)
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from teleop_drake.machine_code.contents import Contents, Opaque
+from teleop_drake.machine_code.symbols import AsNumbers, Table, Untraceable
+from teleop_drake.machine_code.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
+from teleop_drake.machine_code.tracing import Graph, MustJoinCaller
+
+T = TypeVar("T")
+
+
+def Traced(trace: Callable[[Graph], T]) -> T:
+    """Returns what tracing returns.
+
+    Args:
+        trace: Notes in an empty graph what functions do.
+
+    Raises:
+        Untraceable: If they do what a graph cannot, or change anything.
+    """
+    joined: set[CodeType] = set()
+    surroundings: dict[int, _Surrounding] = {}
+    try:
+        while True:
+            graph = Graph(joined=joined, surroundings=surroundings)
+            try:
+                result = trace(graph)
+            except MustJoinCaller as helper:
+                joined |= set(helper.args)
+                continue
+            for surrounding in surroundings.values():
+                if surrounding.contents.Changed():
+                    raise surrounding.Refused("it changes")
+            return result
+    except Untraceable:
+        for surrounding in surroundings.values():
+            surrounding.contents.Restore()
+        raise
+
+
+# Modules whose functions return another value each time, and such that do not.
+_CHANGING = "numpy.random", "random", "secrets", "time", "uuid"
+_HARMLESS = "_operator", "_functools", "builtins"
+
+
+class _Surrounding(NamedTuple):
+    """What a function has from outside of it.
+
+    Attributes:
+        function: The function; None if there is none yet.
+        name: What it calls that.
+        contents: What there is in it at first.
+    """
+
+    function: FunctionType | None
+    name: str
+    contents: Contents
+
+    def Refused(self, why: str) -> Untraceable:
+        """Returns an error that says in which line it is mentioned."""
+        error = Untraceable(f"{why} {self.name}")
+        if self.function is not None:
+            line = self.function.__code__.co_firstlineno
+            for x in dis.get_instructions(self.function.__code__):
+                if x.argval == self.name.split(".")[-1] and x.positions:
+                    line = x.positions.lineno or line
+                    break
+            error.place = f"{self.function.__name__}(), line {line}"
+        return error
+
+
+def Follow(
+    graph: Graph, value: Any, name: str, function: FunctionType | None = None
+) -> Any:
+    """Returns what to use instead of what a function has from outside of it.
+
+    Args:
+        graph: Where to note what it does with numbers.
+        value: What it has.
+        name: What it calls that.
+        function: The function; None if there is none yet.
+    """
+    try:
+        if value in REPLACED:
+            return REPLACED[value]
+    except TypeError:  # It has no hash.
+        pass
+    if isinstance(value, ModuleType):
+        return _Module(graph, value, name, function)
+    owner = type(getattr(value, "__self__", None))
+    module = getattr(value, "__module__", None) or owner.__module__
+    if callable(value) and module.startswith(_CHANGING):
+        return Refusing(value, name, always=True)
+    if module.split(".")[0] in ("numpy", "math") and callable(value):
+        if hasattr(value, "_implementation") or isinstance(value, np.ufunc):
+            return OfNumpy(value)
+        return value if isinstance(value, type) else Refusing(value, name)
+    if isinstance(value, FunctionType):
+        if value not in graph.followed:
+            graph.followed[value] = _Followed(graph, value)
+        return graph.followed[value]
+    if isinstance(value, functools.partial):
+        followed = Follow(graph, value.func, name, function)
+        return functools.partial(followed, *value.args, **value.keywords)
+    if isinstance(value, MethodType):
+        followed = Follow(graph, value.__func__, name, function)
+        return functools.partial(followed, value.__self__)
+    if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
+        return Refusing(value, name, always=True)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        is_real = value.dtype.kind == "f"
+        array = AsNumbers(value) if is_real else value.view(Table)
+        array.flags.writeable = False
+        return array
+    if id(value) not in graph.surroundings:
+        surrounding = _Surrounding(function, name, Contents((value,)))
+        if hasattr(value, "__next__"):
+            raise surrounding.Refused("it takes from an iterator,")
+        graph.surroundings[id(value)] = surrounding
+    return value
+
+
+class _Module(Opaque):
+    """A module whose functions are followed."""
+
+    def __init__(self, graph: Graph, module: ModuleType, name: str, function: Any):
+        object.__setattr__(self, "_followed", (graph, module, name, function))
+
+    def __setattr__(self, attribute: str, value: Any) -> None:
+        raise Untraceable(f"it assigns to {self._followed[2]}.{attribute}")
+
+    def __getattr__(self, attribute: str) -> Any:
+        graph, module, name, function = self._followed
+        value = getattr(module, attribute)
+        return Follow(graph, value, f"{name}.{attribute}", function)
+
+
+class _Followed(Opaque):
+    """A function that notes what it and its helpers do.
+
+    Args:
+        graph: Where to note it.
+        function: The function.
+    """
+
+    def __init__(self, graph: Graph, function: FunctionType):
+        self._graph, self._function = graph, function
+        self._copy: FunctionType | None = None
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        function = self._function
+        try:
+            copy = self._copy = self._copy or self._Copy()
+            return self._graph.Call(copy, arguments, keywords)
+        except Exception as error:  # Whatever it does to what is no number.
+            line = self._Line(error.__traceback__)
+            if not isinstance(error, Untraceable):
+                error = Untraceable(f"{type(error).__name__}: {error}")
+            error.place = error.place or f"{function.__name__}(), line {line}"
+            error.function = function
+            raise error from None
+
+    def _Line(self, traceback: Any) -> int:
+        line, codes = self._function.__code__.co_firstlineno, self._Codes()
+        while traceback is not None:
+            if traceback.tb_frame.f_code in codes:
+                line = traceback.tb_lineno
+            traceback = traceback.tb_next
+        return line
+
+    def _Codes(self) -> list[CodeType]:
+        """Returns the code of the function, and that of those inside of it."""
+        codes = [self._function.__code__]
+        for code in codes:
+            codes += [x for x in code.co_consts if isinstance(x, CodeType)]
+        return codes
+
+    def _Copy(self) -> FunctionType:
+        """Returns the function with what it has from outside replaced."""
+        function, graph, codes = self._function, self._graph, self._Codes()
+        for code in codes:
+            _CheckCode(code, code is codes[0])
+        graph.codes |= set(codes)
+
+        def Import(name: str, *arguments: Any) -> Any:
+            module = __import__(name, *arguments)
+            is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
+            return module if is_of_numpy else _Module(graph, module, name, function)
+
+        own = {**BUILTINS, "__import__": Import}
+        names = {**function.__globals__, "__builtins__": own}
+        for name in {name for code in codes for name in code.co_names} & names.keys():
+            names[name] = Follow(graph, names[name], name, function)
+        cells = []
+        for name, cell in zip(
+            function.__code__.co_freevars, function.__closure__ or (), strict=True
+        ):
+            is_empty = cell == CellType()
+            content = () if is_empty else (cell.cell_contents,)
+            cells.append(CellType(*(Follow(graph, x, name, function) for x in content)))
+        copy = FunctionType(
+            function.__code__,
+            names,
+            function.__name__,
+            tuple(
+                Follow(graph, value, "a default", function)
+                for value in function.__defaults__ or ()
+            ),
+            tuple(cells),
+        )
+        copy.__kwdefaults__ = {
+            name: Follow(graph, value, name, function)
+            for name, value in (function.__kwdefaults__ or {}).items()
+        }
+        return copy
+
+
+_REFUSED = {
+    "PUSH_EXC_INFO": "it catches errors",
+    "MATCH_CLASS": "it asks of which class something is",
+    "STORE_GLOBAL": "it assigns to a global variable",
+    "DELETE_GLOBAL": "it deletes a global variable",
+    "STORE_DEREF": "it assigns to a variable outside of it",
+    "IS_OP": "it asks whether something `is` True or False",
+}
+_REFUSED_NUMBERS = {dis.opmap[name] for name in _REFUSED}
+
+
+def _CheckCode(code: CodeType, is_outermost: bool) -> None:
+    """Refuses what is seen in code without running it."""
+    if not _REFUSED_NUMBERS & set(code.co_code[::2]):
+        return
+    instructions = list(dis.get_instructions(code))
+    # `with np.errstate()` catches nothing.
+    num_blocks = sum(x.opname == "WITH_EXCEPT_START" for x in instructions)
+    num_harmless = sum(x.argval == "errstate" for x in instructions)
+    line = code.co_firstlineno
+    for before, x in zip([None, *instructions], instructions, strict=False):
+        line = (x.positions and x.positions.lineno) or line
+        if x.opname not in _REFUSED:
+            continue
+        if x.opname == "IS_OP" and not (before and isinstance(before.argval, bool)):
+            continue
+        if x.opname == "STORE_DEREF" and not (
+            is_outermost and x.argval in code.co_freevars
+        ):
+            continue
+        if x.opname == "PUSH_EXC_INFO" and num_harmless >= num_blocks > 0:
+            num_blocks -= 1
+            num_harmless -= 1
+            continue
+        error = Untraceable(_REFUSED[x.opname])
+        error.place = f"{code.co_name}(), line {line}"
+        raise error
