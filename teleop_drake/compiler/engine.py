@@ -26,9 +26,11 @@ Array = NDArray[np.float64]
 
 _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 
-# For how many steps there is room at first, and how many rows are integrated at a time.
-# In between Python notices Ctrl-C.
-_ROOM, _CHUNK = 2048, 128
+# How many rows are integrated at a time. In between Python notices Ctrl-C.
+_CHUNK = 2048
+
+# The first rows are fewer, so that a state is seen that a short run comes through.
+_FIRST_CHUNK = 64
 
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
@@ -107,11 +109,9 @@ class CompiledRun:
             y=y,
             time=context.get_time(),
             first_step=0.1 * max_step,
-            room=_ROOM,
+            room=_CHUNK,
         )
-        self._memory = self._memory._replace(
-            row_times=np.zeros(_CHUNK), rows=np.zeros((_CHUNK, len(y)))
-        )
+        self._LimitRows(_FIRST_CHUNK)
         self._advance: Callable[..., Any] | None = None
 
     @property
@@ -188,7 +188,10 @@ class CompiledRun:
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
         elif status == delay_integrator.FULL:
-            self._MakeRoom()
+            if len(self._memory.rows) < _CHUNK:
+                self._LimitRows(_CHUNK)
+            else:
+                self._MakeRoom()
         return times, rows
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
@@ -215,6 +218,12 @@ class CompiledRun:
             return False
         clock[1] *= 0.1
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
+
+    def _LimitRows(self, num: int) -> None:
+        memory = self._memory
+        self._memory = memory._replace(
+            row_times=np.zeros(num), rows=np.zeros((num, memory.rows.shape[1]))
+        )
 
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""

@@ -42,7 +42,8 @@ def Traced(trace: Callable[[Graph], T]) -> T:
         while True:
             graph = Graph(joined=joined, surroundings=surroundings)
             try:
-                result = trace(graph)
+                with np.errstate(all="ignore"):
+                    result = trace(graph)
             except MustJoinCaller as helper:
                 joined |= set(helper.args)
                 continue
@@ -131,10 +132,10 @@ def Follow(
         array.flags.writeable = False
         return array
     if id(value) not in graph.surroundings:
-        surrounding = _Surrounding(function, name, Contents((value,)))
         if hasattr(value, "__next__"):
-            raise surrounding.Refused("it takes from an iterator,")
-        graph.surroundings[id(value)] = surrounding
+            nothing = _Surrounding(function, name, Contents(()))
+            raise nothing.Refused("it takes from an iterator,")
+        graph.surroundings[id(value)] = _Surrounding(function, name, Contents((value,)))
     return value
 
 
