@@ -196,6 +196,8 @@ def test_it_comes_back_from_what_comes_no_further(monkeypatch, is_stiff):
         targets=np.array([0]),
         sizes=np.array([1]),
         periods=np.array([1e-14]),
+        offsets=np.array([0.0]),
+        are_discrete=np.array([0]),
     )
     problem = MakeProblem() if is_stiff else MakeProblem(transitions=each)
 
