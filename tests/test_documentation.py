@@ -71,13 +71,8 @@ def test_every_page_is_in_the_index():
 
 
 @pytest.mark.filterwarnings("error")
-def test_examples_run(capsys, monkeypatch):
-    """Each as a script of its own; where it can be, a run is machine code."""
-
-    def Simulate(scenario, **options):
-        return simulate(scenario, **(options or {"engine": "auto"}))
-
-    monkeypatch.setattr("teleop_drake.simulation.simulate", Simulate)
+def test_examples_run(capsys):
+    """Each as a script of its own."""
     blocks = Blocks("python")
     assert len(blocks) == 6
     for block in blocks:

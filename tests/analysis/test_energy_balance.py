@@ -70,7 +70,7 @@ def RunWithTwoPortMeter(name, kind, **overrides):
 def test_system_and_recording_agree(name, overrides):
     """Also across the puncture, the contact and the surgeon's switch."""
     scenario = LoadScenario(name, overrides)
-    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario))
+    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="drake")
     balance = ChannelEnergyBalance(recording)
     in_diagram = recording["energy"][:, 0]
     scale = np.abs(in_diagram).max()
@@ -205,7 +205,7 @@ def test_direct_force_has_the_same_balance_at_both_pairs_of_ends():
     scenario = LoadScenario(
         "one_dof", {"controller.kind": "direct_force", "duration": 9.0}
     )
-    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario))
+    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="drake")
     np.testing.assert_allclose(
         TwoPortEnergyBalance(recording).energy,
         ChannelEnergyBalance(recording).energy,

@@ -30,8 +30,10 @@ def Delays(forward, back):
 )
 def test_an_exact_model_gives_the_response_without_delay_only_later(forward, back):
     """In the tissue, of which the slider's default model knows everything."""
-    recording = simulate(Scenario("duration=6.0", *Delays(forward, back)))
-    free = Run("one_dof", "direct_force", "duration=6.0", *Delays(0.0, 0.0))
+    late = Scenario("duration=6.0", *Delays(forward, back))
+    recording = simulate(late, engine="drake")
+    undelayed = ("duration=6.0", *Delays(0.0, 0.0))
+    free = Run("one_dof", "direct_force", *undelayed, engine="drake")
     times = np.linspace(0, 6 - forward, 500)
     for ours, theirs, shift in (
         ("tool_velocity", "tool_velocity", forward),
@@ -132,9 +134,9 @@ def test_defaults_are_the_tool_in_its_first_layer():
 def test_a_local_damper_is_known_to_the_model():
     """With it, too, an exact model gives the response without delay, only later."""
     damper = f"controller.{KIND}.local_damping=2"
-    late = simulate(Scenario("duration=2.0", damper, *Delays(0.3, 0.2)), engine="auto")
+    late = simulate(Scenario("duration=2.0", damper, *Delays(0.3, 0.2)), engine="drake")
     overrides = ["controller.kind=damped_force", "duration=2.0", *Delays(0.0, 0.0)]
-    free = simulate(LoadScenario("one_dof", overrides), engine="auto")
+    free = simulate(LoadScenario("one_dof", overrides), engine="drake")
     times = np.linspace(0, 1.7, 500)
     expected = free.Interpolate("tool_velocity", times)
     np.testing.assert_allclose(

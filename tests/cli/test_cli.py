@@ -473,7 +473,7 @@ def test_an_error_of_a_block_is_one_line(monkeypatch, capsys):
         raise RuntimeError("my own bug")
 
     monkeypatch.setattr(LayeredForceField, "_CalcForce", fail)
-    assert main(["run", "one_dof"]) == 1
+    assert main(["run", "one_dof", "--engine", "drake"]) == 1
     assert capsys.readouterr().err == (
         "teleop-drake: error: the run failed: RuntimeError: my own bug "
         "(in the block teleoperator::environment)\n"

@@ -134,7 +134,8 @@ def test_records_are_those_of_single_runs(threads):
                         "return_channel.delay": varied["delay"],
                     }
                     | SHORT,
-                )
+                ),
+                engine="drake",
             )
         )
         del expected["solver"]["wall_time_s"], expected["solver"]["real_time_factor"]
@@ -166,7 +167,7 @@ def test_a_file_with_a_trace_can_be_swept(processes):
     for record in result.records:
         assert record["scenario"] == "one_dof"
         mass = {"robot.mass": record["varied"]["robot.mass"]}
-        one = simulate(LoadScenario("mine/task.yaml", mass))
+        one = simulate(LoadScenario("mine/task.yaml", mass), engine="drake")
         assert record["metrics"] == RunSummary(one)["metrics"]
 
 
