@@ -162,12 +162,12 @@ def test_every_block_and_every_law_has_its_test_file():
     assert missing == []
 
 
-# What Drake, argparse, PyYAML, ast, concurrent.futures and http.server call by these
-# names, what IPython asks for, what users of pandas expect, and what users of the first
-# version call.
+# What Drake, argparse, PyYAML, ast, concurrent.futures, http.server and socketserver
+# call by these names, what IPython asks for, what users of pandas expect, and what
+# users of the first version call.
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
-    "|do_GET|log_message"
+    "|do_GET|log_message|handle"
     "|[sgc]\\w+_monitor|_(repr|ipython)_\\w+_|plot|to_dataframe|to_xarray|simulate"
 )
 SNAKE_CASE = r"_*([a-z][a-z0-9]*|[A-Z])(_[a-zA-Z0-9]+)*"

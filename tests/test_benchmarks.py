@@ -89,7 +89,7 @@ def test_channels_agree_with_their_oracle(controller, kind):
     oracle = ChannelOracle(scenario)
     assert len(oracle.jumps) >= 2
     assert math.isfinite(oracle.perceived)
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="drake")
     signals = {name: recording[name] for name in accuracy.SIGNALS}
     if kind != "variable" and controller == "direct_force":
         del signals["control_force"]

@@ -65,14 +65,16 @@ def FromRecording(recording: Recording) -> Solution:
 
 
 def Package(task, controller, delay, duration) -> Solution:
-    return FromRecording(simulate(Load(task, controller, delay, duration)))
+    scenario = Load(task, controller, delay, duration)
+    return FromRecording(simulate(scenario, engine="drake"))
 
 
 def PackageAtTarget(task, controller, delay, duration) -> Solution:
     num_axes = 1 if task == "one_dof" else 2
     setting = dict(PACKAGE_SETTINGS[num_axes, controller])
     setting["max_step_size"] = min(setting["max_step_size"], delay)
-    return FromRecording(simulate(Load(task, controller, delay, duration, **setting)))
+    scenario = Load(task, controller, delay, duration, **setting)
+    return FromRecording(simulate(scenario, engine="drake"))
 
 
 def Compiled(task, controller, delay, duration) -> Solution:

@@ -116,7 +116,8 @@ def _SweepErrors(
     for delay in delays:
         settings_here = delay_program.AtDelay(settings, delay)
         recording = simulate(
-            contenders.Load(task, CONTROLLER, delay, duration, **settings_here)
+            contenders.Load(task, CONTROLLER, delay, duration, **settings_here),
+            engine="drake",
         )
         solution = contenders.FromRecording(recording)
         errors[delay] = accuracy.LargestError(_Oracle(task, delay, duration), solution)

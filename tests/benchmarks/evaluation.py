@@ -32,7 +32,9 @@ def Measure(options: Options) -> list[Table]:
         scenario = Load(task, controller, DELAY, duration, **SETTINGS)
         measured = Alternate(
             {
-                "package": lambda s=scenario: FromRecording(simulate(s)),
+                "package": lambda s=scenario: FromRecording(
+                    simulate(s, engine="drake")
+                ),
                 "straightforward": partial(
                     straightforward.simulate, scenario, **SETTINGS
                 ),

@@ -87,7 +87,7 @@ def _Calls(arguments, accuracies, steps, tolerances) -> dict:
     """Returns what to run by contender and setting."""
 
     def Package(**setting):
-        return FromRecording(simulate(Load(*arguments, **setting)))
+        return FromRecording(simulate(Load(*arguments, **setting), engine="drake"))
 
     def Straightforward(**setting):
         return straightforward.simulate(Load(*arguments), **setting)

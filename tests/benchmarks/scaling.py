@@ -54,7 +54,7 @@ def _Table(options: Options, what: str, task: str, variants: dict) -> Table:
     measured = Alternate(
         {
             name: lambda overrides=overrides: simulate(
-                LoadScenario(task, {"duration": duration} | overrides)
+                LoadScenario(task, {"duration": duration} | overrides), engine="drake"
             )
             for name, overrides in variants.items()
         },
@@ -92,7 +92,8 @@ def _Dimensions(options: Options) -> Table:
             (task, controller): lambda task=task, controller=controller: simulate(
                 LoadScenario(
                     task, shared | variants[task] | {"controller.kind": controller}
-                )
+                ),
+                engine="drake",
             )
             for task in variants
             for controller in ("direct_force", "adaptive_backstepping")

@@ -55,7 +55,7 @@ def Measure(options: Options) -> list[Table]:
         }
         measured = Alternate(
             {
-                case: lambda scenario=scenario: simulate(scenario)
+                case: lambda scenario=scenario: simulate(scenario, engine="drake")
                 for case, scenario in cases.items()
             },
             options.repeats,

@@ -47,7 +47,7 @@ def test_an_arm_wired_by_hand_runs_as_simulate_does():
     overrides = {"controller.kind": "adaptive_backstepping", "duration": 3.0}
     scenario = LoadScenario("two_dof_collision", overrides)
     names = ["tool_position", "tool_velocity", "joint_torque"]
-    recording = simulate(scenario)
+    recording = simulate(scenario, engine="drake")
 
     diagram = by_hand("two_dof_arm", "MakeTwoDofArm", scenario)
     simulator = MakeSimulator(diagram, scenario.simulator)

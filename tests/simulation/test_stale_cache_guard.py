@@ -127,7 +127,8 @@ def test_a_run_with_repeated_steps_is_right():
     """Without the guard its errors were up to 8e-4 of the signals' ranges."""
     task, duration = "two_dof_collision", 2.5
     overrides = {"simulator.accuracy": 1e-6, "simulator.max_step_size": 0.05}
-    recording = simulate(LoadScenario(task, overrides | {"duration": duration}))
+    scenario = LoadScenario(task, overrides | {"duration": duration})
+    recording = simulate(scenario, engine="drake")
     oracle = accuracy.Oracle(task, "adaptive_backstepping", 0.1, duration)
     signals = {name: recording[name] for name in accuracy.SIGNALS}
     errors = accuracy.Errors(oracle, recording.time, signals)
