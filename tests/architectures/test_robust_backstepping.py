@@ -40,6 +40,7 @@ SETTLES = [
     ("`adaptation_rate` 10", {"controller.adaptation_rate": 10.0}),
     ("`G2` 45", {"controller.G2": 45.0}),
     ("`robust.acceleration_bound` 0.4", {"controller.robust.acceleration_bound": 0.4}),
+    ("`robust.force_rate_bound` 19", {"controller.robust.force_rate_bound": 19.0}),
 ]
 
 
