@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from teleop_drake.cli.exit_codes import Failed
+from teleop_drake.cli.exit_codes import BadInput, Failed
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -29,6 +29,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
         engine: As simulate() takes it. Why it cannot be used goes to stderr.
 
     Raises:
+        BadInput: If the scenario is not valid, or comes no further.
         Failed: If a block of the loop raises an error; it names the block.
     """
     from teleop_drake.scenario import ScenarioError
@@ -42,7 +43,9 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
             else:
                 with _Progress(scenario) as progress:
                     recording = simulate(scenario, progress=progress, engine=engine)
-    except (ScenarioError, OSError):
+    except ScenarioError as error:  # It would take steps without end, say.
+        raise BadInput(error) from None
+    except OSError:
         raise
     except Exception as error:
         raise Failed(
