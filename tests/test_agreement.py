@@ -76,9 +76,11 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
         assert ours.EventTimes(ours_name) == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    ("name", "kind"), Slow(list(product(TASKS, CONTROLLERS)), but=[6, 7])
+)
 def test_thesis_tasks(name, kind):
+    """In Drake's Simulator."""
     Compare(name, kind, DELAYS["thesis"])
 
 
