@@ -38,8 +38,9 @@ _HALF_DEPTH, _OVERLAP = 0.13, 0.07
 # at most, if it is hard, and if there is no hard one.
 _STOPPED, _FREE = 0.5, 4.0
 
-# Least width of what the tool does, as a share of its distance from the robot's base.
-_LEAST_SHARE = 0.2
+# Least width of what the tool does, as a share of its distance from the robot's base:
+# with one or two axes, and in space, where the arm beside the tool tells more.
+_LEAST_SHARE, _LEAST_SHARE_IN_SPACE = 0.2, 0.8
 
 _FIELD_OF_VIEW = 30.0  # degrees
 
@@ -136,7 +137,9 @@ def MakeStage(
         reach = float(np.ptp(points, axis=0).max())
     # Nothing is seen of a robot that is so much larger than what it does.
     size = float(np.linalg.norm(start))
-    reach = max(reach, _LEAST_SHARE * size) or 1.0
+    is_in_space = positions.shape[1] > 2
+    share = _LEAST_SHARE_IN_SPACE if is_in_space else _LEAST_SHARE
+    reach = max(reach, share * size) or 1.0
     return Stage(
         centre=middle + forward * (reach * (_BEHIND - _BEFORE) / 2),
         forward=forward,
