@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
@@ -66,6 +67,21 @@ def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
     # A constant stays a line, however little it varies; so does zero.
     margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
     return low - margin, high + margin
+
+
+def UseStyle() -> None:
+    """Gives figures that one draws oneself the package's colours and open axes.
+
+    It changes Matplotlib's settings, which the package's own figures do not need.
+    """
+    matplotlib.rcParams.update(
+        {
+            "axes.prop_cycle": matplotlib.cycler(color=COLORS),
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "legend.frameon": False,
+        }
+    )
 
 
 def ScaleAndUnit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
