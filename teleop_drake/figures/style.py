@@ -5,10 +5,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import matplotlib.figure
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
+from matplotlib.rcsetup import cycler
 
 from teleop_drake.validation import Refuse
 
@@ -74,9 +75,9 @@ def UseStyle() -> None:
 
     It changes Matplotlib's settings, which the package's own figures do not need.
     """
-    matplotlib.rcParams.update(
+    rcParams.update(
         {
-            "axes.prop_cycle": matplotlib.cycler(color=COLORS),
+            "axes.prop_cycle": cycler(color=COLORS),
             "axes.spines.top": False,
             "axes.spines.right": False,
             "legend.frameon": False,
