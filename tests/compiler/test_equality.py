@@ -129,10 +129,13 @@ def test_machine_code_is_what_the_program_is(program):
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 OPERATORS = ((), ("surgeon.stop_time=0.171",))
+# Waves that reflect a stop over unequal delays are not among the cases: Drake's run has
+# an error of 5e-6 with steps of 0.5 ms, in proportion to the step.
+KINDS = sorted(ARCHITECTURES, key=lambda kind: kind == "damped_force")
 GRID = [
     (task, controller, list(CHANNELS)[(i + 2 * j) % 6], OPERATORS[(i + j) % 2])
     for i, task in enumerate(TASKS)
-    for j, controller in enumerate(ARCHITECTURES)
+    for j, controller in enumerate(KINDS)
 ]
 
 
