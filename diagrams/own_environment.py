@@ -24,8 +24,7 @@ import numpy as np
 
 from teleop_drake.environments import EnvironmentConfig, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics

@@ -178,13 +178,12 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """Returns the functions of a file whose names are not those of its folder.
 
     Functions of numbers are in snake_case: laws, numerics, and what kernels consist
-    of, in compiler/, in machine_code/ and beside the block. Properties are in
+    of, in kernel/, compiler/, machine_code/ and beside the block. Properties are in
     snake_case as well. Everything that touches Drake is in CamelCase.
     """
     tree = Parse(source)
     floor = path.relative_to(PACKAGE).parts[0]
     offers_terms = "Kernel(" in source or "IntentionTerm(" in source
-    has_kernel = offers_terms or floor in ("kernel.py", "compiler")
     misnamed = []
     for node in ast.walk(tree):
         if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
@@ -192,7 +191,8 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
         is_property = any("property" in ast.unparse(x) for x in node.decorator_list)
         if floor in ("laws", "numerics") or is_property:
             allowed = SNAKE_CASE
-        elif (has_kernel and node in tree.body) or floor in (
+        elif (offers_terms and node in tree.body) or floor in (
+            "kernel",
             "compiler",
             "machine_code",
         ):

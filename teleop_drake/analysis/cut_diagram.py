@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.linear_part import DelayBlock, HeldForce, LinearPartOf
+from teleop_drake.kernel.linear_part import DelayBlock, HeldForce, LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from teleop_drake.analysis.side_of_loop import LinearSide, SideOfLoop
 from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.linear_part import FROZEN_WEIGHTS, IDLE_PASSIVITY, LinearPartOf
+from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, IDLE_PASSIVITY, LinearPartOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import Scenario

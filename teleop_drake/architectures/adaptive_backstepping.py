@@ -10,8 +10,8 @@ from pydrake.systems.framework import BasicVector
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.architectures.lattice import NetworkConfig
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
@@ -20,7 +20,6 @@ from teleop_drake.laws.backstepping import (
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,

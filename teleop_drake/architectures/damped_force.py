@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.proportional import braked_force, damper_force
 from teleop_drake.validation import CheckGain, GainField, GainMatrix
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from teleop_drake.architectures.base import ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.validation import CheckNumber
 
 

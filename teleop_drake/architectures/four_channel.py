@@ -13,8 +13,7 @@ from pydrake.systems.framework import BasicVector
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.four_channel import (
     filtered_acceleration,
     master_packet,

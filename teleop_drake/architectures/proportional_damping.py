@@ -9,8 +9,7 @@ from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
 from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 

@@ -10,7 +10,8 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import KernelBlock
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
@@ -18,7 +19,6 @@ from teleop_drake.laws.robust_backstepping import (
     robust_errors,
     robust_rate,
 )
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 Array = NDArray[np.float64]

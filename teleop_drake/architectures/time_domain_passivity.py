@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckPassivity
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, Name, times
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Name, times
+from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.laws.passivity import (
     damped_force,
     energy_budget,
@@ -19,7 +19,6 @@ from teleop_drake.laws.passivity import (
     slave_damping,
 )
 from teleop_drake.laws.proportional import braked_force
-from teleop_drake.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 
 # Energy that leaves a budget ample, in units of the scale or of E_0.

@@ -10,8 +10,8 @@ from teleop_drake.architectures.base import Architecture, ArchitectureConfig
 from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels import ChannelConfig
-from teleop_drake.kernel import Kernel, Name, Term, times
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Name, Term, times
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.wave_variables import (
     drift_correcting_wave,
     filtered_wave_rate,
@@ -22,7 +22,6 @@ from teleop_drake.laws.wave_variables import (
     slave_force,
     wave_root,
 )
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
 
 

@@ -16,8 +16,8 @@ from pydrake.systems.framework import (
     State,
 )
 
+from teleop_drake.kernel.ticks import DoNothing
 from teleop_drake.numerics.sample_history import SampleHistory
-from teleop_drake.ticks import DoNothing
 from teleop_drake.validation import CheckNumber, Refuse
 
 # Drake stretches a step by up to one per cent to end it on an event.

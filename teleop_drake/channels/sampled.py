@@ -14,8 +14,8 @@ from teleop_drake.channels.base import (
 )
 from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.kernel import Delay, Kernel, Packet
+from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.numerics.delay_problem import TIE
-from teleop_drake.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 

@@ -11,7 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from teleop_drake.channels.base import ChannelConfig
 from teleop_drake.channels.delay_line import CheckChannel, DelayLine
 from teleop_drake.kernel import Delay, Kernel
-from teleop_drake.linear_part import LinearPart
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.numerics.sample_history import SampleHistory
 
 Array = NDArray[np.float64]

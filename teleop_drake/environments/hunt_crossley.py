@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.environments.surface import Surface
 from teleop_drake.environments.wall import PlaneOf, WallConfig
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.contact import wall_force
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]

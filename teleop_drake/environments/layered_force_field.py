@@ -18,7 +18,6 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
-from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import (
     CONTACT,
     PUNCTURE,
@@ -28,6 +27,8 @@ from teleop_drake.environments.surface import (
     UnitNormal,
 )
 from teleop_drake.kernel import Kernel, Transition
+from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
     Layer,
@@ -38,7 +39,6 @@ from teleop_drake.laws.layered_force import (
     layered_force,
     puncture_position,
 )
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import CheckNumber
 

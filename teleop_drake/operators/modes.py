@@ -18,13 +18,12 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
-from teleop_drake.callbacks import Weakly
 from teleop_drake.environments.surface import Surface
-from teleop_drake.kernel import Kernel, Term, Transition
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.linear_part import HeldForce, LinearPart
+from teleop_drake.kernel.ticks import DoNothing
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
-from teleop_drake.linear_part import HeldForce, LinearPart
-from teleop_drake.ticks import DoNothing
 from teleop_drake.validation import CheckNumber, CheckVector, Refuse
 
 Array = NDArray[np.float64]

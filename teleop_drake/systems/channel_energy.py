@@ -1,7 +1,6 @@
 """Energy that goes into the channels and does not come out."""
 
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.channel_energy import (
     difference,
     energy_rates,

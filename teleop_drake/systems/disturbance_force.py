@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.kernel import Kernel, Term
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Term
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
 from teleop_drake.validation import CheckChoice, Refuse
 

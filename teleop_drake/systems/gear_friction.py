@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.actuators import delivered_force
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckNumber
 
 

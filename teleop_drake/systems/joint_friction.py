@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.kernel import Kernel, Term
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Term
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.joint_friction import friction_torque
-from teleop_drake.linear_part import LinearPart
 from teleop_drake.validation import CheckNumber, Refuse
 
 # How far the tool may change its speed, in m/s, for each rad/s of v_s: a quarter of v_s

@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from teleop_drake.callbacks import Weakly
+from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,

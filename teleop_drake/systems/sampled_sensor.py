@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import Context, State
 
-from teleop_drake.kernel import Kernel, Transition
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.laws.actuators import next_sample
-from teleop_drake.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 SHORTEST_PERIOD = 1e-6

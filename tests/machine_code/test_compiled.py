@@ -16,8 +16,7 @@ from teleop_drake.environments.layered_force_field import (
     force_in_region,
     layer_in_region,
 )
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
     adaptive_errors,
     adaptive_rate,

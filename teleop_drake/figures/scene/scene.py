@@ -14,7 +14,6 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from teleop_drake.callbacks import Weakly
 from teleop_drake.environments import CONTACT, FindSurface, Surface, SurfacesOf
 from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
 from teleop_drake.figures.scene.pen import Pen
@@ -25,6 +24,7 @@ from teleop_drake.figures.scene.stage import (
     SetUpView,
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.scenario import AnyScenario, AsScenario, ScenarioLike
 from teleop_drake.signals import NamedSignals
 

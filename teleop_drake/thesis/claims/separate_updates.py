@@ -14,7 +14,7 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import KernelBlock
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,

@@ -20,10 +20,10 @@ from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.environments import Surface
+from teleop_drake.kernel.ticks import Ticks
 from teleop_drake.operators import Surgeon
 from teleop_drake.simulation import MakeSimulator
 from teleop_drake.systems.sampled_sensor import SampledSensor
-from teleop_drake.ticks import Ticks
 
 
 def sensor(h):

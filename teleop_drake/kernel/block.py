@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel.kernel import Kernel, Term
 from teleop_drake.machine_code.compiled import CompileLaw
 
 _Value = Callable[[Context], Any]

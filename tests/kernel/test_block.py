@@ -5,8 +5,7 @@ from blocks import Feedthrough
 from pydrake.systems.framework import BasicVector
 
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.kernel import Kernel, times
-from teleop_drake.kernel_block import KernelBlock
+from teleop_drake.kernel import Kernel, KernelBlock, times
 
 
 def decay(x, bias, t):
