@@ -90,10 +90,14 @@ def test_circles_are_found():
         AssertNoCircle({"a": {"b"}, "b": {"a"}})
 
 
+# Mathematics: no Drake, names in snake_case.
+OF_NUMBERS = ("laws", "integrator", "numerics")
+
+
 def test_imports_are_narrow():
     for module, imports in AllImports().items():
         assert not imports & {"pydrake.all", "__future__"}, module
-        if Floor(module) in ("laws", "numerics", "validation", "kinds", "files"):
+        if Floor(module) in (*OF_NUMBERS, "validation", "kinds", "files"):
             assert not any(name.startswith("pydrake") for name in imports), module
 
 
@@ -147,6 +151,7 @@ MIRRORED = (
     "architectures",
     "robots",
     "laws",
+    "integrator",
     "numerics",
 )
 
@@ -177,9 +182,9 @@ CAMEL_CASE = r"_?([A-Z][a-z0-9]*)+"
 def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """Returns the functions of a file whose names are not those of its folder.
 
-    Functions of numbers are in snake_case: laws, numerics, and what kernels consist
-    of, in kernel/, compiler/, machine_code/ and beside the block. Properties are in
-    snake_case as well. Everything that touches Drake is in CamelCase.
+    Functions of numbers are in snake_case: laws, integrator, numerics, and what
+    kernels consist of, in kernel/, compiler/, machine_code/ and beside the block.
+    Properties are in snake_case as well. Everything that touches Drake is in CamelCase.
     """
     tree = Parse(source)
     floor = path.relative_to(PACKAGE).parts[0]
@@ -189,7 +194,7 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
         if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
             continue
         is_property = any("property" in ast.unparse(x) for x in node.decorator_list)
-        if floor in ("laws", "numerics") or is_property:
+        if floor in OF_NUMBERS or is_property:
             allowed = SNAKE_CASE
         elif (offers_terms and node in tree.body) or floor in (
             "kernel",

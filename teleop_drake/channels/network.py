@@ -27,9 +27,9 @@ from teleop_drake.channels.packet_statistics import (
 from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
+from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel import Delay, Kernel, Packet
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
-from teleop_drake.numerics.delay_problem import TIE
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,

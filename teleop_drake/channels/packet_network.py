@@ -33,7 +33,7 @@ import numpy as np
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.numerics.delay_problem import TIE
+from teleop_drake.integrator.problem import TIE
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
 JITTERS = ("none", "uniform", "normal", "gamma")

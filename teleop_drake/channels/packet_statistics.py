@@ -7,7 +7,7 @@ import numpy as np
 
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.numerics.delay_problem import TIE
+from teleop_drake.integrator.problem import TIE
 
 
 @dataclass(kw_only=True)

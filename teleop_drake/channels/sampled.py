@@ -13,9 +13,9 @@ from teleop_drake.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.channels.delay_line import CheckChannel
+from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel import Delay, Kernel, Packet
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
-from teleop_drake.numerics.delay_problem import TIE
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 

@@ -8,17 +8,17 @@ from typing import Any, cast
 import numpy as np
 
 from teleop_drake.compiler.source import Program
+from teleop_drake.integrator.advance import advance
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import Evaluate, Integrator, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import EVALUATE, TypeOf
-from teleop_drake.numerics.delay_integrator import advance
 
 
 def CompileIntegrator(*arguments: Any) -> Integrator:
-    """Returns delay_integrator.advance() as machine code.
+    """Returns integrator.advance.advance() as machine code.
 
     It is compiled once a process for all diagrams, as nothing in it is a user's, and
     kept in the user's cache.

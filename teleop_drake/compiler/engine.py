@@ -11,15 +11,27 @@ from teleop_drake.compiler.compile import CompileIntegrator
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import Source
 from teleop_drake.compiler.source import Program
-from teleop_drake.kernel import Delay, Packet
-from teleop_drake.numerics import delay_integrator, delay_problem
-from teleop_drake.numerics.delay_integrator import evaluate_pieces
-from teleop_drake.numerics.delay_problem import (
+from teleop_drake.integrator.advance import (
+    DONE,
+    FULL,
+    STUCK,
+    advance,
+    delay_at,
+    evaluate_pieces,
+)
+from teleop_drake.integrator.problem import (
+    BREAKS,
+    EVALUATIONS,
+    POLYNOMIALS,
+    ROWS,
+    STEPS,
+    TRIES,
     Delays,
     Problem,
     Transitions,
     make_memory,
 )
+from teleop_drake.kernel import Delay, Packet
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
 Array = NDArray[np.float64]
@@ -131,17 +143,17 @@ class CompiledRun:
     @property
     def num_steps(self) -> int:
         """How many steps it has taken."""
-        return int(self._memory.counts[delay_problem.STEPS])
+        return int(self._memory.counts[STEPS])
 
     @property
     def num_tries(self) -> int:
         """How many steps it has tried, rejected ones too, and events at an instant."""
-        return int(self._memory.counts[delay_problem.TRIES])
+        return int(self._memory.counts[TRIES])
 
     @property
     def num_evaluations(self) -> int:
         """How many evaluations of the time derivatives it has taken."""
-        return int(self._memory.counts[delay_problem.EVALUATIONS])
+        return int(self._memory.counts[EVALUATIONS])
 
     def Advance(self, end: float) -> tuple[Array, Array]:
         """Integrates for a while.
@@ -162,32 +174,32 @@ class CompiledRun:
             self._max_step,
         )
         if self._advance is None:
-            self._advance = delay_integrator.advance
+            self._advance = advance
             if self._is_machine_code:
                 self._advance = cast(Callable[..., Any], CompileIntegrator(*arguments))
-        status = delay_integrator.DONE
+        status = DONE
         try:
             status = self._advance(self.evaluator.function, *arguments)
         except Exception as error:
-            status = delay_integrator.FULL
+            status = FULL
             if not self._MakesStepShorter(error):
                 self.error = error
         counts = self._memory.counts
-        num = counts[delay_problem.ROWS]
+        num = counts[ROWS]
         times = self._memory.row_times[:num].copy()
         rows = self._memory.rows[:num].copy()
-        counts[delay_problem.ROWS] = 0
+        counts[ROWS] = 0
         if num:
             memory = self._memory
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
-        if status == delay_integrator.STUCK:
+        if status == STUCK:
             # In the words of Drake.
             self.failure = (
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
-        elif status == delay_integrator.FULL:
+        elif status == FULL:
             if len(self._memory.rows) < _CHUNK:
                 self._LimitRows(_CHUNK)
             else:
@@ -228,12 +240,12 @@ class CompiledRun:
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""
         memory, counts = self._memory, self._memory.counts
-        num = counts[delay_problem.POLYNOMIALS]
+        num = counts[POLYNOMIALS]
         delays = self._problem.delays
         reached = self.time
         for d, time in enumerate(delays.times):
             if np.isfinite(time):
-                delay = delay_integrator.delay_at(self.time, d, delays)
+                delay = delay_at(self.time, d, delays)
                 reached = min(reached, self.time - delay)
             elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
                 # Those that are shown later were sent later.
@@ -251,9 +263,9 @@ class CompiledRun:
         # The polynomial under way is behind the others.
         steps[: num + 1 - oldest] = steps[oldest : num + 1].copy()
         values[: num + 1 - oldest] = values[oldest : num + 1].copy()
-        counts[delay_problem.POLYNOMIALS] = num - oldest
+        counts[POLYNOMIALS] = num - oldest
         breaks = memory.breaks
-        if counts[delay_problem.BREAKS] > len(breaks) // 2:
+        if counts[BREAKS] > len(breaks) // 2:
             breaks = np.concatenate([breaks, np.zeros_like(breaks)])
         self._memory = memory._replace(steps=steps, values=values, breaks=breaks)
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
+from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel.callbacks import Weakly
-from teleop_drake.numerics.delay_problem import TIE
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ def BoundLoops(
 
 
 class Integrator:
-    """delay_integrator.advance() in machine code.
+    """integrator.advance.advance() in machine code.
 
     Args:
         library: Has it.

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.environments.surface import Surface, SurfacesOf
-from teleop_drake.numerics.delay_problem import SAME
+from teleop_drake.integrator.problem import SAME
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7

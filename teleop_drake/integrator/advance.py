@@ -23,7 +23,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.numerics.delay_problem import (
+from teleop_drake.integrator.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.integrator.problem import (
     BREAKS,
     EVALUATIONS,
     IS_STARTED,
@@ -36,8 +37,7 @@ from teleop_drake.numerics.delay_problem import (
     Memory,
     Problem,
 )
-from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
-from teleop_drake.numerics.transitions import (
+from teleop_drake.integrator.transitions import (
     change_modes,
     is_due,
     is_near,

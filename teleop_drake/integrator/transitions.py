@@ -1,11 +1,11 @@
-"""Guards and modes of what delay_integrator integrates.
+"""Guards and modes of the system that advance() integrates.
 
 All functions here are in the part of Python that machine_code/typed_code compiles.
 """
 
 import math
 
-from teleop_drake.numerics.delay_problem import SAME, TIE, Memory, Transitions
+from teleop_drake.integrator.problem import SAME, TIE, Memory, Transitions
 
 
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:

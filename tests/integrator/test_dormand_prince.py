@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.integrator.dormand_prince import NUM_STAGES, A, C, E, P
 
 WEIGHTS = np.append(A[-1], 0.0)
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.numerics import delay_integrator
-from teleop_drake.numerics.delay_integrator import DONE, FULL, advance
-from teleop_drake.numerics.delay_problem import (
+from teleop_drake.integrator import advance as integrator
+from teleop_drake.integrator.advance import DONE, FULL, advance
+from teleop_drake.integrator.problem import (
     TRIES,
     Delays,
     Problem,
@@ -189,7 +189,7 @@ def test_a_transition_is_located():
 @pytest.mark.parametrize("is_stiff", [False, True])
 def test_it_comes_back_from_what_comes_no_further(monkeypatch, is_stiff):
     """From events at one instant, and from steps that are rejected."""
-    monkeypatch.setattr(delay_integrator, "_MOST_TRIES", 20)
+    monkeypatch.setattr(integrator, "_MOST_TRIES", 20)
     each = NO_TRANSITIONS._replace(
         guards=np.array([-1]),
         sources=np.array([0]),

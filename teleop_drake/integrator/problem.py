@@ -1,4 +1,4 @@
-"""What delay_integrator works with: a system with delays and modes as arrays."""
+"""A system with delays and modes as arrays, as advance() integrates it."""
 
 from typing import NamedTuple
 

@@ -1,12 +1,12 @@
-"""Guards and modes; test_delay_integrator.py integrates with them."""
+"""Guards and modes; test_advance.py integrates with them."""
 
 import types
 
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.delay_problem import Transitions
-from teleop_drake.numerics.transitions import (
+from teleop_drake.integrator.problem import Transitions
+from teleop_drake.integrator.transitions import (
     change_modes,
     is_due,
     is_near,

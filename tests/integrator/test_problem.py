@@ -1,9 +1,9 @@
-"""What the integrator works with; test_delay_integrator.py integrates."""
+"""The system as arrays; test_advance.py integrates it."""
 
 import numpy as np
 
-from teleop_drake.numerics import delay_problem
-from teleop_drake.numerics.delay_problem import (
+from teleop_drake.integrator import problem
+from teleop_drake.integrator.problem import (
     Delays,
     Problem,
     Transitions,
@@ -13,7 +13,7 @@ from teleop_drake.numerics.delay_problem import (
 
 def test_the_counts_have_places_of_their_own():
     names = "STEPS EVALUATIONS POLYNOMIALS BREAKS ROWS IS_STARTED TRIES"
-    places = [getattr(delay_problem, name) for name in names.split()]
+    places = [getattr(problem, name) for name in names.split()]
     assert sorted(places) == list(range(7))
 
 
