@@ -28,7 +28,6 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
 from teleop_drake.figures.runs import PlotComparison, SaveFigure
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
-from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
 
@@ -108,29 +107,6 @@ def test_table_is_that_of_the_runs():
                 assert value is None
             else:
                 assert value == pytest.approx(float(values[i]), rel=1e-3), name
-
-
-@pytest.mark.parametrize(
-    "task, kind, delay",
-    Slow(
-        [
-            ("needle_insertion", "adaptive_backstepping", 0.5),
-            ("wall_sliding", "direct_force", 0.3),
-            ("wall_sliding", "wave_variables", 0.2),
-        ]
-    ),
-)
-def test_forces_in_space(task, kind, delay):
-    table = TEXT[TEXT.index(f"| {task} | 0 |") :]
-    header, row = (
-        re.search(rf"^\| {name} \|(.*)\|$", table, re.MULTILINE)[1].split("|")
-        for name in (task, kind)
-    )
-    cells = dict(zip(map(float, header), row, strict=True))
-    delays = {f"{path}_channel.delay": delay for path in ("forward", "return")}
-    scenario = LoadScenario(task, {"controller.kind": kind, **delays})
-    collision = RunMetrics(simulate(scenario, engine="auto"))["collision"]
-    assert collision["peak_force"] == pytest.approx(float(cells[delay]), abs=6e-4)
 
 
 def test_numbers_in_the_text():

@@ -65,7 +65,7 @@ def test_only_commands_that_are_for_files_have_a_folder_unasked():
                 assert (action.default == "out") == ("(default: out)" in action.help)
     asked = {"run", "analyze", "replay", "drive", "docs"}
     assert {name for name, folder in folders.items() if folder is None} >= asked
-    page = Path(teleop_drake.__file__).parent / "docs/command_line.md"
+    page = Path(teleop_drake.__file__).parent / "docs/guide.md"
     sentence = re.search(r"([^.]*) are there to\s+make files", page.read_text("utf-8"))
     assert set(re.findall(r"`(\w+)`", sentence[1])) == {
         name for name, folder in folders.items() if folder == "out"

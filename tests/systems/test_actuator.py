@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from documentation import TEXT
-from drive_bandwidth import BANDWIDTHS, CASES, PICTURE, Main, Measure, TableLine
-from grids import Slow
+from drive_bandwidth import PICTURE, Main, Measure
 from matplotlib.image import imread
 from pydrake.systems.analysis import Simulator
 
@@ -97,10 +95,13 @@ def test_analyze_knows_the_slope_of_friction():
     )
 
 
-@pytest.mark.parametrize("bandwidth", Slow(BANDWIDTHS, but=[2]))
-def test_table_of_the_documentation(bandwidth):
-    rows = [Measure(case, kind, bandwidth) for case in CASES for kind in CONTROLLERS]
-    assert TableLine(bandwidth, rows) in TEXT
+def test_which_drives_let_case_ii_come_to_rest():
+    """As the page on robots says."""
+    case, (direct, adaptive) = "two_dof_collision", CONTROLLERS
+    rests = {w: Measure(case, adaptive, w)["collision.settling_time"] for w in (30, 20)}
+    assert rests[30] is not None and rests[20] is None
+    lost = {w: Measure(case, direct, w)["diverged_at"] for w in (100, 30)}
+    assert lost[100] is None and lost[30] is not None
 
 
 @pytest.mark.parametrize(
