@@ -18,10 +18,15 @@ from pydrake.systems.framework import System
 from teleop_drake.compiler.flatten import Block, Source
 from teleop_drake.compiler.parameters import Parameters
 from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition, is_part, names_in
+from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
+from teleop_drake.kernel.kernel import Law, Part
+from teleop_drake.kernel.terms import TermReader
 
 # The rate of a block's state is found among its outputs under this name.
 _RATE = "rate"
+
+# Expressions of vectors one after another, each with its size, or None.
+_Texts = list[tuple[str, int | None]]
 
 
 def put(target: Any, value: Any) -> None:
@@ -46,7 +51,8 @@ class Program:
 
     Attributes:
         text: The source. It depends on the structure of the diagram alone.
-        names: What the source calls, by its names.
+        functions: What the source calls, as f0, f1, ...
+        names: The same and helpers, by their names there.
         parameters: p and q.
         signals: Where in y an output is.
         fed: Where in y an input is that is not connected: (block, port).
@@ -65,7 +71,7 @@ class Program:
         self._blocks, self._kernels = blocks, kernels
         self._parameters = Parameters()
         self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
-        self._functions: list[Callable[..., Any]] = []
+        self.functions: list[Law] = []
         # What fills in a part of y or dx.
         self._terms: dict[Source, tuple[str, slice, Term]] = {}
         self.signals: dict[Source, slice] = {}
@@ -73,23 +79,28 @@ class Program:
         self.states, num_x = _Slices([_NumStates(block) for block in blocks])
         self.modes, num_m = _Slices([_NumModes(block) for block in blocks])
         self._num_y = 0
+        self._readers = [
+            _Reader(self, i, blocks[i].system, kernel)
+            for i, kernel in enumerate(kernels)
+        ]
         for i, kernel in enumerate(kernels):
-            self._CheckInputs(i)
             self._Declare(i, kernel)
         self._lines: list[str] = []
         self._under_way: list[Source] = []
         self._done: set[Source] = set()
         for i, kernel in enumerate(kernels):
             if kernel.rate is not None:
-                self._Write(Source(i, _RATE))
+                self.Write(Source(i, _RATE))
         self.delays: list[tuple[Delay, slice, slice]] = [
-            (delay, self._Slot(i, delay.signal), self.signals[Source(i, delay.output)])
+            (delay, self.Slot(i, delay.signal), self.signals[Source(i, delay.output)])
             for i, kernel in enumerate(kernels)
             for delay in kernel.delays
         ]
         self._lines += ["    if not everything:", "        return"]
         for output in self._terms:
-            self._Write(output)
+            self.Write(output)
+        for i in range(len(blocks)):
+            self._CheckInputs(i)
         self.transitions: list[tuple[Transition, slice | None, slice, slice]] = [
             (
                 transition,
@@ -106,7 +117,7 @@ class Program:
         self.names: dict[str, Callable[..., Any]] = {
             "put": put,
             **self._parameters.types,
-            **{f"f{i}": function for i, function in enumerate(self._functions)},
+            **{f"f{i}": function for i, function in enumerate(self.functions)},
         }
         self.parameters = self._parameters.as_arrays()
         self.sizes = self._num_y, num_x, num_m
@@ -152,21 +163,24 @@ class Program:
         self._num_y += size
         return slice(self._num_y - size, self._num_y)
 
+    def ParameterText(self, i: int, name: str, value: Any) -> tuple[str, int | None]:
+        """Returns what a parameter of a block is in the source, and its size."""
+        if (i, name) not in self._parameter_texts:
+            size = None if isinstance(value, tuple) else np.size(value)
+            self._parameter_texts[i, name] = self._parameters.Add(value), size
+        return self._parameter_texts[i, name]
+
     def _CheckInputs(self, i: int) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
         block, kernel = self._blocks[i], self._kernels[i]
-        terms = [kernel.rate, *kernel.outputs.values()]
-        for transition in kernel.transitions.values():
-            terms += [transition.guard, transition.mode]
-        taken = {name for term in terms for name in names_in(term)}
-        taken |= {*kernel.unused, *(delay.signal for delay in kernel.delays)}
+        taken = {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:
-            if name not in taken:
+            if name not in taken | self._readers[i].names:
                 raise UnsupportedSystem(
                     block.system, f"its kernel takes nothing from the input {name}"
                 )
 
-    def _Write(self, output: Source) -> None:
+    def Write(self, output: Source) -> None:
         """Adds the lines that fill in an output, after those that it depends on."""
         if output in self._done or output not in self._terms:
             return
@@ -175,7 +189,7 @@ class Program:
             raise UnsupportedSystem(block.system, f"{output.port} depends on itself")
         array, part, term = self._terms[output]
         self._under_way.append(output)
-        expressions = self._Expressions(output.block, term)
+        expressions = self._readers[output.block].Read(term)
         self._under_way.pop()
         self._done.add(output)
         self._lines.append(f"    # {block.path}: {output.port}")
@@ -183,7 +197,7 @@ class Program:
         for expression, size in expressions:
             if size is None:
                 size = part.stop - first
-            target, _ = _Part(array, slice(first, first + size))
+            target, _ = _Elements(array, slice(first, first + size))
             self._lines.append(f"    put({target}, {expression})")
             first += size
         if first != part.stop:
@@ -193,57 +207,12 @@ class Program:
                 f"instead of {part.stop - part.start}",
             )
 
-    def _Expressions(self, i: int, term: Term) -> list[tuple[str, int | None]]:
-        """Returns what a term is in the source, and sizes where they are known."""
-        if isinstance(term, str) or is_part(term):
-            term = [term]  # type: ignore[list-item]  # A tuple with a name is a part.
-        if isinstance(term, list):
-            return [self._Named(i, name) for name in term]
-        function, *names = term
-        assert callable(function), function
-        if function not in self._functions:
-            self._functions.append(function)
-        arguments = (
-            repr(name) if isinstance(name, int) else self._Named(i, name)[0]  # type: ignore[arg-type]
-            for name in names
-        )
-        place = self._functions.index(function)
-        return [(f"f{place}({', '.join(arguments)})", None)]
-
-    def _Named(self, i: int, name: Name) -> tuple[str, int | None]:
-        """Returns what a name of a block's kernel is in the source, and its size."""
-        if not isinstance(name, str):
-            whole, first, end = name
-            text, size = self._Named(i, whole)
-            if size is None or not 0 <= first <= end <= size:
-                raise UnsupportedSystem(
-                    self._blocks[i].system, f"its kernel takes the part {name}"
-                )
-            return f"{text}[{first}:{end}]", end - first
-        kernel = self._kernels[i]
-        if name == "time":
-            return "t", None
-        if name == "state":
-            return _Part("x", self.states[i])
-        if name == "mode":
-            return _Part("m", self.modes[i])
-        if name in kernel.parameters:
-            if (i, name) not in self._parameter_texts:
-                value = kernel.parameters[name]
-                size = None if isinstance(value, tuple) else np.size(value)
-                self._parameter_texts[i, name] = self._parameters.Add(value), size
-            return self._parameter_texts[i, name]
-        if name == _RATE and kernel.rate is not None:
-            self._Write(Source(i, _RATE))
-            return _Part("dx", self.states[i])
-        return _Part("y", self._Slot(i, name))
-
-    def _Slot(self, i: int, name: str) -> slice:
+    def Slot(self, i: int, name: str) -> slice:
         """Returns where in y a port of a block is, after what fills it in."""
         block, kernel = self._blocks[i], self._kernels[i]
         source = block.inputs.get(name, Source(i, name))
         if source in self.signals:
-            self._Write(source)
+            self.Write(source)
             return self.signals[source]
         if name in block.inputs:
             raise UnsupportedSystem(
@@ -258,6 +227,51 @@ class Program:
         return self.fed[source]
 
 
+class _Reader(TermReader[_Texts]):
+    """Writes the terms of a block as expressions, each with its size if it is known."""
+
+    def __init__(self, program: Program, i: int, system: System, kernel: Kernel):
+        super().__init__(kernel)
+        self._program, self._i, self._system = program, i, system
+
+    def Number(self, number: int) -> _Texts:
+        return [(repr(number), None)]
+
+    def Joined(self, parts: list[_Texts]) -> _Texts:
+        return [text for part in parts for text in part]
+
+    def Part(self, whole: _Texts, part: Part) -> _Texts:
+        ((text, size),) = whole
+        _, begin, end = part
+        if size is None or not 0 <= begin <= end <= size:
+            raise UnsupportedSystem(self._system, f"its kernel takes the part {part}")
+        return [(f"{text}[{begin}:{end}]", end - begin)]
+
+    def Call(self, law: Law, arguments: Sequence[Name | int]) -> _Texts:
+        functions = self._program.functions
+        if law not in functions:
+            functions.append(law)
+        texts = ", ".join(text for x in arguments for text, _ in self.Read(x))
+        return [(f"f{functions.index(law)}({texts})", None)]
+
+    def Word(self, word: str) -> _Texts:
+        if word == "time":
+            return [("t", None)]
+        if word == "state":
+            return [_Elements("x", self._program.states[self._i])]
+        return [_Elements("m", self._program.modes[self._i])]
+
+    def Parameter(self, name: str, value: Any) -> _Texts:
+        return [self._program.ParameterText(self._i, name, value)]
+
+    def Rate(self, term: Term) -> _Texts:
+        self._program.Write(Source(self._i, _RATE))
+        return [_Elements("dx", self._program.states[self._i])]
+
+    def Port(self, name: str) -> _Texts:
+        return [_Elements("y", self._program.Slot(self._i, name))]
+
+
 _HEAD = "def evaluate(t, x, m, p, q, y, dx, everything):"
 
 
@@ -269,7 +283,7 @@ def _Mode(transition: str) -> str:
     return f"mode after {transition}"
 
 
-def _Part(array: str, part: slice) -> tuple[str, int]:
+def _Elements(array: str, part: slice) -> tuple[str, int]:
     return f"{array}[{part.start}:{part.stop}]", part.stop - part.start
 
 

@@ -8,8 +8,6 @@ from teleop_drake.kernel.kernel import (
     Packet,
     Term,
     Transition,
-    is_part,
-    names_in,
     times,
 )
 
@@ -21,7 +19,5 @@ __all__ = [
     "Packet",
     "Term",
     "Transition",
-    "is_part",
-    "names_in",
     "times",
 ]

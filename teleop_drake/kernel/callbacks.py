@@ -1,12 +1,13 @@
 """Callbacks that do not keep alive whose they are."""
 
+import inspect
 import weakref
 from collections.abc import Callable
 from typing import Any
 
 
-def Weakly(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a bound method as a function that does not keep its object alive.
+def Weakly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a function that calls another one and does not keep it alive.
 
     Drake keeps the functions of a witness or a cache entry where Python's garbage
     collector does not see them, so a system that hands in its own methods is never
@@ -14,9 +15,10 @@ def Weakly(method: Callable[..., Any]) -> Callable[..., Any]:
     lives.
 
     Args:
-        method: A method of an object.
+        function: A method of the system, or a function that the system keeps.
     """
-    reference = weakref.WeakMethod(method)
+    is_method = inspect.ismethod(function)
+    reference = (weakref.WeakMethod if is_method else weakref.ref)(function)
 
     def Call(*arguments: Any) -> Any:
         alive = reference()

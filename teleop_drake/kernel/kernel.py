@@ -30,9 +30,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+Law = Callable[..., Any]
 Part = tuple[str, int, int]
 Name = str | Part
-Term = tuple[Callable[..., Any] | Name | int, ...] | list[Name] | Name
+Term = tuple[Law | Name | int, ...] | list[Name] | Name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,30 +130,6 @@ class Kernel:
     delays: Sequence[Delay] = ()
 
 
-def names_in(term: Term | None) -> list[str]:
-    """Returns the names that a term takes.
-
-    Args:
-        term: The term, or None.
-    """
-    if term is None:
-        return []
-    if isinstance(term, str):
-        return [term]
-    return [name for item in term if not callable(item) for name in _names(item)]
-
-
 def times(a: Any, b: Any) -> Any:
     """Returns a times b, element by element."""
     return a * b
-
-
-def is_part(item: Any) -> bool:
-    """Returns whether something is a part, ("name", first, end)."""
-    return isinstance(item, tuple) and isinstance(item[0], str)
-
-
-def _names(item: Name | int) -> list[str]:
-    if isinstance(item, int):
-        return []
-    return [item] if isinstance(item, str) else [item[0]]

@@ -1,11 +1,15 @@
 """Blocks that are their kernels."""
 
+import traceback
+
 import numpy as np
+import pytest
 from blocks import Feedthrough
 from pydrake.systems.framework import BasicVector
 
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.kernel import Kernel, KernelBlock, times
+from teleop_drake.validation import ScenarioError
 
 
 def decay(x, bias, t):
@@ -76,3 +80,46 @@ def test_an_output_feeds_through_what_its_term_takes():
 
 def test_the_kernel_is_that_of_the_compiler():
     assert CheckKernel(Everything(), num_states=3) == []
+
+
+def failing(x):
+    raise ArithmeticError("as the law says")
+
+
+class Spring(KernelBlock):
+    def __init__(self, **terms):
+        KernelBlock.__init__(self)
+        self._terms = terms
+        self.DeclareVectorInputPort("position", 1)
+        self.DeclareContinuousState(1)
+        self.DeclareOutputs(force=1)
+
+    def Kernel(self):
+        return Kernel(parameters={"k": 3.0}, **self._terms)
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"outputs": {"force": (times, "k", "postion")}}, "outputs.force = 'postion'"),
+        ({"outputs": {"force": "k", "other": "postion"}}, "outputs.other = 'postion'"),
+        ({"outputs": {"force": "k"}, "rate": ["postion"]}, "rate = 'postion'"),
+    ],
+)
+def test_a_misspelt_name_is_refused_where_the_block_is_made(terms, message):
+    with pytest.raises(ScenarioError) as error:
+        Spring(**terms)
+    assert f"Spring: {message}: must be one of position, " in str(error.value)
+    assert "did you mean 'position'" in str(error.value)
+
+
+def test_a_trace_shows_the_users_file_and_no_text_that_is_none():
+    block = Spring(outputs={"force": (failing, "position")})
+    context = block.CreateDefaultContext()
+    block.GetInputPort("position").FixValue(context, [1.0])
+    with pytest.raises(ArithmeticError) as error:
+        block.GetOutputPort("force").Eval(context)
+    frames = traceback.extract_tb(error.value.__traceback__)
+    assert frames[-1].filename == __file__
+    assert frames[-1].line == 'raise ArithmeticError("as the law says")'
+    assert all(frame.line for frame in frames)
