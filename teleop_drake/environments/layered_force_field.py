@@ -5,18 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    Event,
-    EventStatus,
-    LeafSystem,
-    State,
-    UnrestrictedUpdateEvent,
-    WitnessFunction,
-    WitnessFunctionDirection,
-)
 
 from teleop_drake.environments.surface import (
     CONTACT,
@@ -26,8 +14,7 @@ from teleop_drake.environments.surface import (
     Surface,
     UnitNormal,
 )
-from teleop_drake.kernel import Kernel, Transition
-from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
@@ -39,14 +26,13 @@ from teleop_drake.laws.layered_force import (
     layered_force,
     puncture_position,
 )
-from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]
 Regions = NDArray[np.int64]
 
 
-class LayeredForceField(LeafSystem):
+class LayeredForceField(KernelBlock):
     """Force of the tool on layered material, as the sensor reads it.
 
         F_e = (k_e (x - reference) + d_e v_x) a + k_l (p - p_axis)   (2.14) to (2.16)
@@ -66,13 +52,12 @@ class LayeredForceField(LeafSystem):
 
     State (discrete, 1): the region the tool is in. A region is a run of layers in
     which the force is continuous; between two regions it jumps. If the Context has
-    an accuracy (context.SetAccuracy), the instant at which the tool crosses into
-    another region is located by a witness function and the force of a step is
-    computed with the law of one region throughout. A position that jumps is looked at
-    at the end of each step. A tool on a border is in the region that begins there.
-    Without an accuracy the position
-    alone decides, also in the middle of a step. A non-smooth point, such as
-    touching an undamped spring, needs no event: error control handles it.
+    an accuracy (context.SetAccuracy), the instant at which the tool leaves its region
+    is located and the force of a step is computed with the law of one region
+    throughout. A tool on a border is in the region that begins there. Without an
+    accuracy the position alone decides, also in the middle of a step: the region is
+    the kernel's initial mode. A non-smooth point, such as touching an undamped spring,
+    needs no event: error control handles it.
 
     Initial value: the region at the initial position.
 
@@ -97,6 +82,8 @@ class LayeredForceField(LeafSystem):
         ValueError: If the starts do not ascend or a value is not allowed.
     """
 
+    is_compiled = True
+
     def __init__(
         self,
         *,
@@ -106,63 +93,24 @@ class LayeredForceField(LeafSystem):
         direction: ArrayLike | None = None,
         axis_point: ArrayLike | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         _CheckLayers(layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
-        self._axis = np.array([UnitNormal(direction, num_axes), point], dtype=float)
-        self._layers = layer_table(layers)
-        self._regions = layer_regions(layers)
-        # Where no region is kept, the position alone decides: all layers are in one.
-        everywhere = np.array([[0, len(layers)]])
-        self._laws_anywhere, self._laws = (
-            [
-                CompileLaw(law, self._layers, regions, self._axis)
-                for law in (force_in_region, layer_in_region)
-            ]
-            for regions in (everywhere, self._regions)
-        )
-        # The last number before each region, and where the next one begins.
-        boundaries = self._layers[self._regions[1:, 0], 0]
-        self._before = np.array([-math.inf, *np.nextafter(boundaries, -math.inf)])
-        self._ends = np.array([*boundaries, math.inf])
-
-        self._p = self.DeclareVectorInputPort("tool_position", num_axes)
-        self._v = self.DeclareVectorInputPort("tool_velocity", num_axes)
-        self._region = self.DeclareDiscreteState(1)
-        region = {self.xd_ticket(), self.accuracy_ticket()}
-        self.DeclareVectorOutputPort(
-            "environment_force",
-            num_axes,
-            self._CalcForce,
-            prerequisites_of_calc={self._p.ticket(), self._v.ticket(), *region},
-        )
-        self.DeclareVectorOutputPort(
-            "layer",
-            1,
-            self._CalcLayer,
-            prerequisites_of_calc={self._p.ticket(), *region},
-        )
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._SetRegion)
-        self.DeclarePerStepDiscreteUpdateEvent(self._CheckRegion)
-        enters_next = self.MakeWitnessFunction(
-            "enters_next_region",
-            WitnessFunctionDirection.kNegativeThenNonNegative,
-            Weakly(self._CalcPastEnd),
-            UnrestrictedUpdateEvent(Weakly(self._EnterRegion)),
-        )
-        enters_previous = self.MakeWitnessFunction(
-            "enters_previous_region",
-            WitnessFunctionDirection.kNegativeThenNonNegative,
-            Weakly(self._CalcBeforeBegin),
-            UnrestrictedUpdateEvent(Weakly(self._EnterRegion)),
-        )
-        # By the region: there is nothing before the first and behind the last.
-        last = len(self._regions) - 1
-        self._witnesses = [
-            [enters_next] * (region < last) + [enters_previous] * (region > 0)
-            for region in range(last + 1)
-        ]
+        table, regions = layer_table(layers), layer_regions(layers)
+        starts = table[regions[1:, 0], 0]
+        self._parameters = {
+            "layers": table,
+            "regions": regions,
+            "axis": np.array([UnitNormal(direction, num_axes), point], dtype=float),
+            # The last number before each region, and where the next one begins.
+            "before": np.array([-math.inf, *np.nextafter(starts, -math.inf)]),
+            "ends": np.array([*starts, math.inf]),
+        }
+        self.DeclareVectorInputPort("tool_position", num_axes)
+        self.DeclareVectorInputPort("tool_velocity", num_axes)
+        self.DeclareDiscreteState(1)
+        self.DeclareOutputs(environment_force=num_axes, layer=1)
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns where the layers begin, in their order; see LayerSurfaces."""
@@ -179,78 +127,18 @@ class LayeredForceField(LeafSystem):
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
         law = ("layers", "regions", "axis", "mode", "tool_position")
+        region: Term = (region_at, "ends", "axis", "tool_position")
+        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
+        leaves = {"leaves_region": Transition(guard=guard, mode=region)}
         return Kernel(
-            parameters={
-                "layers": self._layers,
-                "regions": self._regions,
-                "axis": self._axis,
-                "before": self._before,
-                "ends": self._ends,
-            },
+            parameters=self._parameters,
             outputs={
                 "environment_force": (force_in_region, *law, "tool_velocity"),
                 "layer": (layer_in_region, *law),
             },
-            transitions={
-                "enters_next_region": Transition(
-                    guard=(past_end, "ends", "mode", "axis", "tool_position"),
-                    mode=(next_region, "mode"),
-                ),
-                "enters_previous_region": Transition(
-                    guard=(before_begin, "before", "mode", "axis", "tool_position"),
-                    mode=(previous_region, "mode"),
-                ),
-            },
+            initial_mode=region,
+            transitions=leaves if len(self._parameters["regions"]) > 1 else {},
         )
-
-    def _GetRegion(self, context: Context) -> int:
-        return int(context.get_discrete_state_vector().GetAtIndex(0))
-
-    def _Evaluate(self, index: int, context: Context, *motion: Array) -> Array:
-        """Returns what a law, force or layer, gives in the region that holds now."""
-        if context.get_accuracy() is None:
-            return self._laws_anywhere[index](np.zeros(1), *motion)
-        return self._laws[index](context.get_discrete_state_vector().value(), *motion)
-
-    def _CalcForce(self, context: Context, output: BasicVector) -> None:
-        motion = self._p.Eval(context), self._v.Eval(context)
-        output.SetFromVector(self._Evaluate(0, context, *motion))
-
-    def _CalcLayer(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._Evaluate(1, context, self._p.Eval(context)))
-
-    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the boundaries of the region, if events are to be located."""
-        if context.get_accuracy() is None:
-            return []
-        return self._witnesses[self._GetRegion(context)]
-
-    def _CalcPastEnd(self, context: Context) -> float:
-        mode = context.get_discrete_state_vector().value()
-        return past_end(self._ends, mode, self._axis, self._p.Eval(context)).item()
-
-    def _CalcBeforeBegin(self, context: Context) -> float:
-        mode = context.get_discrete_state_vector().value()
-        position = self._p.Eval(context)
-        return before_begin(self._before, mode, self._axis, position).item()
-
-    def _RegionAtTool(self, context: Context) -> int:
-        x = np.sum(self._p.Eval(context) * self._axis[0])
-        return int(np.searchsorted(self._ends, x, side="right"))
-
-    def _SetRegion(self, context: Context, state: State) -> None:
-        region = self._RegionAtTool(context)
-        state.get_mutable_discrete_state(self._region).SetAtIndex(0, region)
-
-    def _EnterRegion(self, context: Context, event: Event, state: State) -> None:
-        self._SetRegion(context, state)
-
-    def _CheckRegion(self, context: Context, values: DiscreteValues) -> EventStatus:
-        region = self._RegionAtTool(context)
-        if context.get_accuracy() is None or region == self._GetRegion(context):
-            return EventStatus.DidNothing()
-        values.get_mutable_vector(self._region).SetAtIndex(0, region)
-        return EventStatus.Succeeded()
 
 
 def force_in_region(
@@ -268,27 +156,20 @@ def layer_in_region(
     return np.array([layer_row(layers, regions, int(mode[0]), x) - 1.0])
 
 
-def past_end(ends: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
-    """Returns how far the tool is behind the end of its region, m."""
-    return np.array([np.sum(p_WT * axis[0]) - ends[int(mode[0])]])
+def region_at(ends: Array, axis: Array, p_WT: Array) -> Array:
+    """Returns the region that the tool is in."""
+    x = np.sum(p_WT * axis[0])
+    return np.array([1.0 * np.searchsorted(ends, x, side="right")])
 
 
-def before_begin(before: Array, mode: Array, axis: Array, p_WT: Array) -> Array:
-    """Returns how far the tool is before the begin of its region, m.
+def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -> Array:
+    """Returns how far the tool is outside of the region that is the mode, m.
 
-    Not negative from the last number before it: at the begin, the tool is inside.
+    Not negative from the end on, and from the last number before the begin back: at
+    the begin, the tool is inside.
     """
-    return np.array([before[int(mode[0])] - np.sum(p_WT * axis[0])])
-
-
-def next_region(mode: Array) -> Array:
-    """Returns the mode in the next region."""
-    return mode + 1
-
-
-def previous_region(mode: Array) -> Array:
-    """Returns the mode in the previous region."""
-    return mode - 1
+    x, region = np.sum(p_WT * axis[0]), int(mode[0])
+    return np.array([max(x - ends[region], before[region] - x)])
 
 
 def LayerSurfaces(

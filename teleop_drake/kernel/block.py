@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,9 +14,10 @@ from pydrake.systems.framework import (
     ContinuousState,
     DependencyTicket,
     LeafSystem,
+    WitnessFunction,
 )
 
-from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.terms import WORDS, TermReader
 from teleop_drake.machine_code.compiled import CompileLaw
@@ -30,15 +32,16 @@ class KernelBlock(LeafSystem):
     A subclass declares its input ports and its state, sets what its Kernel() takes, and
     then calls DeclareOutputs(). What an output depends on follows from its term.
 
-    Events are not made of transitions and delays: a block that has some declares them
+    Events are made of the transitions; see Events. The mode is one vector, which the
+    block has declared. Of delays nothing is made: a block that has some declares them
     itself.
 
     Attributes:
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
-        is_compiled: Whether Drake's callbacks call the kernel's functions as machine
-            code where that is installed: worth its while for those that take more than
-            a few microseconds.
+        is_compiled: Whether the outputs and the rate call the kernel's functions as
+            machine code where that is installed: worth its while for those that take
+            more than a few microseconds.
     """
 
     optional_inputs: tuple[str, ...] = ()
@@ -50,25 +53,33 @@ class KernelBlock(LeafSystem):
         """Returns what the block computes; see kernel."""
 
     def DeclareOutputs(self, **sizes: int) -> None:
-        """Declares the output ports, and the rate of the state.
+        """Declares the output ports, the rate of the state, and the events.
 
         Args:
             sizes: Width of each port by its name, in the order of the ports.
         """
-        kernel = self.Kernel()
-        name = self.get_name() or type(self).__name__
-        values, tickets = {}, {}
-        for output, term in kernel.outputs.items():
-            reader = _Reader(self, kernel, f"{name}: outputs.{output}")
-            values[output], tickets[output] = reader.Read(term), reader.tickets
-        for port, size in sizes.items():
-            depends_on = tickets[port] or {self.nothing_ticket()}
-            calc = _Callback(values[port])
-            self.DeclareVectorOutputPort(port, size, calc, depends_on)
-        # Drake's callbacks do not keep them alive.
-        self._kernel_outputs = values
+        kernel, is_compiled = self.Kernel(), self.is_compiled
+        self._kernel_outputs: dict[str, _Value] = {}
+        tickets = {}
+        for name, term in kernel.outputs.items():
+            reader = _Reader(self, kernel, f"outputs.{name}", is_compiled=is_compiled)
+            self._kernel_outputs[name] = reader.Read(term)
+            tickets[name] = reader.tickets or {self.nothing_ticket()}
+        for name, size in sizes.items():
+            callback = _Callback(self, name)
+            self.DeclareVectorOutputPort(name, size, callback, tickets[name])
         if kernel.rate is not None:
-            self._kernel_rate = _Reader(self, kernel, f"{name}: rate").Read(kernel.rate)
+            reader = _Reader(self, kernel, "rate", is_compiled=is_compiled)
+            self._kernel_rate = reader.Read(kernel.rate)
+
+        def Read(term: Term, place: str) -> _Value:
+            return _Reader(self, kernel, place, is_compiled=False).Read(term)
+
+        self._kernel_events = Events(self, kernel, Read)
+
+    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
+        """Returns the guards of the transitions, if events are to be located."""
+        return self._kernel_events.Witnesses(context)
 
     def DoCalcTimeDerivatives(
         self, context: Context, derivatives: ContinuousState
@@ -78,10 +89,20 @@ class KernelBlock(LeafSystem):
             derivatives.SetFromVector(self._kernel_rate(context))
 
 
-def _Callback(value: _Value) -> Callable[[Context, BasicVector], None]:
+def _Callback(block: KernelBlock, name: str) -> Callable[[Context, BasicVector], None]:
     """Returns what Drake calls for a port, which does not keep the block alive."""
-    evaluate = Weakly(value)
-    return lambda context, output: output.SetFromVector(evaluate(context))
+    reference = weakref.ref(block)
+
+    def Calc(context: Context, output: BasicVector) -> None:
+        alive = reference()
+        assert alive is not None
+        output.SetFromVector(alive._kernel_outputs[name](context))
+
+    return Calc
+
+
+def _ModeOf(context: Context) -> Any:
+    return context.get_discrete_state_vector().CopyToVector()
 
 
 class _Reader(TermReader[_Value]):
@@ -94,11 +115,14 @@ class _Reader(TermReader[_Value]):
         block: Whose kernel it is.
         kernel: The kernel.
         place: Where the terms stand in the kernel, for messages.
+        is_compiled: Whether to call functions as machine code.
     """
 
-    def __init__(self, block: KernelBlock, kernel: Kernel, place: str):
+    def __init__(
+        self, block: KernelBlock, kernel: Kernel, place: str, *, is_compiled: bool
+    ):
         super().__init__(kernel)
-        self._block, self._place = block, place
+        self._block, self._place, self._is_compiled = block, place, is_compiled
         self.tickets: set[DependencyTicket] = set()
 
     def Number(self, number: int) -> _Value:
@@ -115,8 +139,11 @@ class _Reader(TermReader[_Value]):
         parameters = self.kernel.parameters
         names = list(itertools.takewhile(parameters.__contains__, arguments))
         constants = [parameters[name] for name in names]  # type: ignore[index]
-        bind = CompileLaw if self._block.is_compiled else functools.partial
-        bound = bind(law, *constants) if constants or self._block.is_compiled else law
+        bound = law
+        if self._is_compiled:
+            bound = CompileLaw(law, *constants)
+        elif constants:
+            bound = functools.partial(law, *constants)
         others = [self.Read(argument) for argument in arguments[len(names) :]]
         if len(others) == 1:  # Short ways, which make a loop some per cent faster.
             (first,) = others
@@ -135,7 +162,13 @@ class _Reader(TermReader[_Value]):
             self.tickets.add(block.xc_ticket())
             return lambda x: x.get_continuous_state_vector().CopyToVector()
         self.tickets.add(block.xd_ticket())
-        return lambda context: context.get_discrete_state_vector().CopyToVector()
+        if self.kernel.initial_mode is None:
+            return _ModeOf
+        self.tickets.add(block.accuracy_ticket())
+        reader = _Reader(block, self.kernel, "initial_mode", is_compiled=False)
+        initial = reader.Read(self.kernel.initial_mode)
+        self.tickets |= reader.tickets
+        return lambda x: initial(x) if x.get_accuracy() is None else _ModeOf(x)
 
     def Parameter(self, name: str, value: Any) -> _Value:
         return lambda context: value
@@ -154,7 +187,8 @@ class _Reader(TermReader[_Value]):
                 for i in range(block.num_input_ports())
             ]
             names = [*inputs, *outputs, *self.kernel.parameters, *WORDS]
-            Refuse(self._place, name, Choices(name, names))
+            owner = block.get_name() or type(block).__name__
+            Refuse(f"{owner}: {self._place}", name, Choices(name, names))
         port = block.GetInputPort(name)
         self.tickets.add(port.ticket())
         evaluate: _Value = port.Eval

@@ -51,8 +51,8 @@ class Transition:
         guard: One number, continuous between jumps, a term; None: periodic.
         period: In s, > 0; infinity: once.
         offset: When a periodic transition happens first, s.
-        is_discrete: Whether it is a discrete update of Drake, which comes after the
-            unrestricted ones at an instant, and sees what they have made.
+        is_discrete: Whether a periodic one is a discrete update of Drake, which comes
+            after the unrestricted ones at an instant, and sees what they have made.
     """
 
     mode: Term
@@ -118,6 +118,9 @@ class Kernel:
         sizes: Width of the ports that are no vectors in Drake, and of other results.
         unused: Input ports that nothing of this depends on, such as a log's.
         transitions: Changes of the mode, by names of one's own.
+        initial_mode: The mode at the start, a term without the mode; None: that of the
+            block's default Context. Where a Context of Drake's has no accuracy, so that
+            no event is located, this is the mode at any time.
         delays: What it delays.
     """
 
@@ -127,6 +130,7 @@ class Kernel:
     sizes: Mapping[str, int] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     transitions: Mapping[str, Transition] = field(default_factory=dict)
+    initial_mode: Term | None = None
     delays: Sequence[Delay] = ()
 
 

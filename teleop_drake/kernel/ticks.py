@@ -15,10 +15,13 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel.callbacks import Weakly
 
+# Longer than any simulation: an event with this period happens once.
+_ONCE = 1e12
+
 
 @dataclass(frozen=True)
 class Ticks:
-    """The instants offset + k period in s, k = 0, 1, ..."""
+    """The instants offset + k period in s, k = 0, 1, ...; an infinite period: once."""
 
     period: float
     offset: float = 0.0
@@ -36,7 +39,7 @@ class Ticks:
 
 
 def DeclareTicks(
-    block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None]
+    block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None] | None
 ) -> None:
     """Declares an unrestricted update at each tick.
 
@@ -47,8 +50,17 @@ def DeclareTicks(
     Args:
         block: What is updated. The number of the last tick is an abstract state of it.
         ticks: When.
-        update: A method of the block, as Drake calls it.
+        update: A method of the block, or a function that it keeps, as Drake calls it;
+            None: steps end there.
     """
+    if update is not None and ticks.period == math.inf:
+        block.DeclarePeriodicUnrestrictedUpdateEvent(
+            _ONCE, ticks.offset, Weakly(update)
+        )
+        return
+    block.DeclarePeriodicPublishEvent(min(ticks.period, _ONCE), ticks.offset, DoNothing)
+    if update is None:
+        return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))
     weak_update = Weakly(update)
 
@@ -60,7 +72,6 @@ def DeclareTicks(
         weak_update(context, state)
         return EventStatus.Succeeded()
 
-    block.DeclarePeriodicPublishEvent(ticks.period, ticks.offset, DoNothing)
     block.DeclarePerStepUnrestrictedUpdateEvent(Update)
 
 

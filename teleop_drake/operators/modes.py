@@ -7,29 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import (
-    Context,
-    DiscreteValues,
-    Event,
-    EventStatus,
-    State,
-    UnrestrictedUpdateEvent,
-    WitnessFunction,
-    WitnessFunctionDirection,
-)
 
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
-from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.linear_part import HeldForce, LinearPart
-from teleop_drake.kernel.ticks import DoNothing
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.validation import CheckNumber, CheckVector, Refuse
 
 Array = NDArray[np.float64]
-
-# Longer than any simulation: an event with this period happens once.
-_ONCE = 1e12
 
 
 class ModalOperator(KernelBlock):
@@ -112,25 +97,10 @@ class ModalOperator(KernelBlock):
         self.longest_step = longest_step
         self._ends = [*((time, math.inf) for time in self._nonsmooth_times), *ends]
         self.DeclareVectorInputPort("haptic_force", n)
-        self._p = self.DeclareVectorInputPort("felt_position", n)
-        self._mode = self.DeclareDiscreteState(2)
+        self.DeclareVectorInputPort("felt_position", n)
+        self.DeclareDiscreteState(2)
         self.DeclareMore()
         self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
-        if stop_time is not None:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(_ONCE, stop_time, self._Stop)
-        for first, period in self._ends:
-            self.DeclarePeriodicPublishEvent(min(period, _ONCE), first, DoNothing)
-        self._witnesses = []
-        if self._surface is not None:
-            self.DeclarePerStepDiscreteUpdateEvent(self._CheckContact)
-            self._witnesses.append(
-                self.MakeWitnessFunction(
-                    "perceives_contact",
-                    WitnessFunctionDirection.kNegativeThenNonNegative,
-                    Weakly(self._CalcPastSurface),
-                    UnrestrictedUpdateEvent(Weakly(self._PerceiveContact)),
-                )
-            )
 
     @property
     def contact_surface(self) -> Surface | None:
@@ -166,7 +136,7 @@ class ModalOperator(KernelBlock):
             )
         for i, (first, period) in enumerate(self._ends):
             transitions[f"end_{i}"] = Transition(
-                mode=(same_mode, "mode"), offset=first, period=period
+                mode="mode", offset=first, period=period
             )
         return Kernel(
             parameters=parameters,
@@ -194,36 +164,6 @@ class ModalOperator(KernelBlock):
         perceived = with_contact(np.zeros(2))
         held = HeldForce(state=perceived, force=self._contact_force)
         return LinearPart(has_modes=True, held_force=held)
-
-    def _GetState(self, context: Context) -> np.ndarray:
-        """Returns [contact perceived, stopped]."""
-        state: np.ndarray = context.get_discrete_state(self._mode).CopyToVector()
-        return state
-
-    def _AwaitsContact(self, context: Context) -> bool:
-        return operator_mode(self._GetState(context)) == 0
-
-    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the contact witness while contact is awaited and can be located."""
-        is_located = context.get_accuracy() and self._AwaitsContact(context)
-        return self._witnesses if is_located else []
-
-    def _CalcPastSurface(self, context: Context) -> float:
-        if self._surface is None:
-            return -math.inf
-        return float(self._surface.Depth(self._p.Eval(context)))
-
-    def _PerceiveContact(self, context: Context, event: Event, state: State) -> None:
-        state.get_mutable_discrete_state(self._mode).SetAtIndex(0, 1.0)
-
-    def _CheckContact(self, context: Context, values: DiscreteValues) -> EventStatus:
-        if not self._AwaitsContact(context) or self._CalcPastSurface(context) < 0:
-            return EventStatus.DidNothing()
-        values.get_mutable_vector(self._mode).SetAtIndex(0, 1.0)
-        return EventStatus.Succeeded()
-
-    def _Stop(self, context: Context, state: State) -> None:
-        state.get_mutable_discrete_state(self._mode).SetAtIndex(1, 1.0)
 
 
 def CheckVelocity(velocity: ArrayLike) -> Array:
@@ -279,8 +219,3 @@ def with_contact(state: Array) -> Array:
 def with_stop(state: Array) -> Array:
     """Returns the state after the stop."""
     return np.array([state[0], 1.0])
-
-
-def same_mode(state: Array) -> Array:
-    """Returns the state itself: a step ends where the velocity is not smooth."""
-    return state.copy()

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.systems.framework import Context, State
+from pydrake.systems.framework import Context
 
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.kernel.ticks import Ticks
 from teleop_drake.laws.actuators import next_sample
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
@@ -74,12 +74,11 @@ class SampledSensor(KernelBlock):
         self._law = float(resolution), float(noise), float(sample_period)
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
-        self._signal = self.DeclareVectorInputPort("signal", n)
+        self.DeclareVectorInputPort("signal", n)
         self.DeclareDiscreteState(
             [0.0, *initial_value, *[0.0] * n, *generator.astype(float)]
         )
         self.DeclareOutputs(sample=n, rate=n)
-        DeclareTicks(self, self._ticks, self._Sample)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -103,12 +102,6 @@ class SampledSensor(KernelBlock):
             context: The Context of this block.
         """
         return self._ticks.After(context.get_time())
-
-    def _Sample(self, context: Context, state: State) -> None:
-        mode = context.get_discrete_state_vector().CopyToVector()
-        state.get_mutable_discrete_state(0).SetFromVector(
-            next_sample(mode, self._signal.Eval(context), *self._law)
-        )
 
 
 @dataclass(kw_only=True, eq=False)

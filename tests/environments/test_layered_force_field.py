@@ -20,8 +20,8 @@ from sources import Step
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments.layered_force_field import (
     LayeredForceField,
-    before_begin,
-    past_end,
+    outside,
+    region_at,
 )
 from teleop_drake.scenario import LayerConfig
 
@@ -220,11 +220,11 @@ def test_a_position_that_jumps(before, after, region):
     context = dut.GetMyContextFromRoot(simulator.get_context())
     assert context.get_discrete_state_vector()[0] == region
     parameters = dut.Kernel().parameters
-    p_WT, axis = np.array([after]), parameters["axis"]
+    before, ends, axis = (parameters[name] for name in ("before", "ends", "axis"))
+    p_WT = np.array([after])
+    assert region_at(ends, axis, p_WT) == region
     for mode in map(np.array, ([0], [1], [2])):
-        is_past = past_end(parameters["ends"], mode, axis, p_WT) >= 0
-        is_before = before_begin(parameters["before"], mode, axis, p_WT) >= 0
-        assert [is_past, is_before] == [mode < region, mode > region]
+        assert (outside(before, ends, axis, mode, p_WT) >= 0) == (mode != region)
 
 
 def test_feedthrough():

@@ -1,0 +1,127 @@
+"""Drake's events, made of the transitions of a kernel."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    Event,
+    EventStatus,
+    LeafSystem,
+    State,
+    UnrestrictedUpdateEvent,
+    WitnessFunction,
+    WitnessFunctionDirection,
+)
+
+from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.kernel import Kernel, Term, Transition
+from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+
+Value = Callable[[Context], Any]
+ReadTerm = Callable[[Term, str], Value]
+
+
+class Events:
+    """The events of a block, which keeps them.
+
+    | of a transition      | Drake has                                               |
+    |----------------------|---------------------------------------------------------|
+    | guard                | a witness, where the Context has an accuracy, and a     |
+    |                      | discrete update at the end of each step where the guard |
+    |                      | has jumped                                              |
+    | period               | an update at each tick, see ticks                       |
+    | mode that stays      | steps that end there                                    |
+
+    Args:
+        block: The block, which has declared its inputs and its state.
+        kernel: What it computes.
+        read: Returns a function of a Context for a term at a place in the kernel.
+    """
+
+    def __init__(self, block: LeafSystem, kernel: Kernel, read: ReadTerm):
+        self._guards: list[tuple[Value, Value]] = []
+        self._kept: list[Callable[..., Any]] = []
+        self._witnesses: list[WitnessFunction] = []
+        for name, transition in kernel.transitions.items():
+            place = f"transitions.{name}"
+            mode = read(transition.mode, f"{place}.mode")
+            if transition.guard is None:
+                self._DeclarePeriodic(block, transition, mode)
+            else:
+                guard = read(transition.guard, f"{place}.guard")
+                self._DeclareGuard(block, name, guard, mode)
+        if self._guards:
+            block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._CheckGuards))
+        if kernel.initial_mode is not None:
+            initial = read(kernel.initial_mode, "initial_mode")
+
+            def Initialize(context: Context, state: State) -> None:
+                state.get_mutable_discrete_state(0).SetFromVector(initial(context))
+
+            block.DeclareInitializationUnrestrictedUpdateEvent(self._Keep(Initialize))
+
+    def Witnesses(self, context: Context) -> list[WitnessFunction]:
+        """Returns the witnesses, if events are to be located."""
+        return self._witnesses if context.get_accuracy() is not None else []
+
+    def _Keep(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        self._kept.append(function)
+        return Weakly(function)
+
+    def _DeclarePeriodic(
+        self, block: LeafSystem, transition: Transition, mode: Value
+    ) -> None:
+        ticks = Ticks(transition.period, transition.offset)
+        if transition.mode == "mode":
+            DeclareTicks(block, ticks, None)
+        elif transition.is_discrete:
+
+            def UpdateValues(context: Context, values: DiscreteValues) -> None:
+                _Change(mode, context, values.get_mutable_vector(0))
+
+            update = self._Keep(UpdateValues)
+            block.DeclarePeriodicDiscreteUpdateEvent(ticks.period, ticks.offset, update)
+        else:
+
+            def Update(context: Context, state: State) -> None:
+                _Change(mode, context, state.get_mutable_discrete_state(0))
+
+            self._kept.append(Update)
+            DeclareTicks(block, ticks, Update)
+
+    def _DeclareGuard(
+        self, block: LeafSystem, name: str, guard: Value, mode: Value
+    ) -> None:
+        def Calc(context: Context) -> float:
+            return float(guard(context)[0])
+
+        def Update(context: Context, event: Event, state: State) -> None:
+            _Change(mode, context, state.get_mutable_discrete_state(0))
+
+        self._guards.append((guard, mode))
+        self._witnesses.append(
+            block.MakeWitnessFunction(
+                name,
+                WitnessFunctionDirection.kNegativeThenNonNegative,
+                self._Keep(Calc),
+                UnrestrictedUpdateEvent(self._Keep(Update)),
+            )
+        )
+
+    def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
+        due = [mode for guard, mode in self._guards if guard(context)[0] >= 0]
+        for mode in due:
+            _Change(mode, context, values.get_mutable_vector(0))
+        return EventStatus.Succeeded() if due else EventStatus.DidNothing()
+
+
+def _Change(mode: Value, context: Context, target: BasicVector) -> None:
+    """Changes the elements in which the new mode differs from what was before."""
+    before = context.get_discrete_state_vector().value()
+    after = mode(context)
+    for i in np.flatnonzero(after != before).tolist():
+        target.SetAtIndex(i, after[i])
