@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckNumber, Refuse
 
 SHORTEST_TIME = 1e-6
 """Shortest non-zero delay and sample period in s. The simulation steps at least as
@@ -147,3 +147,22 @@ class ChannelConfig(KindConfig, ABC):
             ScenarioError: If a field is not allowed.
         """
         return np.asarray(sent, dtype=float) + self.delay
+
+
+def CheckChannel(
+    *, delay: float, size: int, initial_value: Sequence[float] | None
+) -> None:
+    """Refuses parameters that no kind of channel can have.
+
+    Args:
+        delay: Delay in s, finite and >= 0.
+        size: Width of the signal, >= 1.
+        initial_value: None or a vector of that size.
+
+    Raises:
+        ScenarioError: If one of them is refused.
+    """
+    CheckNumber("delay", delay, "s", minimum=0)
+    CheckNumber("size", size, minimum=1)
+    if initial_value is not None and len(initial_value) != size:
+        Refuse("initial_value", initial_value, f"{size} numbers or null")

@@ -17,8 +17,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from teleop_drake.channels.base import ConstantDelay
-from teleop_drake.channels.delay_line import CheckChannel
+from teleop_drake.channels.base import CheckChannel, ConstantDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.packet_statistics import (
     ComputePacketStatistics,

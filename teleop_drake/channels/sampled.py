@@ -10,9 +10,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
     ChannelConfig,
+    CheckChannel,
     ConstantDelay,
 )
-from teleop_drake.channels.delay_line import CheckChannel
 from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel import Delay, Kernel, Packet
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context
 
-from teleop_drake.channels.base import ChannelConfig
-from teleop_drake.channels.delay_line import CheckChannel, DelayLine
-from teleop_drake.kernel import Delay, Kernel
+from teleop_drake.channels.base import ChannelConfig, CheckChannel
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.numerics.sample_history import SampleHistory
 
 Array = NDArray[np.float64]
 
 
-class TransportDelay(DelayLine):
+class TransportDelay(KernelBlock):
     """Delays a vector signal by an exact, constant time.
 
         delayed_signal(t) = signal(t - delay)    for t > t0 + delay
@@ -31,19 +30,7 @@ class TransportDelay(DelayLine):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State: the samples taken at the integrator's own steps during the last `delay`
-    seconds (one abstract value), and of the last step whose events made the signal jump
-    the key and the value after them (discrete, 1 + size; the key is -infinity if there
-    was none). The samples are joined by eight-point polynomials which never reach
-    across a jump and avoid non-smooth points, so a smooth signal is delayed with an
-    error of O(step^8).
-
-    Jumps: an input that jumps because of an event (of an unrestricted update) is
-    recorded on both sides of the jump, and the output jumps exactly `delay` later.
-    At that very instant the output keeps the value before the jump until the step
-    that ends there is complete: a step that ends at NextJumpTime() is integrated
-    on one side of the jump. A jump made by a discrete update is recorded at the end
-    of the step which follows it.
+    State, jumps: those of DelayLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 
@@ -77,26 +64,13 @@ class TransportDelay(DelayLine):
         initial_value: Sequence[float] | None = None,
         max_sample_interval: float | None = None,
     ):
+        KernelBlock.__init__(self)
         CheckChannel(delay=delay, size=size, initial_value=initial_value)
         self._delay = float(delay)
-        if delay > 0:
-            DelayLine.__init__(
-                self,
-                size=size,
-                initial_value=initial_value,
-                shortest_delay=delay,
-                max_sample_interval=max_sample_interval,
-            )
-            return
-        LeafSystem.__init__(self)
-        self._shortest_delay = math.inf
-        self._signal = self.DeclareVectorInputPort("signal", size)
-        self.DeclareVectorOutputPort(
-            "delayed_signal",
-            size,
-            self._CopySignal,
-            prerequisites_of_calc={self._signal.ticket()},
-        )
+        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self._max_sample_interval = max_sample_interval
+        self.DeclareVectorInputPort("signal", size)
+        self.DeclareOutputs(delayed_signal=size)
 
     @property
     def delay(self) -> float:
@@ -114,6 +88,7 @@ class TransportDelay(DelayLine):
                     output="delayed_signal",
                     time=self._delay,
                     initial_value=self._initial_value,
+                    max_sample_interval=self._max_sample_interval,
                 )
             ]
         )
@@ -136,43 +111,6 @@ class TransportDelay(DelayLine):
         now = context.get_time()
         history = SampleHistory(times=(now,), values=np.array([value]), now=now)
         context.SetAbstractState(0, history)
-
-    def StoreKey(self, time: float) -> float:
-        """Returns when the sample taken at a time arrives, s.
-
-        Args:
-            time: In s.
-        """
-        return time + self._delay
-
-    def FetchKey(self, time: float) -> float:
-        """Returns the time itself: samples are kept by their time of arrival.
-
-        Args:
-            time: In s.
-        """
-        return time
-
-    def FetchTime(self, key: float) -> float:
-        """Returns the key itself.
-
-        Args:
-            key: Time of arrival in s.
-        """
-        return key
-
-    def NextJumpTime(self, context: Context) -> float:
-        """Returns when the output will jump next (s), infinity if no jump is known.
-
-        A step that ends at this very time is not disturbed by the jump.
-
-        Args:
-            context: The Context of this block.
-        """
-        return math.inf if self._delay == 0 else DelayLine.NextJumpTime(self, context)
-
-    def _CopySignal(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._signal.Eval(context))
 
 
 @dataclass(kw_only=True, eq=False)

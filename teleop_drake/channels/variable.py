@@ -6,22 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.channels.base import SHORTEST_TIME, ConstantDelay
-from teleop_drake.channels.delay_line import DelayLine
+from teleop_drake.channels.base import (
+    SHORTEST_TIME,
+    CheckChannel,
+    ConstantDelay,
+)
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
-from teleop_drake.kernel import Delay, Kernel
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.validation import Refuse, Within
-
-# Keys are multiples of this, in s, so that the two sides of a jump have equal ones
-# although t - T(t) is rounded. Exact for times up to some hours.
-_KEY_STEP = 2.0**-36
 
 SHORTEST_VARIABLE_DELAY = 1e-6
 """Least delay of a VariableDelay in s: no step may be longer."""
 
 
-class VariableDelay(DelayLine):
+class VariableDelay(KernelBlock):
     """Delays a vector signal by a time that varies, continuously and without packets.
 
         delayed_signal(t) = signal(t - T(t))    for t - T(t) > t0
@@ -35,10 +34,7 @@ class VariableDelay(DelayLine):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State: see DelayLine. A sample is kept by the time when it was taken.
-
-    Jumps: as for TransportDelay; a jump at s arrives at the t with t - T(t) = s, found
-    to some 1e-11 s.
+    State, jumps: those of DelayLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 
@@ -66,15 +62,14 @@ class VariableDelay(DelayLine):
         initial_value: Sequence[float] | None = None,
         max_sample_interval: float | None = None,
     ):
+        KernelBlock.__init__(self)
         profile.CheckContinuous(SHORTEST_VARIABLE_DELAY)
+        CheckChannel(delay=profile.minimum, size=size, initial_value=initial_value)
         self._profile = profile
-        DelayLine.__init__(
-            self,
-            size=size,
-            initial_value=initial_value,
-            shortest_delay=profile.minimum,
-            max_sample_interval=max_sample_interval,
-        )
+        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self._max_sample_interval = max_sample_interval
+        self.DeclareVectorInputPort("signal", size)
+        self.DeclareOutputs(delayed_signal=size)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
@@ -84,50 +79,14 @@ class VariableDelay(DelayLine):
                     signal="signal",
                     output="delayed_signal",
                     time=self._profile,
+                    shortest=self._profile.minimum,
+                    end=self._profile.duration,
                     nonsmooth_times=self._profile.nonsmooth_times,
                     initial_value=self._initial_value,
+                    max_sample_interval=self._max_sample_interval,
                 )
             ]
         )
-
-    def StoreKey(self, time: float) -> float:
-        """Returns the time itself, rounded: samples are kept by when they were taken.
-
-        Args:
-            time: In s.
-        """
-        return _Round(time)
-
-    def FetchKey(self, time: float) -> float:
-        """Returns t - T(t), rounded.
-
-        Args:
-            time: t in s.
-        """
-        return _Round(time - self._profile(time))
-
-    def FetchTime(self, key: float) -> float:
-        """Returns the t with t - T(t) = key; infinity if the profile ends before.
-
-        Args:
-            key: As from StoreKey().
-        """
-        early = key
-        # The slope of t - T(t) is at least 1 - max_slope.
-        late = early + self._profile(early) / (1 - self._profile.max_slope)
-        late = min(late + _KEY_STEP, self._profile.duration)
-        if late - self._profile(late) < key:
-            return math.inf
-        while early < (middle := (early + late) / 2) < late:
-            if middle - self._profile(middle) < key:
-                early = middle
-            else:
-                late = middle
-        return late
-
-
-def _Round(time: float) -> float:
-    return round(time / _KEY_STEP) * _KEY_STEP
 
 
 # Instants at which a delay that varies is looked at for its mean.

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import math
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from pydrake.systems.framework import (
     WitnessFunction,
 )
 
+from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.terms import WORDS, TermReader
@@ -33,10 +35,12 @@ class KernelBlock(LeafSystem):
     then calls DeclareOutputs(). What an output depends on follows from its term.
 
     Events are made of the transitions; see Events. The mode is one vector, which the
-    block has declared. Of delays nothing is made: a block that has some declares them
-    itself.
+    block has declared. Delays have a state of their own, see DelayLine; a block that
+    has some has no mode.
 
     Attributes:
+        delays: What is under way.
+        longest_step: No step of the solver may be longer, s.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
         is_compiled: Whether the outputs and the rate call the kernel's functions as
@@ -46,6 +50,8 @@ class KernelBlock(LeafSystem):
 
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
+    delays: tuple[DelayLine, ...] = ()
+    longest_step = math.inf
     _kernel_rate: _Value | None = None
 
     @abstractmethod
@@ -65,6 +71,13 @@ class KernelBlock(LeafSystem):
             reader = _Reader(self, kernel, f"outputs.{name}", is_compiled=is_compiled)
             self._kernel_outputs[name] = reader.Read(term)
             tickets[name] = reader.tickets or {self.nothing_ticket()}
+        lines = {delay.output: DelayLine(self, delay) for delay in kernel.delays}
+        for name, line in lines.items():
+            self._kernel_outputs[name], tickets[name] = line.Eval, line.tickets
+        self.delays = tuple(lines.values())
+        self.longest_step = min(
+            (line.longest_step for line in self.delays), default=self.longest_step
+        )
         for name, size in sizes.items():
             callback = _Callback(self, name)
             self.DeclareVectorOutputPort(name, size, callback, tickets[name])
@@ -76,6 +89,18 @@ class KernelBlock(LeafSystem):
             return _Reader(self, kernel, place, is_compiled=False).Read(term)
 
         self._kernel_events = Events(self, kernel, Read)
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when a sample or what is delayed will jump next, s; infinity: never.
+
+        A step that ends at this very time is not disturbed by the jump.
+
+        Args:
+            context: The Context of this block.
+        """
+        times = [line.NextJumpTime(context) for line in self.delays]
+        times += [x.After(context.get_time()) for x in self._kernel_events.ticks]
+        return min(times, default=math.inf)
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""

@@ -1,5 +1,6 @@
 """Drake's events, made of the transitions of a kernel."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -36,6 +37,9 @@ class Events:
     | period               | an update at each tick, see ticks                       |
     | mode that stays      | steps that end there                                    |
 
+    Attributes:
+        ticks: When samples are taken.
+
     Args:
         block: The block, which has declared its inputs and its state.
         kernel: What it computes.
@@ -43,6 +47,7 @@ class Events:
     """
 
     def __init__(self, block: LeafSystem, kernel: Kernel, read: ReadTerm):
+        self.ticks: list[Ticks] = []
         self._guards: list[tuple[Value, Value]] = []
         self._kept: list[Callable[..., Any]] = []
         self._witnesses: list[WitnessFunction] = []
@@ -92,6 +97,8 @@ class Events:
 
             self._kept.append(Update)
             DeclareTicks(block, ticks, Update)
+            if ticks.period < math.inf:
+                self.ticks.append(ticks)
 
     def _DeclareGuard(
         self, block: LeafSystem, name: str, guard: Value, mode: Value

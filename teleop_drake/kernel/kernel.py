@@ -87,7 +87,11 @@ class Delay:
         initial_value: What comes out at first.
         time: The delay T in s, > 0, or a function that returns T(t) at the time t in s
             when the signal comes out: continuous, of slope < 1. Not used with packets.
+        shortest: Of T(t), s, > 0; no step of Drake's may be longer.
         nonsmooth_times: Where the slope of T(t) jumps, s.
+        end: Until when T(t) is known, s.
+        max_sample_interval: Longest time between two samples in Drake, s; infinity: the
+            steps are as they come. None: 0.01 s, or the shortest delay if that is less.
         packets: Returns the packets that are shown until a time in s, by ascending
             `shown`; None: the signal itself comes out, `time` later.
     """
@@ -96,7 +100,10 @@ class Delay:
     output: str
     initial_value: Sequence[float]
     time: float | Callable[[float], float] = math.inf
+    shortest: float = 0.0
     nonsmooth_times: Sequence[float] = ()
+    end: float = math.inf
+    max_sample_interval: float | None = None
     packets: Callable[[float], Sequence[Packet]] | None = None
 
 

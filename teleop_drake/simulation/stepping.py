@@ -5,7 +5,8 @@ The blocks say what there is to know, each by a member that it has or has not:
 | member          | of             | says                                 |
 |-----------------|----------------|--------------------------------------|
 | longest_step    | a delay, an operator | no step may be longer, s       |
-| NextJumpTime()  | a channel      | when its output jumps next, s        |
+| delays          | a delay        | what is under way                    |
+| NextJumpTime()  | a channel, a sensor | when its output jumps next, s   |
 | jump_times      | an operator    | when its outputs jump or are not smooth, s |
 | contact_surface | an operator    | where it perceives contact           |
 | Surfaces()      | an environment | where its force jumps or bends       |
@@ -19,9 +20,9 @@ import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.channels.delay_line import DelayLine
 from teleop_drake.environments.surface import Surface, SurfacesOf
 from teleop_drake.integrator.problem import SAME
+from teleop_drake.kernel.delay_line import DelayLine
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -50,7 +51,7 @@ def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
         (
             getattr(system, "longest_step", math.inf)
             for system in SystemsIn(diagram)
-            if of_delays or not hasattr(system, "NextJumpTime")
+            if of_delays or not getattr(system, "delays", ())
         ),
         default=math.inf,
     )
@@ -106,8 +107,12 @@ class Stepping:
         def With(member: str) -> Iterator[Any]:
             return (system for system in systems if hasattr(system, member))
 
-        self._channels = list(With("NextJumpTime"))
-        self._has_delay_lines = any(isinstance(x, DelayLine) for x in systems)
+        self._jumping = list(With("NextJumpTime"))
+        self._has_delay_lines = any(
+            isinstance(line, DelayLine)
+            for system in systems
+            for line in getattr(system, "delays", ())
+        )
         self._environments = [
             (x, _Boundaries(SurfacesOf(x) or ())) for x in systems if _IsEnvironment(x)
         ]
@@ -207,8 +212,8 @@ class Stepping:
     def _FindNextJump(self, root_context: Context) -> float:
         return min(
             (
-                channel.NextJumpTime(channel.GetMyContextFromRoot(root_context))
-                for channel in self._channels
+                system.NextJumpTime(system.GetMyContextFromRoot(root_context))
+                for system in self._jumping
             ),
             default=math.inf,
         )

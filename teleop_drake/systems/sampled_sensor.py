@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.systems.framework import Context
 
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
-from teleop_drake.kernel.ticks import Ticks
 from teleop_drake.laws.actuators import next_sample
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
 
@@ -70,7 +68,6 @@ class SampledSensor(KernelBlock):
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         n = self._n = len(initial_value)
-        self._ticks = Ticks(sample_period)
         self._law = float(resolution), float(noise), float(sample_period)
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
@@ -90,18 +87,10 @@ class SampledSensor(KernelBlock):
             transitions={
                 "samples": Transition(
                     mode=(next_sample, "mode", "signal", *names),
-                    period=self._ticks.period,
+                    period=self._law[2],
                 )
             },
         )
-
-    def NextJumpTime(self, context: Context) -> float:
-        """Returns when the next sample is taken, s.
-
-        Args:
-            context: The Context of this block.
-        """
-        return self._ticks.After(context.get_time())
 
 
 @dataclass(kw_only=True, eq=False)

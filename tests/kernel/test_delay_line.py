@@ -1,6 +1,4 @@
-"""A delay line with a rule of its own: it delivers what the rule says, and jumps."""
-
-import math
+"""A delay of one's own: a kernel that says T(t), and nothing else."""
 
 import numpy as np
 import pytest
@@ -9,29 +7,28 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.channels.delay_line import DelayLine
+from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 
 
-class Slowing(DelayLine):
+class Slowing(KernelBlock):
     """What is sent at t arrives at 1.25 t + 0.5: the delay grows with time."""
 
-    def __init__(self, size=1, initial_value=None, interval=None):
-        DelayLine.__init__(
-            self,
-            size=size,
-            initial_value=initial_value,
-            shortest_delay=0.5,
-            max_sample_interval=interval,
+    def __init__(self, initial_value):
+        KernelBlock.__init__(self)
+        self._initial_value = initial_value
+        self.DeclareVectorInputPort("signal", len(initial_value))
+        self.DeclareOutputs(delayed_signal=len(initial_value))
+
+    def Kernel(self):
+        delay = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self._initial_value,
+            time=lambda t: 0.2 * t + 0.4,
+            shortest=0.5,
         )
-
-    def StoreKey(self, time):
-        return time
-
-    def FetchKey(self, time):
-        return (time - 0.5) / 1.25
-
-    def FetchTime(self, key):
-        return 1.25 * key + 0.5
+        return Kernel(delays=[delay])
 
 
 def test_it_delivers_by_the_rule_of_its_keys():
@@ -41,7 +38,7 @@ def test_it_delivers_by_the_rule_of_its_keys():
     )
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(signal))
-    line = builder.AddSystem(Slowing(initial_value=[7.0]))
+    line = builder.AddSystem(Slowing([7.0]))
     builder.Connect(source.get_output_port(), line.get_input_port())
     log = LogVectorOutput(line.get_output_port(), builder)
     diagram = builder.Build()
@@ -59,24 +56,13 @@ def test_it_delivers_by_the_rule_of_its_keys():
 
 
 def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
-    line = Slowing(size=2)
+    line = Slowing([0.0, 0.0])
     assert not line.HasAnyDirectFeedthrough()
     assert line.longest_step == 0.5
     assert line.GetOutputPort("delayed_signal").size() == 2
     # The first packet is sent at time 0.
-    assert line.NextJumpTime(line.CreateDefaultContext()) == 0.5
+    assert line.NextJumpTime(line.CreateDefaultContext()) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("interval", [0.0, 0.6, -1.0, math.nan])
-def test_bad_sample_intervals(interval):
-    with pytest.raises(ValueError, match="max_sample_interval"):
-        Slowing(interval=interval)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [({"size": 0}, "size"), ({"size": 2, "initial_value": [1.0]}, "initial_value")],
-)
-def test_bad_parameters(arguments, name):
-    with pytest.raises(ValueError, match=name):
-        Slowing(**arguments)
+def test_both_engines_run_it():
+    assert CheckKernel(Slowing([7.0])) == []

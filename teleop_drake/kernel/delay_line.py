@@ -1,0 +1,211 @@
+"""Continuous delays in Drake: a signal under way, made of a Delay of a kernel."""
+
+import math
+from bisect import bisect_left, bisect_right
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    Context,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    State,
+)
+
+from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.kernel import Delay
+from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.validation import Refuse
+
+# Drake stretches a step by up to one per cent to end it on an event.
+_STRETCH = 0.011
+
+# Keys are multiples of this, in s, so that the two sides of a jump have equal ones
+# although t - T(t) is rounded. Exact for times up to some hours.
+_KEY_STEP = 2.0**-36
+
+
+# Dense enough for what hands and haptic devices do.
+_DEFAULT_SAMPLE_INTERVAL = 0.01
+
+
+class DelayLine:
+    """Keeps a signal of a block under way and delivers it later.
+
+    Its state is the samples taken at the integrator's own steps (one abstract value),
+    and of the last step whose events made the signal jump the key and the value after
+    them (discrete, 1 + size; the key is -infinity if there was none). The samples are
+    joined by eight-point polynomials which never reach across a jump and avoid
+    non-smooth points, so a smooth signal is delayed with an error of O(step^8).
+
+    An input that jumps because of an event (of an unrestricted update) is recorded on
+    both sides of the jump, and the output jumps exactly a delay later. At that very
+    instant the output keeps the value before the jump until the step that ends there is
+    complete: a step that ends at NextJumpTime() is integrated on one side of the jump.
+    A jump made by a discrete update is recorded at the end of the step which follows
+    it.
+
+    The samples are kept under keys, times in s that ascend: the time of arrival if the
+    delay is constant, else the time when they were taken. The delayed instants of a
+    jump compare equal.
+
+    It does not extrapolate, so no step can be longer than the shortest delay.
+
+    Attributes:
+        tickets: What the output depends on.
+
+    Args:
+        block: The block, which has declared its inputs.
+        delay: What it delays.
+    """
+
+    def __init__(self, block: LeafSystem, delay: Delay):
+        self._block, self._delay = block, delay
+        self._signal = block.GetInputPort(delay.signal)
+        size = self._signal.size()
+        self._jump = block.DeclareDiscreteState([-math.inf, *np.zeros(size)])
+        history = AbstractValue.Make(SampleHistory())
+        self._history = block.DeclareAbstractState(history)
+        self.tickets = {
+            block.time_ticket(),
+            block.abstract_state_ticket(self._history),
+        }
+        interval = _SampleInterval(delay.max_sample_interval, self.longest_step)
+        if interval < math.inf:
+            DeclareTicks(block, Ticks(interval), None)
+        block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._RecordBeforeEvents))
+        block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
+
+    @property
+    def longest_step(self) -> float:
+        """The least time under way in s: no step of the solver may be longer."""
+        time = self._delay.time
+        return self._delay.shortest if callable(time) else time
+
+    def NextJumpTime(self, context: Context) -> float:
+        """Returns when the output will jump next (s), infinity if no jump is known."""
+        history = self._GetHistory(context)
+        if not history.times:
+            return self._FetchTime(self._StoreKey(context.get_time()))
+        for jump in history.jumps:
+            if jump > history.now:
+                return self._FetchTime(jump)
+        if self._HasJumped(context, history):
+            return self._FetchTime(history.times[-1])
+        return math.inf
+
+    def Eval(self, context: Context) -> NDArray[np.float64]:
+        """Returns the delayed signal."""
+        key = self._FetchKey(context.get_time())
+        value = self._Deliver(self._GetHistory(context), key)
+        return np.array(self._delay.initial_value) if value is None else value
+
+    def _StoreKey(self, time: float) -> float:
+        """Returns the key under which the sample taken at a time is kept."""
+        delay = self._delay.time
+        return _Round(time) if callable(delay) else time + delay
+
+    def _FetchKey(self, time: float) -> float:
+        """Returns the key of the sample that is delivered at a time."""
+        delay = self._delay.time
+        return _Round(time - delay(time)) if callable(delay) else time
+
+    def _FetchTime(self, key: float) -> float:
+        """Returns when the sample with a key is delivered, s; infinity: never."""
+        delay, end = self._delay.time, self._delay.end
+        if not callable(delay):
+            return key
+        early, late = key, min(key + delay(key), end)
+        while late - delay(late) < key:
+            if late == end:
+                return math.inf
+            early, late = late, min(late + delay(late), end)
+        while early < (middle := (early + late) / 2) < late:
+            if middle - delay(middle) < key:
+                early = middle
+            else:
+                late = middle
+        return late
+
+    def _GetHistory(self, context: Context) -> SampleHistory:
+        history: SampleHistory = context.get_abstract_state(self._history).get_value()
+        return history
+
+    def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
+        """Returns whether the events of the last step made the signal jump."""
+        key: float = context.get_discrete_state(self._jump).GetAtIndex(0)
+        return key == history.times[-1]
+
+    def _RecordBeforeEvents(self, context: Context, state: State) -> None:
+        time = context.get_time()
+        history = self._GetHistory(context)
+        jump = None
+        if history.times and self._HasJumped(context, history):
+            jump = context.get_discrete_state(self._jump).value()[1:]
+        longer = history.record(
+            self._StoreKey(time),
+            self._signal.Eval(context),
+            jump=jump,
+            now=self._FetchKey(time),
+            spacing=self.longest_step / 1024,
+        )
+        if longer is not history:
+            state.get_mutable_abstract_state(self._history).set_value(longer)
+
+    def _RecordAfterEvents(
+        self, context: Context, values: DiscreteValues
+    ) -> EventStatus:
+        history = self._GetHistory(context)
+        value = self._signal.Eval(context)
+        if value.tolist() != history.values[-1].tolist():
+            jump = [history.times[-1], *value]
+        elif self._HasJumped(context, history):
+            jump = [-math.inf, *value]
+        else:
+            # The surroundings need not be evaluated again.
+            return EventStatus.DidNothing()
+        values.set_value(self._jump, jump)
+        return EventStatus.Succeeded()
+
+    def _Deliver(
+        self, history: SampleHistory, key: float
+    ) -> NDArray[np.float64] | None:
+        """Returns the signal that has a key, None before the first sample."""
+        times = history.times
+        i = bisect_left(times, key)
+        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
+            return history.eval_interval(i - 1, key)
+        if not times or key < times[0]:
+            return None
+        if key > times[-1] + _STRETCH * self.longest_step:
+            raise RuntimeError(
+                f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
+                f"{key - history.now:.6g} s after the last step; allowed: at most "
+                f"the delay, {self.longest_step:.6g} s, which the integrator's "
+                "longest step must not exceed"
+            )
+        if i == len(times):
+            return history.eval(key)
+        # A jump at this very instant has happened once the step has ended here.
+        if key <= history.now:
+            i = bisect_right(times, key) - 1
+        elif i == 0:
+            return None
+        value: NDArray[np.float64] = history.values[i]
+        return value
+
+
+def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float:
+    if max_sample_interval is None:
+        return min(shortest, _DEFAULT_SAMPLE_INTERVAL)
+    if not (0 < max_sample_interval <= shortest or max_sample_interval == math.inf):
+        allowed = f"more than 0, at most the delay, {shortest} s, or infinity"
+        Refuse("max_sample_interval", max_sample_interval, allowed)
+    return max_sample_interval
+
+
+def _Round(time: float) -> float:
+    return round(time / _KEY_STEP) * _KEY_STEP
