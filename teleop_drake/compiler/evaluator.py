@@ -8,10 +8,15 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
-from teleop_drake.compiler.arm_kernel import GravityKernel, HoldKernel
 from teleop_drake.compiler.compile import CompileEvaluate
 from teleop_drake.compiler.flatten import Flatten
-from teleop_drake.compiler.plant_kernel import PlantKernel, ToolKernel, TrackingKernel
+from teleop_drake.compiler.plant_kernel import (
+    GravityKernel,
+    HoldKernel,
+    PlantKernel,
+    ToolKernel,
+    TrackingKernel,
+)
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.compiler.unsupported import UnsupportedSystem

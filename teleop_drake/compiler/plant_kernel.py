@@ -1,15 +1,17 @@
 """The kernels of a MultibodyPlant, and of what asks one."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
 from teleop_drake.laws.gaussian_network import basis_functions
+from teleop_drake.laws.posture import PostureGains, orientation_torque, posture_torque
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.laws.tracking import (
     disturbance_estimate,
@@ -20,18 +22,55 @@ from teleop_drake.laws.tracking import (
 )
 from teleop_drake.numerics.rigid_body import (
     RigidBodyTree,
-    calc_accelerations,
-    calc_kinematics,
-    calc_mass_matrix,
-    calc_point_acceleration,
-    calc_point_motion,
-    make_work,
-    mass_matrix,
+    calc_dynamics,
+    calc_jacobian,
+    calc_joint_accelerations,
+    calc_motion,
+    calc_point_accelerations,
 )
+from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
+from teleop_drake.systems.posture_hold import PostureHold
 from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
+
+
+class Tool(NamedTuple):
+    """A tool on a plant's link.
+
+    Attributes:
+        tree: The links.
+        link: Index of the link with the tool.
+        pose: [R, p] of the tool in the link's frame (3, 4), m.
+    """
+
+    tree: RigidBodyTree
+    link: int
+    pose: Array
+
+
+class _ToolState(NamedTuple):
+    """A plant and its tool at an instant; see rigid_body.calc_dynamics() for M."""
+
+    R: Array
+    p: Array
+    J: Array
+    M: Array
+    bias: Array
+    acceleration: Array
+
+
+def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
+    """Returns the dynamics at a tool; the acceleration is that without v_dot."""
+    tree, link, point = tool.tree, tool.link, tool.pose[:, 3]
+    motion = calc_motion(tree, q, v)
+    R = motion.R[link + 1] @ tool.pose[:, :3]
+    p, J = calc_jacobian(tree, motion, link, point)
+    M, bias = calc_dynamics(tree, motion, v)
+    rest = np.zeros(len(v))
+    a = calc_point_accelerations(tree, motion, [link], [point], v, rest)
+    return _ToolState(R, p, J, M, bias, a[0])
 
 
 def plant_rate(
@@ -41,9 +80,6 @@ def plant_rate(
     state: Array,
     actuation: Array,
     generalized_force: Array,
-    work: Array,
-    forces: Array,
-    result: Array,
 ) -> Array:
     """Returns [v; v_dot] of a plant.
 
@@ -54,118 +90,96 @@ def plant_rate(
         state: [q; v].
         actuation: What each actuator is to do, N m or N.
         generalized_force: What else acts on the joints, N m or N (n).
-        work: As make_work() returns it.
-        forces: To work in (n).
-        result: To work in (2 n).
     """
-    n = len(forces)
-    for i in range(n):
-        forces[i] = generalized_force[i]
-        result[i] = state[n + i]
+    q, v = np.split(state, 2)
+    forces = generalized_force.copy()
+    efforts = np.clip(actuation, -effort_limits, effort_limits)
     for k in range(len(actuated)):
-        effort = min(max(actuation[k], -effort_limits[k]), effort_limits[k])
-        forces[actuated[k]] += effort
-    calc_accelerations(tree, state[:n], state[n:], forces, work, result[n:])
-    return result
+        forces[actuated[k]] += efforts[k]
+    return np.append(v, calc_joint_accelerations(tree, q, v, forces))
 
 
 def body_accelerations(
     tree: RigidBodyTree,
     links: NDArray[np.int64],
     points: Array,
+    state: Array,
     rate: Array,
-    work: Array,
-    result: Array,
 ) -> Array:
-    """Returns the translational accelerations of points of links, one after another.
+    """Returns accelerations of points of links, one after another, m/s^2 (3 k).
 
     Args:
         tree: The links.
         links: Index of the link that each point belongs to.
         points: The points in the links' frames, m (k, 3).
-        rate: What plant_rate() has just returned.
-        work: What it worked in.
-        result: To work in (3 k).
-    """
-    v_dot = rate[len(rate) // 2 :]
-    for i in range(len(links)):
-        a = result[3 * i : 3 * i + 3]
-        calc_point_acceleration(tree, links[i], points[i], v_dot, work, a)
-    return result
-
-
-def tool_motion(
-    tree: RigidBodyTree,
-    link: int,
-    point: Array,
-    num_axes: int,
-    state: Array,
-    work: Array,
-    motion: Array,
-) -> Array:
-    """Returns tool_kinematics() of a plant.
-
-    Args:
-        tree: Its links.
-        link: Index of the link with the tool.
-        point: Where the tool is in the link's frame, m (3).
-        num_axes: Number of task axes.
         state: [q; v].
-        work: As make_work() returns it.
-        motion: To work in (6 + 3 n).
+        rate: What plant_rate() returns.
     """
-    n = len(tree.parents)
-    calc_kinematics(tree, state[:n], state[n:], work)
-    calc_point_motion(tree, link, point, work, motion)
-    return tool_kinematics(num_axes, motion[:3], motion[6:].reshape(3, n), state)
+    q, v = np.split(state, 2)
+    motion = calc_motion(tree, q, v)
+    a = calc_point_accelerations(tree, motion, links, points, v, rate[len(v) :])
+    return a.ravel()
 
 
-def tool_dynamics(
-    tree: RigidBodyTree,
-    link: int,
-    point: Array,
-    num_axes: int,
-    q: Array,
-    v: Array,
-    work: Array,
-    motion: Array,
+def tool_motion(tool: Tool, num_axes: int, state: Array) -> Array:
+    """Returns tool_kinematics() of a plant whose state is [q; v]."""
+    q, v = np.split(state, 2)
+    motion = calc_motion(tool.tree, q, v)
+    p, J = calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
+    return tool_kinematics(num_axes, p, J[3:], state)
+
+
+def tool_dynamics(tool: Tool, num_axes: int, q: Array, v: Array) -> Array:
+    """Returns dynamics_vector() of a plant at its tool."""
+    at = _at_tool(tool, q, v)
+    J = at.J[3 : 3 + num_axes]
+    return dynamics_vector(at.M, at.bias, J, at.acceleration[:num_axes])
+
+
+def gravity_torque(tree: RigidBodyTree, state: Array) -> Array:
+    """Returns what carries the weight of a plant at rest, N m or N (n)."""
+    q, v = np.split(state, 2)
+    rest = 0.0 * v
+    return calc_dynamics(tree, calc_motion(tree, q, rest), rest)[1]
+
+
+def hold_posture(
+    tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, state: Array
 ) -> Array:
-    """Returns dynamics_vector() of a plant at its tool.
-
-    Args:
-        tree: Its links.
-        link: Index of the link with the tool.
-        point: Where the tool is in the link's frame, m (3).
-        num_axes: Number of task axes.
-        q: Positions of the joints in rad or m (n).
-        v: Their velocities in rad/s or m/s (n).
-        work: As make_work() returns it.
-        motion: To work in (6 + 3 n).
-    """
-    n = len(q)
-    bias, J_dot_qdot = np.empty(n), np.empty(3)
-    calc_mass_matrix(tree, q, v, work, bias)
-    calc_point_motion(tree, link, point, work, motion)
-    calc_point_acceleration(tree, link, point, np.zeros(n), work, J_dot_qdot)
-    J = motion[6:].reshape(3, n)[:num_axes]
-    return dynamics_vector(mass_matrix(work), bias, J, J_dot_qdot[:num_axes])
+    """Returns posture_torque() of a plant whose state is [q; v]."""
+    q, v = np.split(state, 2)
+    at = _at_tool(tool, q, v)
+    return posture_torque(gains, at.M, at.J[3 : 3 + num_axes], q_0, q, v)
 
 
-def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
-    """Returns the kernel of the controller of chapter 3, which knows a plant.
+def hold_orientation(
+    tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, R_0: Array, state: Array
+) -> Array:
+    """Returns orientation_torque() of a plant whose state is [q; v]."""
+    q, v = np.split(state, 2)
+    at = _at_tool(tool, q, v)
+    J_v, J_w = at.J[3 : 3 + num_axes], at.J[:3]
+    return orientation_torque(gains, at.M, J_v, J_w, R_0, at.R, q_0, q, v)
 
-    Args:
-        controller: The block.
+
+def _ReadTool(
+    plant: MultibodyPlant, body: int, X_BT: RigidTransform | None = None
+) -> Tool:
+    """Returns the tool on a body, at its origin or at a pose.
 
     Raises:
         UnsupportedSystem: If ReadPlantTree() cannot read the plant.
     """
+    read = ReadPlantTree(plant, plant.CreateDefaultContext())
+    link, X_LB = read.poses[body]
+    return Tool(read.tree, link, (X_LB @ (X_BT or RigidTransform())).GetAsMatrix34())
+
+
+def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
+    """Returns the kernel of the controller of chapter 3, which knows a plant."""
     plant, frame, network = controller.plant, controller.tool_frame, controller.network
-    plant_context = plant.CreateDefaultContext()
-    read = ReadPlantTree(plant, plant_context)
-    link, X_LB = read.poses[int(frame.body().index())]
-    X_BF = frame.CalcPoseInBodyFrame(plant_context)
-    nv, n, N = plant.num_velocities(), network.num_inputs, network.num_functions
+    X_BF = frame.CalcPoseInBodyFrame(plant.CreateDefaultContext())
+    n, N = network.num_inputs, network.num_functions
     motion = ("tool_position", "tool_velocity", "desired_position", "desired_velocity")
     law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
     return Kernel(
@@ -173,18 +187,12 @@ def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
             "gains": controller.gains.as_numbers(),
             "centres": network.centres,
             "widths": network.widths,
-            "tree": read.tree,
-            "point": (X_LB @ X_BF).translation(),
-            "work": make_work(nv),
-            "motion": np.zeros(6 + 3 * nv),
+            "tool": _ReadTool(plant, int(frame.body().index()), X_BF),
         },
         rate=(weights_rate_vector, *law),
         outputs={
             "basis": (basis_functions, "tool_position", "centres", "widths"),
-            "dynamics": (
-                tool_dynamics, "tree", link, "point", n, "joint_position",
-                "joint_velocity", "work", "motion",
-            ),
+            "dynamics": (tool_dynamics, "tool", n, "joint_position", "joint_velocity"),
             "auxiliary_error": (tracking_error, "gains", *motion),
             "control_force": (
                 tracking_force_vector, *law, "tool_velocity", "desired_velocity",
@@ -197,31 +205,13 @@ def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
     )  # fmt: skip
 
 
-def ToolKernel(tool: ToolInterface) -> Kernel:
-    """Returns the kernel of the block between a plant and the task space.
-
-    Args:
-        tool: The block.
-
-    Raises:
-        UnsupportedSystem: If ReadPlantTree() cannot read the plant.
-    """
-    plant, body, num_axes = tool.plant, tool.tool_index, tool.num_task_axes
-    read = ReadPlantTree(plant, plant.CreateDefaultContext())
-    link, X_LB = read.poses[body]
-    n = plant.num_velocities()
+def ToolKernel(block: ToolInterface) -> Kernel:
+    """Returns the kernel of the block between a plant and the task space."""
+    plant, body, num_axes = block.plant, block.tool_index, block.num_task_axes
     return Kernel(
-        parameters={
-            "tree": read.tree,
-            "point": X_LB.translation(),
-            "work": make_work(n),
-            "motion": np.zeros(6 + 3 * n),
-        },
+        parameters={"tool": _ReadTool(plant, body)},
         outputs={
-            "tool_kinematics": (
-                tool_motion, "tree", link, "point", num_axes, "plant_state", "work",
-                "motion",
-            ),
+            "tool_kinematics": (tool_motion, "tool", num_axes, "plant_state"),
             "tool_acceleration": (
                 "body_spatial_accelerations", 3 * body, 3 * body + num_axes
             ),
@@ -231,6 +221,31 @@ def ToolKernel(tool: ToolInterface) -> Kernel:
         },
         sizes={"body_spatial_accelerations": 3 * plant.num_bodies()},
     )  # fmt: skip
+
+
+def GravityKernel(block: GravityCompensation) -> Kernel:
+    """Returns the kernel of the block that carries an arm's weight."""
+    model = block.model
+    return Kernel(
+        parameters={"tree": ReadPlantTree(model, model.CreateDefaultContext()).tree},
+        outputs={"gravity_torque": (gravity_torque, "tree", "plant_state")},
+    )
+
+
+def HoldKernel(block: PostureHold) -> Kernel:
+    """Returns the kernel of the block that holds what the task leaves free."""
+    q_0, R_0 = block.held
+    parameters = {
+        "tool": _ReadTool(block.plant, block.tool_index),
+        "gains": block.gains,
+        "q_0": q_0,
+    }
+    place = "tool", block.num_axes, "gains", "q_0"
+    law: Term = (hold_posture, *place, "plant_state")
+    if R_0 is not None:
+        parameters["R_0"] = R_0
+        law = (hold_orientation, *place, "R_0", "plant_state")
+    return Kernel(parameters=parameters, outputs={"hold_torque": law})
 
 
 def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
@@ -248,30 +263,25 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     """
     read = ReadPlantTree(plant, context)
     n, num_bodies = plant.num_velocities(), plant.num_bodies()
-    outputs: dict[str, Term] = {
-        "state": "state",
-        "generalized_acceleration": ("rate", n, 2 * n),
-        "body_spatial_accelerations": (
-            body_accelerations, "tree", "links", "points", "rate", "work", "result"
-        ),
-    }  # fmt: skip
-    parameters: dict[str, Any] = {
-        "tree": read.tree,
-        "actuated": read.actuated,
-        "effort_limits": read.effort_limits,
-        "links": np.array([read.poses[i][0] for i in range(num_bodies)]),
-        "points": np.array([read.poses[i][1].translation() for i in range(num_bodies)]),
-        "work": make_work(n),
-        "forces": np.zeros(n),
-        "rate_result": np.zeros(2 * n),
-        "result": np.zeros(3 * num_bodies),
-    }
+    poses = [read.poses[i] for i in range(num_bodies)]
     return Kernel(
-        parameters=parameters,
-        outputs=outputs,
+        parameters={
+            "tree": read.tree,
+            "actuated": read.actuated,
+            "effort_limits": read.effort_limits,
+            "links": np.array([link for link, _ in poses]),
+            "points": np.array([X_LB.translation() for _, X_LB in poses]),
+        },
+        outputs={
+            "state": "state",
+            "generalized_acceleration": ("rate", n, 2 * n),
+            "body_spatial_accelerations": (
+                body_accelerations, "tree", "links", "points", "state", "rate"
+            ),
+        },
         rate=(
             plant_rate, "tree", "actuated", "effort_limits", "state", "actuation",
-            "applied_generalized_force", "work", "forces", "rate_result",
+            "applied_generalized_force",
         ),
         sizes={"body_spatial_accelerations": 3 * num_bodies},
     )  # fmt: skip

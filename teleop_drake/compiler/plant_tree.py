@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
+    BodyIndex,
     ForceElementIndex,
     Frame,
     Joint,
@@ -14,7 +15,6 @@ from pydrake.multibody.tree import (
     ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
-    RigidBody,
     UniformGravityFieldElement,
     WeldJoint,
 )
@@ -62,7 +62,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     }
     n = plant.num_velocities()
     parents, is_prismatic = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    frames, axes = np.zeros((n, 12)), np.zeros((n, 3))
+    frames, axes = np.zeros((n, 3, 4)), np.zeros((n, 3))
     damping = np.zeros(n)
     # From the world outward: each round reaches the joints next to known bodies.
     pending = joints
@@ -73,10 +73,10 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
             link, X_LB = poses[int(inboard.body().index())]
             X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
             X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
-            body = int(outboard.body().index())
+            outer = int(outboard.body().index())
             if isinstance(joint, WeldJoint):
                 X_FM = joint.X_FM() if sign > 0 else joint.X_FM().inverse()
-                poses[body] = link, X_LF @ X_FM @ X_MB
+                poses[outer] = link, X_LF @ X_FM @ X_MB
                 continue
             axis = _Axis(plant, joint)
             i = joint.velocity_start()
@@ -85,12 +85,20 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
                     plant, f"the velocity of joint {joint.name()} is out of order"
                 )
             parents[i], is_prismatic[i] = link, isinstance(joint, PrismaticJoint)
-            frames[i, :9] = X_LF.rotation().matrix().ravel()
-            frames[i, 9:] = X_LF.translation()
+            frames[i] = X_LF.GetAsMatrix34()
             axes[i] = sign * axis
             damping[i] = joint.GetDamping(context)
-            poses[body] = i, X_MB
+            poses[outer] = i, X_MB
         pending = [joint for joint in pending if joint not in reached]
+    masses, moments, inertias = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+    for index, (link, X_LB) in poses.items():
+        if link >= 0:
+            body = plant.get_body(BodyIndex(index))
+            M_B = body.CalcSpatialInertiaInBodyFrame(context)
+            M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
+            masses[link] += M.get_mass()
+            moments[link] += M.CalcComMoment()
+            inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
     rotor_inertias = np.zeros(n)
     actuated, limits = [], []
     for index in plant.GetJointActuatorIndices():
@@ -104,7 +112,9 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
             is_prismatic=is_prismatic,
             frames=frames,
             axes=axes,
-            inertias=_LinkInertias(plant, context, poses),
+            masses=masses,
+            moments=moments,
+            inertias=inertias,
             rotor_inertias=rotor_inertias,
             damping=damping,
             gravity=np.array(_Gravity(plant).gravity_vector()),
@@ -162,42 +172,3 @@ def _CheckForces(plant: MultibodyPlant) -> None:
         raise UnsupportedSystem(plant, "it has constraints")
     if plant.num_collision_geometries() > 0:
         raise UnsupportedSystem(plant, "its bodies can collide")
-
-
-def _LinkInertias(
-    plant: MultibodyPlant,
-    context: Context,
-    poses: dict[int, tuple[int, RigidTransform]],
-) -> np.ndarray:
-    """Returns mass, first moment and inertia of each link, as RigidBodyTree has it."""
-    inertias = np.zeros((plant.num_velocities(), 10))
-    for index in plant.GetBodyIndices(ModelInstanceIndex(0)) + [
-        body
-        for i in range(1, plant.num_model_instances())
-        for body in plant.GetBodyIndices(ModelInstanceIndex(i))
-    ]:
-        body: RigidBody = plant.get_body(index)
-        link, X_LB = poses[int(index)]
-        if link < 0:
-            continue
-        M_B = body.CalcSpatialInertiaInBodyFrame(context)
-        m = M_B.get_mass()
-        R_LB, p_LB = X_LB.rotation().matrix(), X_LB.translation()
-        h_B = R_LB @ (m * M_B.get_com())
-        # About the body's origin, then shifted to the link's.
-        rotational = M_B.CalcRotationalInertia().CopyToFullMatrix3()
-        I_L = R_LB @ rotational @ R_LB.T + (
-            (m * p_LB @ p_LB + 2 * p_LB @ h_B) * np.eye(3)
-            - m * np.outer(p_LB, p_LB)
-            - np.outer(p_LB, h_B)
-            - np.outer(h_B, p_LB)
-        )
-        inertias[link, 0] += m
-        inertias[link, 1:4] += h_B + m * p_LB
-        inertias[link, 4:] += [
-            *np.diag(I_L),
-            I_L[0, 1],
-            I_L[0, 2],
-            I_L[1, 2],
-        ]
-    return inertias

@@ -7,22 +7,19 @@ without a transformation:
 
     motion   V = [w; v], the angular velocity and the velocity of the point at O
     force    F = [moment about O; force]
-    inertia  [m; h; I], mass, first moment h = m c and inertia about O
-             (xx, yy, zz, xy, xz, yz)
+    inertia  F = I V,  I = [[inertia about O, h~], [-h~, m 1]],  h = m c, h~ a = h x a
 
-Each function works in a `work` array, with one row for each link, and allocates
-nothing. As machine code a pass over two links takes a quarter of a microsecond.
+Lists over links begin with the world, so that link i is element i + 1 and the world,
+link -1, is element 0.
 """
 
-import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Vector3 = tuple[float, float, float]
 
 
 class RigidBodyTree(NamedTuple):
@@ -34,364 +31,213 @@ class RigidBodyTree(NamedTuple):
     Attributes:
         parents: Index of each link's parent, -1 for the world (n).
         is_prismatic: 1 if link i slides along its axis, 0 if it turns about it (n).
-        frames: Rotation, row by row, and position of each joint's frame on the parent
-            in the parent's frame (n, 12), m.
+        frames: Pose [R, p] of each joint's frame on the parent in the parent's frame
+            (n, 3, 4), m.
         axes: Unit vector of each joint's axis in the link's frame (n, 3).
-        inertias: Mass, first moment and inertia of each link about the origin of its
-            frame (n, 10), kg, kg m, kg m^2.
+        masses: Of the links (n), kg.
+        moments: First moment m c of each link about the origin of its frame (n, 3),
+            kg m.
+        inertias: Inertia of each link about the origin of its frame (n, 3, 3), kg m^2.
         rotor_inertias: What each joint's rotor adds, reflected (n), kg m^2 or kg.
         damping: Viscous damping of each joint (n), N m s or N s/m.
         gravity: Acceleration of gravity in the world (3), m/s^2.
     """
 
-    parents: Indices
-    is_prismatic: Indices
+    parents: NDArray[np.int64]
+    is_prismatic: NDArray[np.int64]
     frames: Array
     axes: Array
+    masses: Array
+    moments: Array
     inertias: Array
     rotor_inertias: Array
     damping: Array
     gravity: Array
 
 
-# The columns of `work`: pose of the link (rotation row by row, position), motion
-# subspace S of its joint, velocity V, acceleration A, force F, composite inertia, and
-# the row of the mass matrix, beside the column for what is solved with it.
-_R, _P, _S, _V, _A, _F, _I, _M = 0, 9, 12, 18, 24, 30, 36, 46
+class Motion(NamedTuple):
+    """How the links of a tree are and move, the world first.
 
-
-def make_work(num_links: int) -> Array:
-    """Returns the `work` array that the other functions take.
-
-    Args:
-        num_links: n.
+    Attributes:
+        R: Rotation of each link's frame (3, 3).
+        p: Position of its origin in m (3).
+        S: Motion of the link for a unit rate of its joint (6).
+        V: Its velocity (6).
     """
-    return np.zeros((num_links, _M + num_links))
+
+    R: list[Array]
+    p: list[Array]
+    S: list[Array]
+    V: list[Array]
 
 
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+def _skew(a: Array) -> Array:
+    """Returns a~, the matrix of a x."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _cross(V: Array, W: Array) -> Array:
+    """Returns the rate of a motion W that is carried along by a motion V."""
+    w = V[:3]
+    return np.append(np.cross(w, W[:3]), np.cross(w, W[3:]) + np.cross(V[3:], W[:3]))
 
 
-def _sum(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+def _cross_force(V: Array, F: Array) -> Array:
+    """Returns the rate of a momentum F that is carried along by a motion V."""
+    w = V[:3]
+    return np.append(np.cross(w, F[:3]) + np.cross(V[3:], F[3:]), np.cross(w, F[3:]))
 
 
-def _get(row: Array, k: int) -> Vector3:
-    return row[k], row[k + 1], row[k + 2]
-
-
-def _set(row: Array, k: int, a: Vector3) -> None:
-    row[k], row[k + 1], row[k + 2] = a[0], a[1], a[2]
-
-
-def _rotate(row: Array, k: int, a: Vector3) -> Vector3:
-    """Returns R a, for the rotation that a row has from column k on."""
-    return (
-        row[k] * a[0] + row[k + 1] * a[1] + row[k + 2] * a[2],
-        row[k + 3] * a[0] + row[k + 4] * a[1] + row[k + 5] * a[2],
-        row[k + 6] * a[0] + row[k + 7] * a[1] + row[k + 8] * a[2],
-    )
-
-
-def _turn(a: Vector3, axis: Vector3, sine: float, cosine: float) -> Vector3:
-    """Returns a vector turned about a unit axis (Rodrigues)."""
-    along = (1 - cosine) * _dot(axis, a)
-    across = _cross(axis, a)
-    return (
-        cosine * a[0] + sine * across[0] + along * axis[0],
-        cosine * a[1] + sine * across[1] + along * axis[1],
-        cosine * a[2] + sine * across[2] + along * axis[2],
-    )
-
-
-def calc_kinematics(tree: RigidBodyTree, q: Array, v: Array, work: Array) -> None:
-    """Fills in each link's pose, motion subspace and velocity.
+def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
+    """Returns poses and velocities of all links.
 
     Args:
         tree: The links.
         q: Positions of the joints in rad or m (n).
         v: Their velocities in rad/s or m/s (n).
-        work: As make_work() returns it.
     """
+    nothing = np.zeros(6)
+    R, p, S, V = [np.eye(3)], [np.zeros(3)], [nothing], [nothing]
     for i in range(len(tree.parents)):
-        row, frame, parent = work[i], tree.frames[i], tree.parents[i]
-        axis, origin = _get(tree.axes[i], 0), _get(frame, 9)
-        slide, sine, cosine = 0.0, 0.0, 1.0
+        k, frame = tree.parents[i] + 1, tree.frames[i]
+        R_i = R[k] @ frame[:, :3]
+        p_i = p[k] + R[k] @ frame[:, 3]
+        axis = R_i @ tree.axes[i]
         if tree.is_prismatic[i]:
-            slide = q[i]
+            p_i = p_i + q[i] * axis
+            S_i = np.append(np.zeros(3), axis)
         else:
-            sine, cosine = math.sin(q[i]), math.cos(q[i])
-        # The frame's columns, and how far it has slid.
-        x = _rotate(frame, 0, _turn((1.0, 0.0, 0.0), axis, sine, cosine))
-        y = _rotate(frame, 0, _turn((0.0, 1.0, 0.0), axis, sine, cosine))
-        z = _rotate(frame, 0, _turn((0.0, 0.0, 1.0), axis, sine, cosine))
-        a = _rotate(frame, 0, axis)
-        origin = _sum(origin, (slide * a[0], slide * a[1], slide * a[2]))
-        w_parent, v_parent = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if parent >= 0:
-            above = work[parent]
-            x, y = _rotate(above, _R, x), _rotate(above, _R, y)
-            z, a = _rotate(above, _R, z), _rotate(above, _R, a)
-            origin = _sum(_get(above, _P), _rotate(above, _R, origin))
-            w_parent, v_parent = _get(above, _V), _get(above, _V + 3)
-        for k in range(3):
-            row[_R + 3 * k], row[_R + 3 * k + 1] = x[k], y[k]
-            row[_R + 3 * k + 2] = z[k]
-        _set(row, _P, origin)
-        if tree.is_prismatic[i]:
-            _set(row, _S, (0.0, 0.0, 0.0))
-            _set(row, _S + 3, a)
-        else:
-            _set(row, _S, a)
-            _set(row, _S + 3, _cross(origin, a))
-        for k in range(3):
-            row[_V + k] = w_parent[k] + row[_S + k] * v[i]
-            row[_V + 3 + k] = v_parent[k] + row[_S + 3 + k] * v[i]
+            K = _skew(tree.axes[i])  # Rodrigues.
+            turn = np.eye(3) + np.sin(q[i]) * K + (1 - np.cos(q[i])) * (K @ K)
+            R_i = R_i @ turn
+            S_i = np.append(axis, np.cross(p_i, axis))
+        R.append(R_i)
+        p.append(p_i)
+        S.append(S_i)
+        V.append(V[k] + S_i * v[i])
+    return Motion(R, p, S, V)
 
 
-def _set_inertia(inertia: Array, row: Array) -> None:
-    """Fills in a link's inertia about O: I_O = R I R^T + (m p^2 + 2 p.h) 1 - ..."""
-    m, h, p = inertia[0], _rotate(row, _R, _get(inertia, 1)), _get(row, _P)
-    xx, yy, zz, xy, xz, yz = inertia[4:10]
-    # R I, whose rows times those of R are R I R^T.
-    x, y, z = _get(row, _R), _get(row, _R + 3), _get(row, _R + 6)
-    Ix = (_dot(x, (xx, xy, xz)), _dot(x, (xy, yy, yz)), _dot(x, (xz, yz, zz)))
-    Iy = (_dot(y, (xx, xy, xz)), _dot(y, (xy, yy, yz)), _dot(y, (xz, yz, zz)))
-    Iz = (_dot(z, (xx, xy, xz)), _dot(z, (xy, yy, yz)), _dot(z, (xz, yz, zz)))
-    trace = m * _dot(p, p) + 2 * _dot(p, h)
-    row[_I] = m
-    _set(row, _I + 1, (h[0] + m * p[0], h[1] + m * p[1], h[2] + m * p[2]))
-    row[_I + 4] = _dot(Ix, x) + trace - m * p[0] * p[0] - 2 * p[0] * h[0]
-    row[_I + 5] = _dot(Iy, y) + trace - m * p[1] * p[1] - 2 * p[1] * h[1]
-    row[_I + 6] = _dot(Iz, z) + trace - m * p[2] * p[2] - 2 * p[2] * h[2]
-    row[_I + 7] = _dot(Ix, y) - m * p[0] * p[1] - p[0] * h[1] - h[0] * p[1]
-    row[_I + 8] = _dot(Ix, z) - m * p[0] * p[2] - p[0] * h[2] - h[0] * p[2]
-    row[_I + 9] = _dot(Iy, z) - m * p[1] * p[2] - p[1] * h[2] - h[1] * p[2]
+def _calc_accelerations(
+    tree: RigidBodyTree, motion: Motion, v: Array, v_dot: Array, world: Array
+) -> list[Array]:
+    """Returns the spatial accelerations dV/dt of all links, where the world has one."""
+    A = [world]
+    for i in range(len(tree.parents)):
+        k, S = tree.parents[i] + 1, motion.S[i + 1]
+        A.append(A[k] + S * v_dot[i] + _cross(motion.V[k], S * v[i]))
+    return A
 
 
-def _momentum(row: Array, w: Vector3, v: Vector3) -> tuple[Vector3, Vector3]:
-    """Returns inertia times motion, [I w + h x v; m v + w x h]."""
-    m, h = row[_I], _get(row, _I + 1)
-    xx, yy, zz, xy, xz, yz = row[_I + 4 : _I + 10]
-    I_w = (_dot((xx, xy, xz), w), _dot((xy, yy, yz), w), _dot((xz, yz, zz), w))
-    return (
-        _sum(I_w, _cross(h, v)),
-        _sum((m * v[0], m * v[1], m * v[2]), _cross(w, h)),
-    )
+def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
+    """Returns a link's inertia about O."""
+    m, R, p = tree.masses[i], motion.R[i + 1], motion.p[i + 1]
+    h = R @ tree.moments[i]
+    shift = np.outer(p, m * p / 2 + h)  # Steiner, with h about the link's origin.
+    about_O = R @ tree.inertias[i] @ R.T - shift - shift.T
+    about_O = about_O + 2 * np.trace(shift) * np.eye(3)
+    h_skew = _skew(m * p + h)
+    return np.block([[about_O, h_skew], [h_skew.T, m * np.eye(3)]])
 
 
-def _calc_bias(tree: RigidBodyTree, v: Array, work: Array) -> None:
-    """Fills in what each link would need to move on, were no joint to accelerate.
+def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array, Array]:
+    """Returns M (n, n) and the bias (n) of M v_dot + bias = forces - D v.
 
-    That is its acceleration relative to free fall, and the force for it.
+    The bias has the Coriolis, centrifugal and gravity terms, N m or N.
+
+    Args:
+        tree: The links.
+        motion: As calc_motion() returns it.
+        v: Velocities of the joints in rad/s or m/s (n).
     """
-    for i in range(len(tree.parents)):
-        row, parent = work[i], tree.parents[i]
-        g = tree.gravity
-        alpha, a = (0.0, 0.0, 0.0), (-g[0], -g[1], -g[2])
+    n = len(tree.parents)
+    M, bias = np.zeros((n, n)), np.zeros(n)
+    # What each link needs to move on, were no joint to accelerate, in free fall.
+    fall = np.append(np.zeros(3), -tree.gravity)
+    A = _calc_accelerations(tree, motion, v, np.zeros(n), fall)[1:]
+    I = [_calc_inertia(tree, motion, i) for i in range(n)]
+    F = [
+        I_i @ A_i + _cross_force(V_i, I_i @ V_i)
+        for I_i, A_i, V_i in zip(I, A, motion.V[1:], strict=True)
+    ]
+    for i in reversed(range(n)):
+        S, parent = motion.S[i + 1], tree.parents[i]
+        bias[i] = S @ F[i]
+        # What the links outboard of joint i weigh for the joints inboard of it.
+        weight = I[i] @ S
+        M[i, i] = S @ weight + tree.rotor_inertias[i]
+        j = parent
+        while j >= 0:
+            M[i, j] = M[j, i] = motion.S[j + 1] @ weight
+            j = tree.parents[j]
         if parent >= 0:
-            alpha, a = _get(work[parent], _A), _get(work[parent], _A + 3)
-        w, u = _get(row, _V), _get(row, _V + 3)
-        # The joint's motion, which turns with the link: dS/dt = V x S.
-        w_S = (row[_S] * v[i], row[_S + 1] * v[i], row[_S + 2] * v[i])
-        v_S = (row[_S + 3] * v[i], row[_S + 4] * v[i], row[_S + 5] * v[i])
-        alpha = _sum(alpha, _cross(w, w_S))
-        a = _sum(a, _sum(_cross(w, v_S), _cross(u, w_S)))
-        _set(row, _A, alpha)
-        _set(row, _A + 3, a)
-        _set_inertia(tree.inertias[i], row)
-        L, P = _momentum(row, w, u)
-        moment, force = _momentum(row, alpha, a)
-        _set(row, _F, _sum(moment, _sum(_cross(w, L), _cross(u, P))))
-        _set(row, _F + 3, _sum(force, _cross(w, P)))
+            F[parent] = F[parent] + F[i]
+            I[parent] = I[parent] + I[i]
+    return M, bias
 
 
-def calc_accelerations(
-    tree: RigidBodyTree, q: Array, v: Array, forces: Array, work: Array, v_dot: Array
-) -> None:
-    """Fills in the accelerations of the joints: M v_dot = forces - D v - bias(q, v).
+def calc_joint_accelerations(
+    tree: RigidBodyTree, q: Array, v: Array, forces: Array
+) -> Array:
+    """Returns v_dot of M v_dot = forces - D v - bias, rad/s^2 or m/s^2 (n).
 
     Args:
         tree: The links.
         q: Positions of the joints in rad or m (n).
         v: Their velocities in rad/s or m/s (n).
         forces: What acts on the joints, their damping and gravity aside, N m or N (n).
-        work: As make_work() returns it.
-        v_dot: For the result, in rad/s^2 or m/s^2 (n).
     """
-    calc_mass_matrix(tree, q, v, work, v_dot)
-    for i in range(len(v_dot)):
-        v_dot[i] = forces[i] - tree.damping[i] * v[i] - v_dot[i]
-    _solve(work, v_dot)
+    M, bias = calc_dynamics(tree, calc_motion(tree, q, v), v)
+    return np.asarray(np.linalg.solve(M, forces - tree.damping * v - bias))
 
 
-def calc_mass_matrix(
-    tree: RigidBodyTree, q: Array, v: Array, work: Array, bias: Array
-) -> None:
-    """Fills in the mass matrix M and the bias of M v_dot + bias = forces - D v.
+def calc_jacobian(
+    tree: RigidBodyTree, motion: Motion, link: int, point: Array
+) -> tuple[Array, Array]:
+    """Returns a point's position (3) and the Jacobian of [w; velocity] there (6, n).
 
     Args:
         tree: The links.
-        q: Positions of the joints in rad or m (n).
-        v: Their velocities in rad/s or m/s (n).
-        work: As make_work() returns it, for the lower half of M; see mass_matrix().
-        bias: For the Coriolis, centrifugal and gravity terms, N m or N (n).
-    """
-    n = len(tree.parents)
-    calc_kinematics(tree, q, v, work)
-    _calc_bias(tree, v, work)
-    for i in range(n - 1, -1, -1):
-        row = work[i]
-        bias[i] = 0.0
-        for k in range(6):
-            bias[i] += row[_S + k] * row[_F + k]
-        # M, column by column: what the links outboard of joint i weigh for the joints
-        # inboard of it.
-        L, P = _momentum(row, _get(row, _S), _get(row, _S + 3))
-        for j in range(i + 1):
-            work[i, _M + j] = 0.0
-        j = i
-        while j >= 0:
-            above = work[j]
-            work[i, _M + j] = _dot(_get(above, _S), L) + _dot(_get(above, _S + 3), P)
-            j = tree.parents[j]
-        work[i, _M + i] += tree.rotor_inertias[i]
-        if tree.parents[i] >= 0:
-            above = work[tree.parents[i]]
-            for k in range(6):
-                above[_F + k] += row[_F + k]
-            for k in range(10):
-                above[_I + k] += row[_I + k]
-
-
-def mass_matrix(work: Array) -> Array:
-    """Returns M (n, n).
-
-    Args:
-        work: As calc_mass_matrix() left it.
-    """
-    n = len(work)
-    M = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            M[i, j] = M[j, i] = work[i, _M + j]
-    return M
-
-
-def _solve(work: Array, b: Array) -> None:
-    """Solves M x = b in place, by M = L L^T of the lower half of M."""
-    n = len(b)
-    for i in range(n):
-        for j in range(i + 1):
-            value = work[i, _M + j]
-            for k in range(j):
-                value -= work[i, _M + k] * work[j, _M + k]
-            if i == j:
-                work[i, _M + i] = math.sqrt(value)
-                b[i] /= work[i, _M + i]
-            else:
-                work[i, _M + j] = value / work[j, _M + j]
-                b[i] -= work[i, _M + j] * b[j]
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            b[i] -= work[j, _M + i] * b[j]
-        b[i] /= work[i, _M + i]
-
-
-def calc_point_motion(
-    tree: RigidBodyTree, link: int, point: Array, work: Array, result: Array
-) -> None:
-    """Fills in position, velocity and translational Jacobian of a point of a link.
-
-    Args:
-        tree: The links.
+        motion: As calc_motion() returns it.
         link: Index of the link, -1 for the world.
         point: The point in the link's frame, m (3).
-        work: As calc_kinematics() or calc_accelerations() left it.
-        result: For position, velocity and the Jacobian row by row (6 + 3 n), in the
-            world's axes.
     """
-    n = len(tree.parents)
-    for k in range(len(result)):
-        result[k] = 0.0
-    p = _get(point, 0)
-    if link >= 0:
-        row = work[link]
-        p = _sum(_get(row, _P), _rotate(row, _R, p))
-        w, u = _get(row, _V), _get(row, _V + 3)
-        _set(result, 3, _sum(u, _cross(w, p)))
-    _set(result, 0, p)
-    i = link
-    while i >= 0:
-        column = _sum(_get(work[i], _S + 3), _cross(_get(work[i], _S), p))
-        for k in range(3):
-            result[6 + k * n + i] = column[k]
-        i = tree.parents[i]
+    p = motion.p[link + 1] + motion.R[link + 1] @ point
+    J = np.zeros((6, len(tree.parents)))
+    while link >= 0:
+        w, u = motion.S[link + 1][:3], motion.S[link + 1][3:]
+        J[:, link] = np.append(w, u + np.cross(w, p))
+        link = tree.parents[link]
+    return p, J
 
 
-def calc_link_turn(tree: RigidBodyTree, link: int, work: Array, result: Array) -> None:
-    """Fills in rotation and angular Jacobian of a link.
-
-    Args:
-        tree: The links.
-        link: Index of the link, -1 for the world.
-        work: As calc_kinematics() or calc_accelerations() left it.
-        result: For the rotation and the Jacobian of the angular velocity, each row by
-            row (9 + 3 n), in the world's axes.
-    """
-    n = len(tree.parents)
-    for k in range(len(result)):
-        result[k] = 0.0
-    for k in range(9):
-        result[k] = work[link, _R + k] if link >= 0 else float(k % 4 == 0)
-    i = link
-    while i >= 0:
-        for k in range(3):
-            result[9 + k * n + i] = work[i, _S + k]
-        i = tree.parents[i]
-
-
-def calc_point_acceleration(
+def calc_point_accelerations(
     tree: RigidBodyTree,
-    link: int,
-    point: Array,
+    motion: Motion,
+    links: Sequence[int] | NDArray[np.int64],
+    points: Sequence[Array] | Array,
+    v: Array,
     v_dot: Array,
-    work: Array,
-    result: Array,
-) -> None:
-    """Fills in the acceleration of a point of a link, in the world's axes.
+) -> Array:
+    """Returns the accelerations of points in the world's axes, m/s^2 (k, 3).
 
     Args:
         tree: The links.
-        link: Index of the link, -1 for the world.
-        point: The point in the link's frame, m (3).
-        v_dot: What calc_accelerations() filled in (n).
-        work: As calc_accelerations() left it.
-        result: For the acceleration, m/s^2 (3).
+        motion: As calc_motion() returns it.
+        links: Index of each point's link, -1 for the world (k).
+        points: The points in the links' frames, m (k, 3).
+        v: Velocities of the joints in rad/s or m/s (n).
+        v_dot: Their accelerations in rad/s^2 or m/s^2 (n).
     """
-    _set(result, 0, (0.0, 0.0, 0.0))
-    if link < 0:
-        return
-    row = work[link]
-    p = _sum(_get(row, _P), _rotate(row, _R, _get(point, 0)))
-    alpha, a = _get(row, _A), _sum(_get(row, _A + 3), _get(tree.gravity, 0))
-    i = link
-    while i >= 0:
-        S = work[i, _S : _S + 6]
-        alpha = _sum(alpha, (S[0] * v_dot[i], S[1] * v_dot[i], S[2] * v_dot[i]))
-        a = _sum(a, (S[3] * v_dot[i], S[4] * v_dot[i], S[5] * v_dot[i]))
-        i = tree.parents[i]
-    # a is what happens at O: the point there belongs to another part of the link all
-    # the time.
-    w, u = _get(row, _V), _get(row, _V + 3)
-    v_p = _sum(u, _cross(w, p))
-    _set(result, 0, _sum(a, _sum(_cross(alpha, p), _cross(w, v_p))))
+    A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))
+    result = np.zeros((len(links), 3))
+    for row in range(len(links)):
+        k = links[row] + 1
+        p = motion.p[k] + motion.R[k] @ points[row]
+        w, u = motion.V[k][:3], motion.V[k][3:]
+        alpha, a = A[k][:3], A[k][3:]
+        # a is what happens at O: the point there belongs to another part of the link
+        # all the time.
+        result[row] = a + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+    return result

@@ -23,10 +23,10 @@ from pydrake.multibody.tree import (
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.numerics.rigid_body import (
-    calc_accelerations,
-    calc_point_acceleration,
-    calc_point_motion,
-    make_work,
+    calc_jacobian,
+    calc_joint_accelerations,
+    calc_motion,
+    calc_point_accelerations,
 )
 
 
@@ -100,7 +100,6 @@ def test_a_random_tree_moves_as_its_plant(seed, kinds):
     context = plant.CreateDefaultContext()
     n = plant.num_velocities()
     read = ReadPlantTree(plant, context)
-    work, v_dot = make_work(n), np.zeros(n)
     for _ in range(3):
         q, v, forces = (rng.normal(size=n) for _ in range(3))
         plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
@@ -109,16 +108,18 @@ def test_a_random_tree_moves_as_its_plant(seed, kinds):
             context, np.zeros(plant.num_actuators())
         )
         expected = plant.EvalTimeDerivatives(context).CopyToVector()[n:]
-        calc_accelerations(read.tree, q, v, forces, work, v_dot)
+        v_dot = calc_joint_accelerations(read.tree, q, v, forces)
         np.testing.assert_allclose(v_dot, expected, atol=_tolerance(expected))
         A = plant.get_body_spatial_accelerations_output_port().Eval(context)
+        motion = calc_motion(read.tree, q, v)
         for index, (link, X_LB) in read.poses.items():
             frame = plant.get_body(BodyIndex(index)).body_frame()
-            motion, a = np.zeros(6 + 3 * n), np.zeros(3)
             point = X_LB.translation()
-            calc_point_motion(read.tree, link, point, work, motion)
-            calc_point_acceleration(read.tree, link, point, v_dot, work, a)
-            J = plant.CalcJacobianTranslationalVelocity(
+            p, J = calc_jacobian(read.tree, motion, link, point)
+            a = calc_point_accelerations(read.tree, motion, [link], [point], v, v_dot)[
+                0
+            ]
+            J_drake = plant.CalcJacobianSpatialVelocity(
                 context,
                 JacobianWrtVariable.kV,
                 frame,
@@ -126,9 +127,11 @@ def test_a_random_tree_moves_as_its_plant(seed, kinds):
                 plant.world_frame(),
                 plant.world_frame(),
             )
-            p = frame.CalcPoseInWorld(context).translation()
-            by_drake = np.concatenate([p, J @ v, J.ravel()])
-            np.testing.assert_allclose(motion, by_drake, atol=1e-10)
+            X_WB = frame.CalcPoseInWorld(context)
+            R = motion.R[link + 1] @ X_LB.rotation().matrix()
+            np.testing.assert_allclose(R, X_WB.rotation().matrix(), atol=1e-10)
+            np.testing.assert_allclose(p, X_WB.translation(), atol=1e-10)
+            np.testing.assert_allclose(J, J_drake, atol=1e-10)
             a_drake = A[index].translational()
             np.testing.assert_allclose(a, a_drake, atol=_tolerance(a_drake))
 

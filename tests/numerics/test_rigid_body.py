@@ -6,22 +6,18 @@ import pytest
 
 from teleop_drake.numerics.rigid_body import (
     RigidBodyTree,
-    calc_accelerations,
-    calc_kinematics,
-    calc_point_acceleration,
-    calc_point_motion,
-    make_work,
+    calc_jacobian,
+    calc_joint_accelerations,
+    calc_motion,
+    calc_point_accelerations,
 )
-
-IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 
 
 def Inertia(m, com, rotational):
-    """About the origin of the link's frame: mass, first moment, xx yy zz xy xz yz."""
-    c, square = np.array(com), np.dot(com, com)
+    """About the origin of the link's frame: mass, first moment, inertia."""
+    c, square = np.array(com, dtype=float), np.dot(com, com)
     about = np.diag(rotational) + m * (square * np.eye(3) - np.outer(c, c))
-    off = [about[0, 1], about[0, 2], about[1, 2]]
-    return [m, *(m * c), *np.diag(about), *off]
+    return m, m * c, about
 
 
 def Tree(*links, gravity=(0.0, 0.0, 0.0)):
@@ -30,9 +26,11 @@ def Tree(*links, gravity=(0.0, 0.0, 0.0)):
     return RigidBodyTree(
         parents=np.arange(-1, num - 1),
         is_prismatic=np.array([link[0] for link in links]),
-        frames=np.array([[*IDENTITY, *link[1]] for link in links], dtype=float),
+        frames=np.array([np.c_[np.eye(3), link[1]] for link in links]),
         axes=np.array([link[2] for link in links], dtype=float),
-        inertias=np.array([link[3] for link in links], dtype=float),
+        masses=np.array([link[3][0] for link in links]),
+        moments=np.array([link[3][1] for link in links]),
+        inertias=np.array([link[3][2] for link in links]),
         rotor_inertias=np.zeros(num),
         damping=np.zeros(num),
         gravity=np.array(gravity, dtype=float),
@@ -53,10 +51,10 @@ def Arm(gravity=0.0):
 @pytest.mark.parametrize("gravity", [0.0, appendix_a.g])
 def test_the_arm_of_appendix_a(gravity):
     random = np.random.default_rng(1)
-    tree, work, v_dot = Arm(gravity), make_work(2), np.empty(2)
+    tree = Arm(gravity)
     for _ in range(10):
         q, v, tau = random.normal(size=(3, 2))
-        calc_accelerations(tree, q, v, tau, work, v_dot)
+        v_dot = calc_joint_accelerations(tree, q, v, tau)
         weight = appendix_a.G(q) * (gravity > 0)
         M, C = appendix_a.M(q), appendix_a.C(q, v)
         expected = np.linalg.solve(M, tau - C @ v - weight)
@@ -65,26 +63,23 @@ def test_the_arm_of_appendix_a(gravity):
 
 def test_the_tool_of_appendix_a():
     q, v = np.array([0.4, 1.1]), np.array([0.7, -0.3])
-    tree, work, motion = Arm(), make_work(2), np.empty(12)
-    calc_kinematics(tree, q, v, work)
-    calc_point_motion(tree, 1, np.array([appendix_a.L3, 0.0, 0.0]), work, motion)
-    J = appendix_a.J(q)
-    np.testing.assert_allclose(motion[:2], appendix_a.p_WT(q), rtol=1e-12)
-    np.testing.assert_allclose(motion[3:5], J @ v, rtol=1e-12)
-    np.testing.assert_allclose(motion[6:].reshape(3, 2)[:2], J, rtol=1e-12)
-    np.testing.assert_array_equal(motion[[2, 5, 10, 11]], 0.0)
+    tree = Arm()
+    motion = calc_motion(tree, q, v)
+    p, J = calc_jacobian(tree, motion, 1, np.array([appendix_a.L3, 0.0, 0.0]))
+    np.testing.assert_allclose(p, [*appendix_a.p_WT(q), 0.0], rtol=1e-12)
+    np.testing.assert_allclose(J[3:5], appendix_a.J(q), rtol=1e-12)
+    np.testing.assert_array_equal(J[[0, 1, 2, 5]], [[0, 0], [0, 0], [1, 1], [0, 0]])
 
 
 def test_what_turns_evenly_falls_towards_the_axis():
     """A point at radius r of a link that turns at w has the acceleration -w^2 r."""
     tree = Tree((0, (0, 0, 0), (0, 0, 1), Inertia(1.0, (0, 0, 0), (1, 1, 1))))
-    work, v_dot, result = make_work(1), np.empty(1), np.empty(3)
     q, v = np.array([0.3]), np.array([2.0])
-    calc_accelerations(tree, q, v, np.zeros(1), work, v_dot)
+    v_dot = calc_joint_accelerations(tree, q, v, np.zeros(1))
     assert v_dot[0] == pytest.approx(0.0)
-    point = np.array([0.5, 0.0, 0.2])
-    calc_point_acceleration(tree, 0, point, v_dot, work, result)
-    expected = [-2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]
+    motion, points = calc_motion(tree, q, v), np.array([[0.5, 0.0, 0.2]])
+    result = calc_point_accelerations(tree, motion, [0], points, v, v_dot)
+    expected = [[-2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]]
     np.testing.assert_allclose(result, expected, atol=1e-14)
 
 
@@ -95,7 +90,6 @@ def test_a_slide_falls_with_its_rotor_and_its_damping():
         gravity=(0, 0, -9.81),
     )
     tree = tree._replace(rotor_inertias=np.array([0.5]), damping=np.array([0.3]))
-    v_dot = np.empty(1)
     forces, v = np.array([4.0]), np.array([1.5])
-    calc_accelerations(tree, np.zeros(1), v, forces, make_work(1), v_dot)
+    v_dot = calc_joint_accelerations(tree, np.zeros(1), v, forces)
     assert v_dot[0] == pytest.approx((4.0 - 0.45 - 2.0 * 9.81) / 2.5)

@@ -8,10 +8,9 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.numerics.rigid_body import (
-    calc_link_turn,
-    calc_mass_matrix,
-    make_work,
-    mass_matrix,
+    calc_dynamics,
+    calc_jacobian,
+    calc_motion,
 )
 from teleop_drake.robots import Puma560Config
 from teleop_drake.validation import ScenarioError
@@ -76,18 +75,17 @@ def test_the_compiled_engine_knows_its_motors_and_its_turn(plant):
     world = plant.world_frame()
     for q, v, _ in random_states(count=3):
         plant.SetPositionsAndVelocities(context, np.append(q, v))
-        work, turn = make_work(6), np.zeros(27)
-        calc_mass_matrix(tree, q, v, work, np.zeros(6))
-        calc_link_turn(tree, 5, work, turn)
-        M, R = plant.CalcMassMatrix(context), turn[:9].reshape(3, 3)
-        np.testing.assert_allclose(mass_matrix(work), M, atol=1e-12)
+        motion = calc_motion(tree, q, v)
+        M, _ = calc_dynamics(tree, motion, v)
+        np.testing.assert_allclose(M, plant.CalcMassMatrix(context), atol=1e-12)
         pose = plant.EvalBodyPoseInWorld(context, tool)
         # alpha of the last joint is 0: its frame is turned as the tool is.
-        np.testing.assert_allclose(R, pose.rotation().matrix(), atol=1e-12)
+        np.testing.assert_allclose(motion.R[6], pose.rotation().matrix(), atol=1e-12)
         Jw = plant.CalcJacobianAngularVelocity(
             context, JacobianWrtVariable.kV, tool.body_frame(), world, world
         )
-        np.testing.assert_allclose(turn[9:].reshape(3, 6), Jw, atol=1e-12)
+        _, J = calc_jacobian(tree, motion, 5, np.zeros(3))
+        np.testing.assert_allclose(J[:3], Jw, atol=1e-12)
 
 
 def test_its_poses_keep_the_needle_along_x():
