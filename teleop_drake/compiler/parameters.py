@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 class Parameters:
     """Packs parameters, and says how the generated source unpacks them.
 
+    Equal arrays in one field of a kind of named tuple are one array: what several
+    blocks compute from the same plant is computed once.
+
     Attributes:
         types: The named tuples among them, by their names in the source.
     """
 
     def __init__(self) -> None:
         self.types: dict[str, Callable[..., Any]] = {}
+        self._shared: dict[Any, str] = {}
         self._numbers: list[float] = []
         self._integers: list[int] = []
 
@@ -26,9 +30,10 @@ class Parameters:
             value: A number, an array, or a (named) tuple of them.
         """
         if isinstance(value, tuple):
-            parts = ", ".join(self.Add(part) for part in value)
             if not hasattr(value, "_fields"):
-                return f"({parts},)"
+                return f"({', '.join(map(self.Add, value))},)"
+            fields = enumerate(value)
+            parts = ", ".join(self._AddField(type(value), *field) for field in fields)
             return f"{self._NameOf(type(value))}({parts})"
         array = np.asarray(value)
         store: list[Any]
@@ -42,6 +47,14 @@ class Parameters:
             return f"{name}[{first}]"
         text = f"{name}[{first}:{len(store)}]"
         return text if array.ndim == 1 else f"{text}.reshape({array.shape})"
+
+    def _AddField(self, kind: type, place: int, value: Any) -> str:
+        if not isinstance(value, np.ndarray):
+            return self.Add(value)
+        key = kind, place, value.shape, value.dtype, value.tobytes()
+        if key not in self._shared:
+            self._shared[key] = self.Add(value)
+        return self._shared[key]
 
     def as_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Returns the arrays p and q of the source."""

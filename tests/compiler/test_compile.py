@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
@@ -11,6 +13,7 @@ from pydrake.systems.primitives import Gain, Integrator
 from teleop_drake.compiler import compile as compiler
 from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.parameters import Parameters
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
@@ -130,3 +133,17 @@ def test_what_is_no_graph_of_operations_is_named():
         UnsupportedSystem, match=r"'halving' cannot .* halved\(\), line"
     ):
         Evaluator(system, context, as_machine_code=True)
+
+
+def test_a_plant_that_several_blocks_read_is_there_once():
+    """The masses of one of them differ; the rest is computed once for both."""
+    parameters = Parameters()
+    one = parameters.Add(Links(np.arange(3.0), np.arange(3.0)))
+    assert one == "T0(p[0:3], p[3:6])"  # Equal fields are still two numbers.
+    assert parameters.Add(Links(np.arange(3.0), np.arange(3.0))) == one
+    assert parameters.Add(Links(np.arange(3.0), np.ones(3))) == "T0(p[0:3], p[6:9])"
+
+
+class Links(NamedTuple):
+    frames: np.ndarray
+    masses: np.ndarray
