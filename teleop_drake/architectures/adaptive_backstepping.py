@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ class AdaptiveBackstepping(KernelBlock):
         network: GaussianNetwork,
         rate: Law,
         errors: Law,
-        **constants: Array,
+        **constants: Any,
     ) -> None:
         """Declares ports and state, and sets what the block computes.
 
@@ -113,13 +114,10 @@ class AdaptiveBackstepping(KernelBlock):
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self._n, self._num_functions = n, N
         self._psi_min = gains.Psi_min
-        matrices, numbers = gains.as_arrays()
         self._laws = rate, errors
         self._constants = constants | {
-            "matrices": matrices,
-            "numbers": numbers,
-            "centres": network.centres,
-            "widths": network.widths,
+            "gains": gains.as_numbers(),
+            "network": network.as_numbers(),
         }
         for name in (
             "haptic_force",

@@ -58,7 +58,7 @@ class RobustBackstepping(AdaptiveBackstepping):
             CheckNumber(name, getattr(bounds, name), minimum=0)
         for name in ("eps1", "eps3"):
             CheckNumber(name, getattr(bounds, name), above=0)
-        self._bounds = np.array(bounds, dtype=float)
+        self._bounds = bounds
         self._Declare(gains, network, robust_rate, robust_errors, bounds=self._bounds)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:

@@ -41,12 +41,16 @@ Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) 
 
 from collections import namedtuple
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.laws.gaussian_network import gaussian_functions
+from teleop_drake.laws.gaussian_network import (
+    Lattice,
+    basis_functions,
+    gaussian_functions,
+)
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 Array = NDArray[np.float64]
@@ -133,36 +137,15 @@ class BacksteppingGains:
         """Number n of task axes."""
         return len(self.Lambda)
 
-    def as_arrays(self) -> tuple[Array, Array]:
-        """Returns the gains as two arrays, for compiled laws.
-
-        Returns:
-            The matrices (k, n, n) and the numbers (m), both in the order of the fields.
-        """
+    def as_numbers(self) -> "BacksteppingGains":
+        """Returns the gains as a named tuple, which machine code can read."""
         values = [getattr(self, field.name) for field in fields(self)]
-        return (
-            np.array([value for value in values if np.ndim(value) == 2]),
-            np.array([value for value in values if np.ndim(value) == 0]),
-        )
+        return cast(BacksteppingGains, _Numbers(*values))
 
 
-_GainsTuple = namedtuple(  # type: ignore[misc]
-    "_GainsTuple", [field.name for field in fields(BacksteppingGains)]
+_Numbers = namedtuple(  # type: ignore[misc]
+    "_Numbers", [field.name for field in fields(BacksteppingGains)]
 )
-
-
-def gains_from_arrays(matrices: Array, numbers: Array) -> Any:
-    """Returns the gains from what BacksteppingGains.as_arrays() made of them.
-
-    Many small arguments would cost a compiled law more than the law itself.
-    """
-    # By their indices the matrices stay contiguous, which compiled products need.
-    Lambda, G1, G2 = matrices[0], matrices[1], matrices[2]
-    P, Psi0 = matrices[3], matrices[4]
-    beta1, beta2, beta3, nu1, nu3, Upsilon, Psi_min = numbers
-    return _GainsTuple(  # type: ignore[call-arg]
-        Lambda, G1, G2, P, beta1, beta2, beta3, nu1, nu3, Upsilon, Psi0, Psi_min
-    )
 
 
 class BacksteppingState(NamedTuple):
@@ -405,10 +388,8 @@ def damped_rate(
 
 
 def adaptive_rate(
-    matrices: Array,
-    numbers: Array,
-    centres: Array,
-    widths: Array,
+    gains: BacksteppingGains,
+    network: Lattice,
     x: Array,
     r: Array,
     v: Array,
@@ -418,31 +399,17 @@ def adaptive_rate(
 ) -> Array:
     """Returns backstepping_rate() with Gaussian networks, of and as a vector.
 
-    Args:
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        centres: Of the basis functions in m (N, n).
-        widths: Of the basis functions in m (n).
-        x: The state as pack_state() makes it.
-        r: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-
-    Returns:
-        The time rate of the state.
+    x is the state as pack_state() makes it, r the position of the tool in m (n), which
+    is the input of the networks. The others are those of backstepping_rate().
     """
-    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
-    Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
+    state = unpack_state(x, v.size)
+    Phi, Phi_dot = gaussian_functions(r, v, network.centres, network.widths)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
 def adaptive_errors(
-    matrices: Array,
-    numbers: Array,
-    centres: Array,
-    widths: Array,
+    gains: BacksteppingGains,
+    network: Lattice,
     x: Array,
     r: Array,
     v: Array,
@@ -450,24 +417,8 @@ def adaptive_errors(
     F_e: Array,
     F_hd: Array,
 ) -> Array:
-    """Returns auxiliary_error() and control_force_error() with Gaussian networks.
-
-    Args:
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        centres: Of the basis functions in m (N, n).
-        widths: Of the basis functions in m (n).
-        x: The state as pack_state() makes it.
-        r: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-
-    Returns:
-        s in m/s and z in N as one vector (2n).
-    """
-    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
-    Phi, _ = gaussian_functions(r, v, centres, widths)
+    """Returns s in m/s and z in N as one vector (2n); see adaptive_rate()."""
+    state = unpack_state(x, v.size)
+    Phi = basis_functions(r, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))

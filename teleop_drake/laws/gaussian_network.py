@@ -5,6 +5,7 @@ has only the basis functions Phi(u) and their rate of change.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,6 +105,13 @@ def basis_functions(u: Array, centres: Array, widths: Array) -> Array:
     return gaussian_functions(u, np.zeros(u.size), centres, widths)[0]
 
 
+class Lattice(NamedTuple):
+    """A network as machine code reads it: centres in m (N, m) and widths (m)."""
+
+    centres: Array
+    widths: Array
+
+
 class GaussianNetwork:
     """The basis functions of one network: Phi of (3.1) and its rate of change.
 
@@ -150,6 +158,10 @@ class GaussianNetwork:
     def widths(self) -> Array:
         """The square roots of R's diagonal (m), read-only."""
         return self._widths
+
+    def as_numbers(self) -> Lattice:
+        """Returns the network as machine code can read it."""
+        return Lattice(self._centres, self._widths)
 
     @property
     def num_inputs(self) -> int:

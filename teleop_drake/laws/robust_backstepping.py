@@ -73,14 +73,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
     auxiliary_error,
     damped_force_error,
     damped_rate,
-    gains_from_arrays,
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import gaussian_functions
+from teleop_drake.laws.gaussian_network import (
+    Lattice,
+    basis_functions,
+    gaussian_functions,
+)
 
 Array = NDArray[np.float64]
 
@@ -112,46 +116,41 @@ def smooth_norm(u: Array, eps: float) -> float:
     return norm
 
 
-def robust_damping(P: Array, G1: Array, bounds: Array, s: Array) -> tuple[Array, Array]:
-    """Returns h(s) in m/s^2 (n) and H(s) in 1/s (n, n).
-
-    Args:
-        P: Weight of s in V2 (n, n), symmetric.
-        G1: Damping of s in 1/s (n, n).
-        bounds: Those of RobustBounds, in its order.
-        s: Auxiliary error in m/s (n).
-    """
+def robust_damping(
+    gains: BacksteppingGains, bounds: RobustBounds, s: Array
+) -> tuple[Array, Array]:
+    """Returns h(s) in m/s^2 (n) and H(s) in 1/s (n, n) for the auxiliary error s."""
+    P, G1 = gains.P, gains.G1
     u = P @ s
-    norm = smooth_norm(u, bounds[1])
-    share = bounds[0] / norm
-    direction = u / norm
+    norm = smooth_norm(u, bounds.eps1)
+    share, direction = bounds.rho1 / norm, u / norm
     slope = G1 + share * (P - direction[:, np.newaxis] * (P @ direction))
     return G1 @ s + share * u, slope
 
 
-def robust_force_rate(bounds: Array, Psi: Array, slope: Array, z: Array) -> Array:
+def robust_force_rate(
+    bounds: RobustBounds, Psi: Array, slope: Array, z: Array
+) -> Array:
     """Returns what the robust terms take from dF_c/dt, in N/s (n).
 
     Args:
-        bounds: Those of RobustBounds, in its order.
+        bounds: Of the remainders.
         Psi: Estimate in 1/kg (n, n).
         slope: H(s) in 1/s (n, n).
         z: Control force error in N (n).
     """
     shaped = np.linalg.inv(Psi) @ slope
     w = shaped.T @ z
-    share1 = bounds[0] / smooth_norm(w, bounds[1])
-    share3 = bounds[2] / smooth_norm(z, bounds[3])
+    share1 = bounds.rho1 / smooth_norm(w, bounds.eps1)
+    share3 = bounds.rho3 / smooth_norm(z, bounds.eps3)
     taken: Array = shaped @ w * share1 + z * share3
     return taken
 
 
 def robust_rate(
-    bounds: Array,
-    matrices: Array,
-    numbers: Array,
-    centres: Array,
-    widths: Array,
+    bounds: RobustBounds,
+    gains: BacksteppingGains,
+    network: Lattice,
     x: Array,
     r: Array,
     v: Array,
@@ -159,25 +158,11 @@ def robust_rate(
     F_e: Array,
     F_hd: Array,
 ) -> Array:
-    """Returns the time rate of the law's state, as a vector.
-
-    Args:
-        bounds: Those of RobustBounds, in its order.
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        centres: Of the basis functions in m (N, n).
-        widths: Of the basis functions in m (n).
-        x: The state, as backstepping.pack_state() makes it.
-        r: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-    """
-    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
-    Phi, Phi_dot = gaussian_functions(r, v, centres, widths)
+    """Returns the time rate of the law's state; see backstepping.adaptive_rate()."""
+    state = unpack_state(x, v.size)
+    Phi, Phi_dot = gaussian_functions(r, v, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    damping, slope = robust_damping(gains.P, gains.G1, bounds, s)
+    damping, slope = robust_damping(gains, bounds, s)
     rate = damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope)
     z = damped_force_error(state, Phi, F_e, damping)
     robust = robust_force_rate(bounds, state.Psi, slope, z)
@@ -185,11 +170,9 @@ def robust_rate(
 
 
 def robust_errors(
-    bounds: Array,
-    matrices: Array,
-    numbers: Array,
-    centres: Array,
-    widths: Array,
+    bounds: RobustBounds,
+    gains: BacksteppingGains,
+    network: Lattice,
     x: Array,
     r: Array,
     v: Array,
@@ -197,23 +180,9 @@ def robust_errors(
     F_e: Array,
     F_hd: Array,
 ) -> Array:
-    """Returns s in m/s and z in N as one vector (2n).
-
-    Args:
-        bounds: Those of RobustBounds, in its order.
-        matrices: The gains, of BacksteppingGains.as_arrays().
-        numbers: The gains, of BacksteppingGains.as_arrays().
-        centres: Of the basis functions in m (N, n).
-        widths: Of the basis functions in m (n).
-        x: The state, as backstepping.pack_state() makes it.
-        r: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave in N (n).
-    """
-    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
-    Phi, _ = gaussian_functions(r, v, centres, widths)
+    """Returns s in m/s and z in N as one vector (2n)."""
+    state = unpack_state(x, v.size)
+    Phi = basis_functions(r, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    damping, _ = robust_damping(gains.P, gains.G1, bounds, s)
+    damping, _ = robust_damping(gains, bounds, s)
     return np.concatenate((s, damped_force_error(state, Phi, F_e, damping)))

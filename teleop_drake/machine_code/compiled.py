@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import BoundEvaluate, BoundLoops, Library
-from teleop_drake.machine_code.scalar_code import IsWhole, MakeCode, TraceLaw
+from teleop_drake.machine_code.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
 from teleop_drake.machine_code.surroundings import Surroundings, UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 from teleop_drake.machine_code.typed_code import MakeTypedCode
@@ -59,8 +59,8 @@ def CompileLaw(law: Law, *constants: Any) -> Law:
     Args:
         law: Takes numbers and arrays, of the same shapes each time, and returns an
             array.
-        constants: Its first arguments, the same each time. Whole numbers and arrays of
-            them are among these, because they decide what is done.
+        constants: Its first arguments, the same each time, also named tuples. Whole
+            numbers and arrays of them are among these: they decide what is done.
     """
     return CompiledLaw(law, constants)
 
@@ -108,7 +108,7 @@ class CompiledLaw:
             error.place = error.place or f"{self.law.func.__name__}()"
             TellOnce(error)
             return _Call((), [], None, result)
-        values = [np.asarray(sample) for sample in samples if not IsWhole(sample)]
+        values = [np.asarray(x) for x in LeavesOf(samples) if not IsWhole(x)]
         memory = np.concatenate([np.ravel(value) for value in values])
         ends = np.cumsum([value.size for value in values])
         places = [
@@ -143,9 +143,7 @@ def _LibraryOf(
     law: FunctionType, samples: Sequence[Any]
 ) -> tuple[Library, Surroundings]:
     """Returns a law for arguments of these shapes as machine code."""
-    structure = repr(
-        [np.asarray(x).tolist() if IsWhole(x) else np.shape(x) for x in samples]
-    )
+    structure = repr([_StructureOf(sample) for sample in samples])
     if (law, structure) not in _libraries:
         samples = copy.deepcopy(samples)
 
@@ -155,6 +153,12 @@ def _LibraryOf(
 
         _libraries[law, structure] = UpToDate([law], Make)
     return _libraries[law, structure].Get()
+
+
+def _StructureOf(sample: Any) -> Any:
+    if isinstance(sample, tuple):
+        return type(sample), *map(_StructureOf, sample)
+    return np.asarray(sample).tolist() if IsWhole(sample) else np.shape(sample)
 
 
 def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:

@@ -146,21 +146,36 @@ def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
 
 def _TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     graph.is_given_finite = False
-    p = _Given(graph, "p", sum(np.size(x) for x in samples if not IsWhole(x)))
-    arguments, end = [], 0
-    for sample in samples:
+    leaves = LeavesOf(samples)
+    p = _Given(graph, "p", sum(np.size(x) for x in leaves if not IsWhole(x)))
+    end = 0
+
+    def Argument(sample: Any) -> Any:
+        nonlocal end
+        if isinstance(sample, tuple):
+            items = map(Argument, sample)
+            is_named = hasattr(sample, "_fields")
+            return type(sample)(*items) if is_named else tuple(items)
         if IsWhole(sample):
             is_array = isinstance(sample, np.ndarray)
-            arguments.append(sample.view(Table) if is_array else sample)
-            continue
+            return sample.view(Table) if is_array else sample
         start, end = end, end + np.size(sample)
-        arguments.append(p[start:end].reshape(np.shape(sample))[()])
+        return p[start:end].reshape(np.shape(sample))[()]
+
+    arguments = [Argument(sample) for sample in samples]
     result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
     if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):
         raise Untraceable(f"{law.__name__}() returns something else than numbers")
     return ScalarProgram(
         graph, {("dx", i): value for i, value in enumerate(result.flat)}, {}
     )
+
+
+def LeavesOf(value: Any) -> list[Any]:
+    """Returns the numbers and arrays in (named) tuples and lists of them."""
+    if isinstance(value, (tuple, list)):
+        return [leaf for item in value for leaf in LeavesOf(item)]
+    return [value]
 
 
 def IsWhole(value: Any) -> bool:

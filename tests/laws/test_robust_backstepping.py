@@ -69,11 +69,7 @@ class Case:
         )
 
     def Arrays(self):
-        return (
-            *self.gains.as_arrays(),
-            self.network.centres,
-            self.network.widths,
-        )
+        return self.gains, self.network
 
     def Damping(self, s, bounds=BOUNDS):
         """h(s), for real and complex numbers."""
@@ -158,7 +154,7 @@ class Case:
 
 
 def Robust(*arguments):
-    return robust_rate(np.array(BOUNDS), *arguments)
+    return robust_rate(BOUNDS, *arguments)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -254,7 +250,7 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
     x = x + 0.1 * case.rng.normal(size=x.size)
     taken = (*case.Arrays(), x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_allclose(
-        robust_rate(np.array(NONE), *taken),
+        robust_rate(NONE, *taken),
         adaptive_rate(*taken),
         rtol=1e-12,
         atol=1e-12,
@@ -265,7 +261,7 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
 def test_slope_is_that_of_the_damping(n):
     case = Case(n)
     s = case.rng.normal(size=n)
-    damping, slope = robust_damping(case.gains.P, case.gains.G1, np.array(BOUNDS), s)
+    damping, slope = robust_damping(case.gains, BOUNDS, s)
     np.testing.assert_allclose(damping, case.Damping(s), rtol=1e-12)
     np.testing.assert_allclose(slope, case.Slope(s), rtol=1e-12, atol=1e-12)
 
@@ -282,7 +278,7 @@ def test_a_puncture_raises_the_root_of_v2_by_no_more_than_stated(n):
         state, Phi = unpack_state(x, n), case.network.evaluate(r)
         roots, errors = [], []
         for F in (F_e, F_e + J):
-            error = robust_errors(np.array(b), *case.Arrays(), x, r, v, v_dd, F, F_hd)
+            error = robust_errors(b, *case.Arrays(), x, r, v, v_dd, F, F_hd)
             s = error[:n]
             np.testing.assert_allclose(error[n:], case.z(state, Phi, s, F))
             roots.append(np.sqrt(2 * case.V2(state, Phi, s, F)))

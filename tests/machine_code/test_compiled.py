@@ -25,7 +25,11 @@ from teleop_drake.laws.backstepping import (
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.layered_force import layer_regions, layer_table
-from teleop_drake.laws.robust_backstepping import robust_errors, robust_rate
+from teleop_drake.laws.robust_backstepping import (
+    RobustBounds,
+    robust_errors,
+    robust_rate,
+)
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.machine_code.compiled import (
     CompileLaw,
@@ -59,10 +63,10 @@ def test_backstepping(n, is_at_limit):
         x = rng.normal(size=n * (1 + n + 2 * network.num_functions))
         unpack_state(x, n).Psi[:] = 1.9 * I + 0.1 * rng.normal(size=(n, n))
         samples.append((x, *rng.normal(size=(5, n))))
-    constants = (*gains.as_arrays(), network.centres, network.widths)
+    constants = gains.as_numbers(), network.as_numbers()
     AssertSame(adaptive_rate, constants, samples)
     AssertSame(adaptive_errors, constants, samples)
-    bounds = np.array([0.3, 0.1, 2.0, 0.2])
+    bounds = RobustBounds(0.3, 0.1, 2.0, 0.2)
     AssertSame(robust_rate, (bounds, *constants), samples)
     AssertSame(robust_errors, (bounds, *constants), samples)
 

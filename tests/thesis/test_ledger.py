@@ -235,8 +235,8 @@ def test_separate_updates_follow_the_errors_of_their_stages():
     x[n + n * N : n + n * N + n * n] = (3 * np.eye(n) + A / 9).ravel()
     F_c, W1, Psi, W3 = unpack_state(x, n)
     r, v, v_dd, F_e, F_hd = rng.uniform(size=(5, n))
-    constants = (*gains.as_arrays(), network.centres, network.widths)
-    rate = unpack_state(SeparateRate(*constants, x, r, v, v_dd, F_e, F_hd), n)
+    taken = gains, network, x, r, v, v_dd, F_e, F_hd
+    rate = unpack_state(SeparateRate(*taken), n)
 
     Phi, Phi_dot = gaussian_functions(r, v, network.centres, network.widths)
     s = v - v_dd + F_e - F_hd

@@ -20,20 +20,17 @@ from teleop_drake.laws.backstepping import (
     adaptive_errors,
     adaptive_rate,
     auxiliary_error,
-    gains_from_arrays,
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork, basis_functions
+from teleop_drake.laws.gaussian_network import GaussianNetwork, Lattice, basis_functions
 
 Array = NDArray[np.float64]
 
 
 def SeparateRate(
-    matrices: Array,
-    numbers: Array,
-    centres: Array,
-    widths: Array,
+    gains: BacksteppingGains,
+    network: Lattice,
     x: Array,
     r: Array,
     v: Array,
@@ -42,12 +39,10 @@ def SeparateRate(
     F_hd: Array,
 ) -> Array:
     """Returns adaptive_rate() less the share of z in the updates of W1 and Psi."""
-    rate = unpack_state(
-        adaptive_rate(matrices, numbers, centres, widths, x, r, v, v_dd, F_e, F_hd),
-        v.size,
-    )
-    gains, state = gains_from_arrays(matrices, numbers), unpack_state(x, v.size)
-    Phi = basis_functions(r, centres, widths)
+    n = v.size
+    rate = unpack_state(adaptive_rate(gains, network, x, r, v, v_dd, F_e, F_hd), n)
+    state = unpack_state(x, n)
+    Phi = basis_functions(r, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     Psi_inv = np.linalg.inv(state.Psi)
     offset = Psi_inv @ (state.W1 @ Phi + gains.G1 @ s)
