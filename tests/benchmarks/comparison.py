@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from functools import partial
 
 from benchmarks import accuracy
-from benchmarks.contenders import CONTENDERS, TARGETS, Load
+from benchmarks.contenders import CONTENDERS, PEER, TARGETS, Find, Load
 from benchmarks.options import Options
-from benchmarks.peers import Peers
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
@@ -32,18 +31,18 @@ def Measure(options: Options) -> Iterator[Table]:
             "of alternating runs. Errors are the largest deviations from the "
             "independent solver, relative to each signal's range, more than 1 ms "
             "away from a jump; the straightforward variant is 1 in the ratios. "
-            "Compiling, where there is any, is apart. Peers that say 1 ms or 1 kHz "
-            "cannot reach the target: their delays are sampled.",
+            "JiTCDDE's compiling is apart. With 1 kHz blocks the target is out of "
+            "reach: their delays are sampled.",
         )
         arguments = (task, controller, DELAY, duration)
         calls, preparation = {}, {}
         for name, contender in CONTENDERS.items():
             calls[name] = partial(contender, *arguments)
-        peers = Peers(options)
-        for peer in peers:
-            if not peer.missing:
-                preparation[peer.name] = peer.module.Prepare(*arguments)
-                calls[peer.name] = partial(peer.module.Simulate, *arguments)
+        if options.peers:
+            from benchmarks import jitcdde_peer
+
+            preparation[PEER] = jitcdde_peer.Prepare(*arguments)
+            calls[PEER] = partial(Find(PEER), *arguments)
         measured = Alternate(calls, options.repeats)
         base = measured["straightforward"]
         base_cost = base.cpu / base.value.derivative_evaluations
@@ -66,7 +65,4 @@ def Measure(options: Options) -> Iterator[Table]:
                 velocity_y_error=errors.get("velocity_y"),
                 compile_s=preparation.get(name),
             )
-        for peer in peers:
-            if peer.missing:
-                table.Add(contender=f"{peer.name}, {peer.missing}")
         yield table

@@ -1,14 +1,14 @@
 """The ways to simulate a task that are compared, behind one signature.
 
 Each takes a task's name, a controller, the delay each way and a duration, builds
-everything anew, and returns a Solution. What has been tuned is tuned the same way: the
-loosest setting, of those in benchmarks.precision, whose error stays below TARGETS.
+everything anew, and returns a Solution. The package runs its scenarios as they are.
+What has been tuned has the loosest setting whose error stays below TARGETS.
 """
 
 from collections.abc import Callable
 
 import numpy as np
-from benchmarks import accuracy, peers, straightforward
+from benchmarks import accuracy, straightforward
 from benchmarks.straightforward import Solution
 
 from teleop_drake.recording import Recording
@@ -18,21 +18,8 @@ from teleop_drake.simulation import simulate
 TARGETS = {1: 1e-5, 2: 1e-4}
 """Largest error, relative to the signal's range, by the number of axes."""
 
-# By the number of axes and the controller, as straightforward.SETTINGS.
-PACKAGE_SETTINGS = {
-    (1, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.1},
-    (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.05},
-    (2, "adaptive_backstepping"): {"accuracy": 1e-6, "max_step_size": 0.07},
-    (2, "direct_force"): {"accuracy": 1e-9, "max_step_size": 0.03},
-}
-# The same for the compiled engine.
-COMPILED_SETTINGS = {
-    1: {"accuracy": 1e-10, "max_step_size": 0.02},
-    2: {"accuracy": 1e-7, "max_step_size": 0.1},
-}
 SCIPY_TOLERANCES = {1: 1e-4, 2: 1e-4}
-# Within TARGETS at every delay of benchmarks.delays.
-SCIPY_SWEEP_TOLERANCES = {1: 3e-6, 2: 1e-6}
+PEER = "JiTCDDE, compiled"
 
 
 def Load(
@@ -69,25 +56,9 @@ def Package(task, controller, delay, duration) -> Solution:
     return FromRecording(simulate(scenario, engine="drake"))
 
 
-def PackageAtTarget(task, controller, delay, duration) -> Solution:
-    num_axes = 1 if task == "one_dof" else 2
-    setting = dict(PACKAGE_SETTINGS[num_axes, controller])
-    setting["max_step_size"] = min(setting["max_step_size"], delay)
-    scenario = Load(task, controller, delay, duration, **setting)
-    return FromRecording(simulate(scenario, engine="drake"))
-
-
 def Compiled(task, controller, delay, duration) -> Solution:
     """The package's scenario as it is, as machine code."""
     scenario = Load(task, controller, delay, duration)
-    return FromRecording(simulate(scenario, engine="compiled"))
-
-
-def CompiledAtTarget(task, controller, delay, duration) -> Solution:
-    """As machine code, with the loosest setting."""
-    setting = dict(COMPILED_SETTINGS[1 if task == "one_dof" else 2])
-    setting["max_step_size"] = min(setting["max_step_size"], delay)
-    scenario = Load(task, controller, delay, duration, **setting)
     return FromRecording(simulate(scenario, engine="compiled"))
 
 
@@ -119,24 +90,19 @@ def Scipy(task, controller, delay, duration, rtol: float | None = None) -> Solut
     )
 
 
-def ScipyInSweeps(task, controller, delay, duration) -> Solution:
-    """The same, as accurate at long delays as it has to be."""
-    rtol = SCIPY_SWEEP_TOLERANCES[1 if task == "one_dof" else 2]
-    return Scipy(task, controller, delay, duration, rtol)
-
-
 CONTENDERS: dict[str, Callable[[str, str, float, float], Solution]] = {
-    "package, its own settings": Package,
-    "package, loosest within target": PackageAtTarget,
+    "package, in Drake's Simulator": Package,
     "package, compiled": Compiled,
-    "package, compiled, loosest within target": CompiledAtTarget,
     "straightforward": Straightforward,
     "1 kHz DiscreteTimeDelay": Sampled,
     "scipy, method of steps": Scipy,
 }
-SWEEP_CONTENDERS = {"scipy, within target": ScipyInSweeps}
 
 
 def Find(name: str) -> Callable[[str, str, float, float], Solution]:
-    """Returns a contender or a peer by its name."""
-    return (CONTENDERS | SWEEP_CONTENDERS).get(name) or peers.Find(name)
+    """Returns a contender, or JiTCDDE, by its name."""
+    if name == PEER:
+        from benchmarks import jitcdde_peer
+
+        return jitcdde_peer.Simulate
+    return CONTENDERS[name]

@@ -1,11 +1,13 @@
-"""Fifty delays on all processors, start-up included: what a study of delay costs.
+"""Fifty delays on two processes, start-up included: what a study of delay costs.
 
 Every contender is a program of its own, timed from outside: imports, processes, and
-what compiling there is, count.
+what compiling there is, count. The program is
+
+    python -m benchmarks.delays CONTENDER TASK DURATION '[DELAY, ...]'
 """
 
-import functools
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -14,127 +16,99 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from benchmarks import accuracy, contenders, delay_program
-from benchmarks.delay_program import CONTROLLER, JOBS
 from benchmarks.options import Options
-from benchmarks.peers import Peers
 from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
-from teleop_drake.simulation import simulate
-
+CONTROLLER = "adaptive_backstepping"
 DELAYS = np.linspace(0.02, 0.4, 50)
-
-# Looser than contenders.PACKAGE_SETTINGS, which are for one delay: long delays magnify
-# errors. The longest step stays below the delay.
-SWEEP_SETTINGS: dict[str, dict[str, float]] = {
-    "one_dof": {"accuracy": 1e-9, "max_step_size": 0.08},
-    "two_dof_combined": {"accuracy": 1e-6, "max_step_size": 0.05},
-}
-
-
-def Delays(options: Options) -> list[float]:
-    return (DELAYS[::25] if options.quick else DELAYS).tolist()
+JOBS = 2
 
 
 def Measure(options: Options) -> Iterator[Table]:
+    from benchmarks import accuracy, contenders
+
     for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
-        delays = Delays(options)
-        scenario = contenders.Load(task)
-        duration = options.Duration(scenario)
-        programs: dict[str, list] = {
-            "package Sweep, its own settings": ["sweep", {}],
-            "package Sweep, looser": ["sweep", SWEEP_SETTINGS[task]],
-            "straightforward": ["pool", "straightforward"],
-            "scipy, method of steps": ["pool", "scipy, method of steps"],
-            "scipy, within target": ["pool", "scipy, within target"],
-        }
-        for peer in Peers(options):
-            if peer.sweeps:
-                programs[peer.name] = ["pool", peer.name]
-        sampled = "1 kHz DiscreteTimeDelay"
-        programs[sampled] = ["pool", sampled]
+        delays = (DELAYS[::25] if options.quick else DELAYS).tolist()
+        duration = options.Duration(contenders.Load(task))
+        names = ["package, Sweep", "straightforward", "scipy, method of steps"]
+        if options.peers:
+            names.append(contenders.PEER)
         measured = Alternate(
-            {
-                name: partial(_Spawn, [*program, task, delays, duration])
-                for name, program in programs.items()
-            },
+            {name: partial(_Spawn, name, task, duration, delays) for name in names},
             1,
         )
-        base = measured["straightforward"]
         table = Table(
             name=f"delays_{task}",
             title=f"{len(delays)} delays, {task}, {CONTROLLER}, {duration:g} s, "
             f"{JOBS} processes",
             note="CPU time of a fresh program and its processes, with start-up and "
             "compiling; the straightforward variant is 1. Wall time depends on what "
-            "else the machine does. The error is the largest deviation "
-            "from the independent solver, relative to the signal's range, at the "
-            "shortest, the middle and the longest delay, and of the package and of "
-            "scipy at every delay. That the sampled delays are whole milliseconds is "
-            "part of it.",
+            "else the machine does. The error is the largest deviation from the "
+            "independent solver, relative to the signal's range, at the shortest, the "
+            "middle and the longest delay.",
         )
+        base = measured["straightforward"]
         for name, measurement in measured.items():
-            kind, what = programs[name]
-            some = delays[:: max(1, (len(delays) - 1) // 2)]
-            is_fast = kind == "sweep" or what.startswith("scipy")
-            if kind == "sweep":
-                errors = _SweepErrors(task, delays, duration, what)
-            else:
-                errors = {
-                    delay: _Error(what, task, duration, delay)
-                    for delay in (delays if is_fast else some)
-                }
+            simulate = contenders.Find(
+                "package, compiled" if name == "package, Sweep" else name
+            )
+            cases = [
+                (task, CONTROLLER, delay, duration)
+                for delay in delays[:: max(1, (len(delays) - 1) // 2)]
+            ]
             table.Add(
                 contender=name,
                 CPU_s=measurement.cpu,
                 ratio=measurement.cpu / base.cpu,
-                CPU_s_per_run=measurement.cpu / len(delays),
                 wall_s=measurement.wall,
-                largest_error=max(errors[delay] for delay in some),
-                at_every_delay=max(errors.values()) if is_fast else None,
+                largest_error=max(
+                    accuracy.LargestError(accuracy.Oracle(*case), simulate(*case))
+                    for case in cases
+                ),
             )
         yield table
 
 
-@functools.cache
-def _Oracle(task: str, delay: float, duration: float):
-    return accuracy.Oracle(task, CONTROLLER, delay, duration)
-
-
-def _Error(name: str, task: str, duration: float, delay: float) -> float:
-    """Returns the error of one run of a contender, measured outside of its time."""
-    solution = contenders.Find(name)(task, CONTROLLER, delay, duration)
-    return accuracy.LargestError(_Oracle(task, delay, duration), solution)
-
-
-def _SweepErrors(
-    task: str, delays: list[float], duration: float, settings: dict
-) -> dict[float, float]:
-    """Returns the error of each run of a sweep, measured outside of its time."""
-    errors = {}
-    for delay in delays:
-        settings_here = delay_program.AtDelay(settings, delay)
-        recording = simulate(
-            contenders.Load(task, CONTROLLER, delay, duration, **settings_here),
-            engine="drake",
-        )
-        solution = contenders.FromRecording(recording)
-        errors[delay] = accuracy.LargestError(_Oracle(task, delay, duration), solution)
-    return errors
-
-
-def _Spawn(program: list) -> list[float]:
-    """Runs a program of benchmarks.delay_program; returns its peak forces in N."""
+def _Spawn(*arguments) -> None:
+    """Runs this file as a program; waits for every process that it starts."""
     paths = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "benchmarks.all_processes"),
-            *("benchmarks.delay_program", json.dumps(program)),
-        ],
+    texts = [x if isinstance(x, str) else json.dumps(x) for x in arguments]
+    subprocess.run(
+        [sys.executable, "-m", "benchmarks.all_processes", "benchmarks.delays", *texts],
         check=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
-        stdout=subprocess.PIPE,
-        text=True,
     )
-    return json.loads(done.stdout.splitlines()[-1])
+
+
+def _PeakForce(name: str, task: str, delay: float, duration: float) -> float:
+    """Returns the largest control force that a contender sampled, in N."""
+    from benchmarks import contenders
+
+    solution = contenders.Find(name)(task, CONTROLLER, delay, duration)
+    return float(abs(solution.signals["control_force"][:, 0]).max())
+
+
+def main() -> None:
+    name, task, *rest = sys.argv[1:]
+    duration, delays = map(json.loads, rest)
+    if name == "package, Sweep":
+        from teleop_drake.sweep import Sweep
+
+        overrides = {"controller.kind": CONTROLLER, "duration": duration}
+        Sweep(task, {"delay": delays}, overrides=overrides, jobs=JOBS)
+        return
+    initializer, arguments = None, ()
+    if name.startswith("JiTCDDE"):
+        from benchmarks import jitcdde_peer
+
+        file = jitcdde_peer.Compiled(task, CONTROLLER)
+        initializer, arguments = jitcdde_peer.Adopt, (task, CONTROLLER, file)
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(JOBS, initializer, arguments) as pool:
+        cases = [(name, task, delay, duration) for delay in delays]
+        pool.starmap(_PeakForce, cases, chunksize=1)
+
+
+if __name__ == "__main__":
+    main()

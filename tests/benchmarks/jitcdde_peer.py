@@ -25,8 +25,6 @@ from surfaces import Border
 
 from teleop_drake.scenario import LoadScenario, Scenario
 
-NAME = "JiTCDDE, compiled"
-SWEEPS = True
 # (relative, absolute in units of the commanded speed), by the number of axes.
 TOLERANCES = {1: (3e-7, 3e-7), 2: (3e-6, 3e-6)}
 _LONGEST_DELAY = 1.0

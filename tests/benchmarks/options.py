@@ -1,7 +1,6 @@
 """What every benchmark is told."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -10,13 +9,11 @@ class Options:
 
     Attributes:
         quick: Whether to measure once and little, to see that everything works.
-        peers: Whether to run other simulators too, as far as they are installed.
-        out: Folder for figures; None draws none.
+        peers: Whether to run JiTCDDE, too, which has to be installed.
     """
 
     quick: bool = False
     peers: bool = False
-    out: Path | None = None
 
     @property
     def repeats(self) -> int:

@@ -514,8 +514,8 @@ def Run(scenario, make_delay, duration, **config) -> Solution:
 EVENT_ACCURACY = 1e-4
 
 # By the number of axes and the controller: the loosest of the tried settings that keep
-# the errors below 1e-5 of each signal's range on one axis and 1e-4 on two, as the
-# benchmarks `precision` and `bounces` show. Bouncing magnifies errors.
+# the errors below 1e-5 of each signal's range on one axis and 1e-4 on two, as
+# tests/test_benchmarks.py shows. Bouncing magnifies errors.
 SETTINGS = {
     (1, "adaptive_backstepping"): {"accuracy": 1e-10, "max_step_size": 0.03},
     (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.003},

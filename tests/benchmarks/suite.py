@@ -1,12 +1,11 @@
 """Measures the package and what it is compared with.
 
     python tests/benchmarks/run.py [--quick] [--only NAME,...] [--json FILE]
-                                   [--out DIR] [--peers]
+                                   [--peers]
 
-Prints tables in markdown; --json also writes them as data, --out the figures. --quick
-measures little, to see that everything works. --peers adds other simulators, as far as
-they are installed: pip install -e '.[benchmarks]'. Everything else needs only what the
-tests need.
+Prints tables in markdown; --json also writes them as data. --quick measures little, to
+see that everything works. --peers adds JiTCDDE: pip install -e '.[benchmarks]'.
+Everything else needs only what the tests need.
 
 Times differ between machines, and on a busy one from minute to minute. Ratios of
 medians of alternating runs, in one invocation, are what can be compared.
@@ -25,19 +24,7 @@ from pathlib import Path
 from benchmarks.options import Options
 from benchmarks.tables import Table
 
-BENCHMARKS = (
-    "comparison",
-    "evaluation",
-    "machine_code",
-    "bounces",
-    "delays",
-    "tasks",
-    "precision",
-    "scaling",
-    "throughput",
-    "startup",
-    "memory",
-)
+BENCHMARKS = ("comparison", "delays", "startup")
 
 
 def Measure(names: list[str], options: Options) -> list[Table]:
@@ -73,15 +60,12 @@ def main() -> None:
     parser.add_argument("--peers", action="store_true")
     parser.add_argument("--only", metavar="NAME,...", help=", ".join(BENCHMARKS))
     parser.add_argument("--json", type=Path, metavar="FILE")
-    parser.add_argument("--out", type=Path, metavar="DIR")
     args = parser.parse_args()
     names = args.only.split(",") if args.only else list(BENCHMARKS)
     for name in names:
         if name not in BENCHMARKS:
             parser.error(f"--only {name}: must be one of {', '.join(BENCHMARKS)}")
-    if args.out is not None:
-        args.out.mkdir(parents=True, exist_ok=True)
-    tables = Measure(names, Options(quick=args.quick, peers=args.peers, out=args.out))
+    tables = Measure(names, Options(quick=args.quick, peers=args.peers))
     if args.json is not None:
         data = {
             "machine": Machine(),
