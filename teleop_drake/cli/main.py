@@ -6,11 +6,8 @@ help and bad options cost no second.
 """
 
 import argparse
-import codecs
 import importlib
-import io
 import os
-import signal
 import sys
 import typing
 from collections.abc import Sequence
@@ -33,33 +30,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: The arguments after the command's name; None: those of the process.
     """
-    _PrepareStreams()
-    if sys.stdout is None:
-        return Fail(FAILED, "standard output is closed")
     try:
-        args = MakeParser().parse_args(argv)
+        parser = MakeParser()
+        if "_ARGCOMPLETE" in os.environ:  # A shell asks at the tab key.
+            from teleop_drake.cli.commands.completion import Complete
+
+            Complete(parser)
+        args = parser.parse_args(argv)
         # So that a scenario can name kinds in modules of the folder one works in.
         if args.command_name not in _WITHOUT_OWN_KINDS and os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
-        if args.command_name not in _WITHOUT_DRAKE:
-            _ImportDrake()
         exit_code: int = args.command(args)
         sys.stdout.flush()
         return exit_code
     except (Exception, KeyboardInterrupt) as e:
         return _ExitCodeOf(e)
-
-
-def _ImportDrake() -> None:
-    """Imports pydrake, which most commands need, and lets Ctrl-C wait meanwhile.
-
-    Its machine code would turn that into other errors, print a traceback, or abort.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        importlib.import_module("teleop_drake.scenario")
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _ExitCodeOf(error: BaseException) -> int:
@@ -77,24 +62,6 @@ def _ExitCodeOf(error: BaseException) -> int:
     if isinstance(error, OSError | Failed):
         return Fail(FAILED, error)
     raise error
-
-
-def _PrepareStreams() -> None:
-    """Makes sure that all can be printed, whatever stdout and stderr are."""
-    if sys.stderr is None:  # Closed: print() would take stdout instead.
-        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-    codecs.register_error("teleop-drake", _InAscii)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="teleop-drake")
-
-
-def _InAscii(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Returns what is printed instead of characters that a stream does not know."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text, end = codecs.backslashreplace_errors(error)
-    return (text.replace(r"\xb1", "+-") if isinstance(text, str) else text), end
 
 
 class _Parser(argparse.ArgumentParser):
@@ -121,9 +88,6 @@ _COMMANDS = {
     "completion": "Let the tab key of a shell complete commands and scenarios.",
     "docs": "Say where the documentation is, or write it as HTML.",
 }
-
-# Commands that answer at once.
-_WITHOUT_DRAKE = ("completion",)
 
 # Commands that run nothing of a scenario.
 _WITHOUT_OWN_KINDS = ("list", "show", "completion", "docs")

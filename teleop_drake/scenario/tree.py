@@ -5,10 +5,7 @@ A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 
 import copy
 import dataclasses
-import functools
-import os
 import re
-import stat
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -136,26 +133,11 @@ def ReadText(path: Path) -> str:
     """
     origin = _Origin(path)
     try:
-        status = os.stat(path)
-        if stat.S_ISREG(status.st_mode):
-            return path.read_text(encoding="utf-8")
-        return _ReadOnce(path, status.st_dev, status.st_ino)
+        return path.read_text(encoding="utf-8")
     except OSError as e:
         raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
     except ValueError:  # Not UTF-8, or a NUL in the name.
         raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
-
-
-@functools.lru_cache(maxsize=16)
-def _ReadOnce(path: Path, device: int, inode: int) -> str:
-    """Returns what a pipe or a terminal has: it says that once, and is asked often.
-
-    Args:
-        path: Such as /dev/stdin.
-        device: With the inode, which of those that have had this name it is.
-        inode: See above.
-    """
-    return path.read_text(encoding="utf-8")
 
 
 def ParseFile(path: Path, text: str) -> dict[Any, Any]:

@@ -58,8 +58,7 @@ def RunCompiled(
         config: How accurately.
         duration: How long, s.
         speed_limit: When to end early.
-        progress: Called now and then with the simulated time in s. If it has a method
-            Say(), that is told before what may have to be compiled.
+        progress: Called now and then with the simulated time in s.
         advance: As simulate() takes it.
 
     Raises:
@@ -71,9 +70,6 @@ def RunCompiled(
     context.SetAccuracy(EVENT_ACCURACY)
     diagram.ExecuteInitializationEvents(context)
     start = clock.monotonic()
-    say: Callable[[str], None] | None = getattr(progress, "Say", None)
-    if say is not None:
-        say("compiling ...")
     try:
         run = CompiledRun(
             diagram,

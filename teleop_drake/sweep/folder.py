@@ -4,8 +4,8 @@ It has
 
 * `sweep.json`: what is swept, with the engine, the versions of the packages and the
   commit, so that --resume can tell whether it is the same sweep;
-* `runs.jsonl`: one record per line with a checksum, added as each run ends, and put
-  into the order of the grid when all have;
+* `runs.jsonl`: one record per line, added as each run ends, and put into the order of
+  the grid when all have;
 * `runs.csv`: the scalar metrics, one row per run, written when all have ended;
 * with seeds, `statistics.csv` and `differences.csv`: medians, shares and differences
   over the seeds, see Statistics and Differences.
@@ -18,12 +18,10 @@ records lack the wall times that RunSummary has.
 import contextlib
 import csv
 import fcntl
-import hashlib
 import importlib.metadata
 import io
 import json
 import os
-import re
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -46,7 +44,7 @@ class SweepFolder:
         path: The folder, which is made if need be.
         plan: The sweep.
         resume: Whether it may hold this very sweep already.
-        notice: Called with a line of text if records were changed and are dropped.
+        notice: Called with a line of text if a record was torn and is dropped.
         part: (I, N) if it holds only the I-th of N parts of the runs; None: all.
 
     Raises:
@@ -137,10 +135,7 @@ class SweepFolder:
                 f"{self._Title()}: holds a sweep already; resume it, or choose another "
                 "folder"
             )
-        try:
-            theirs = dict(json.loads(file.read_bytes()))
-        except (ValueError, TypeError):
-            theirs = {}
+        theirs = json.loads(file.read_bytes())
         theirs.pop("commit", None)  # It may be one that changes nothing here.
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
@@ -150,26 +145,16 @@ class SweepFolder:
             )
 
     def _ReadRecords(self) -> None:
-        """Reads the records that are as they were written, and drops the others."""
+        """Reads the records, without a last line that a kill has torn."""
         file = self._path / "runs.jsonl"
-        text = file.read_bytes() if file.exists() else b""
-        lines = []
-        num_changed = 0
-        # The last one may lack its end, because a kill has torn it.
-        for line in re.findall(rb".*\n", text):
-            record = _ReadLine(line, self._plan.points)
-            if record is None:
-                num_changed += 1
-            elif record["run"] not in self.records:
-                self.records[record["run"]] = record
-                lines.append(line)
-        if num_changed:
-            self._notice(
-                f"{self._Title()}: {num_changed} lines of runs.jsonl are not as they "
-                "were written; their runs are done again"
-            )
-        if b"".join(lines) != text:
-            self._Write("runs.jsonl", b"".join(lines).decode())
+        text = file.read_text(encoding="utf-8") if file.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        for line in whole.splitlines():
+            record = json.loads(line)
+            self.records[record["run"]] = record
+        if whole != text:
+            self._notice(f"{self._Title()}: the run that was killed is done again")
+            self._Write("runs.jsonl", whole)
 
     def _Write(self, name: str, text: str) -> None:
         with Replacing(self._path / name) as temporary:
@@ -225,33 +210,7 @@ def _Commit() -> str | None:
 
 
 def _JsonLine(record: Mapping[str, Any]) -> str:
-    """Returns a line of runs.jsonl: the record and a checksum of it."""
-    text = json.dumps(record, allow_nan=False)
-    checksum = hashlib.sha256(text.encode()).hexdigest()[:16]
-    return json.dumps({**record, "checksum": checksum}) + "\n"
-
-
-def _ReadLine(
-    line: bytes, points: Sequence[Mapping[str, Any]]
-) -> dict[str, Any] | None:
-    """Returns the record of a line, or None if it is not as it was written.
-
-    Args:
-        line: Of runs.jsonl, with its end.
-        points: Key to value for each run.
-    """
-    try:
-        record = dict(json.loads(line))
-        del record["checksum"]
-        if (
-            _JsonLine(record).encode() == line
-            and 0 <= record["run"] < len(points)
-            and record["varied"] == points[record["run"]]
-        ):
-            return record
-    except (ValueError, LookupError, TypeError, RecursionError):
-        pass
-    return None
+    return json.dumps(record, allow_nan=False) + "\n"
 
 
 def TableNames(result: SweepResult) -> list[str]:

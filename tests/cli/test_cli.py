@@ -1,6 +1,5 @@
 """Tests of teleop_drake.cli, in this process except where that is the point."""
 
-import io
 import json
 import os
 import re
@@ -9,7 +8,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -88,25 +86,6 @@ def test_module_runs_the_command():
     assert run.stdout == ""
     assert run.stderr.startswith("teleop-drake: error: ")
     assert run.stderr.count("\n") == 1
-
-
-def test_closed_streams(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "stdout", None)
-    assert main(["show", "one_dof"]) == 1
-    monkeypatch.undo()
-    assert capsys.readouterr().err == "teleop-drake: error: standard output is closed\n"
-    monkeypatch.setattr(sys, "stderr", None)
-    assert main(["sow"]) == 2
-    assert capsys.readouterr().out == ""
-
-
-def test_streams_that_know_few_characters(monkeypatch):
-    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    monkeypatch.setattr(sys, "stdout", out)
-    assert main(["analyze", "one_dof", "--set", "name=é"]) == 0
-    text = out.buffer.getvalue().decode("ascii")
-    assert text.startswith("\\xe9, adaptive_backstepping: ")
-    assert re.search(r"-[0-9.]+ \+- [0-9.]+j", text)
 
 
 def test_closed_pipe():
@@ -445,36 +424,6 @@ def test_interrupts_that_machine_code_turned_into_another_error(
     assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
 
 
-INTERRUPTED_IMPORT = """
-import os, signal, sys
-from importlib.machinery import ExtensionFileLoader
-
-create_module = ExtensionFileLoader.create_module
-
-def interrupted_create(self, spec):
-    if spec.name.startswith("pydrake"):
-        os.kill(os.getpid(), signal.SIGINT)
-    return create_module(self, spec)
-
-ExtensionFileLoader.create_module = interrupted_create
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from teleop_drake.cli import main
-exit_code = main(["show", "one_dof"])
-print("pydrake.multibody.plant" in sys.modules)
-sys.exit(exit_code)
-"""
-
-
-def test_ctrl_c_waits_while_drake_is_imported():
-    """In the middle of it Drake prints a traceback, or aborts."""
-    result = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True
-    )
-    assert result.stderr == "teleop-drake: error: interrupted\n"
-    assert result.returncode == 130
-    assert result.stdout == "True\n"
-
-
 def test_an_error_of_a_block_is_one_line(monkeypatch, capsys):
     def fail(self, context, output):
         raise RuntimeError("my own bug")
@@ -512,28 +461,6 @@ def test_ctrl_c():
     assert recording.termination == "interrupted"
     assert 0 < recording.time[-1] < 1e4
     assert Path(f"{stem}.json").exists() and Path(f"{stem}.png").exists()
-
-
-def test_progress(monkeypatch, capsys):
-    simulate = teleop_drake.simulation.simulate
-    now = 0.0
-
-    def slow_simulate(scenario, progress, engine):
-        nonlocal now
-        for simulated, real in [(0.1, 1.0), (0.2, 3.0), (0.25, 4.0), (0.28, 14.0)]:
-            now = real
-            progress(simulated)
-        return simulate(scenario)
-
-    clock = SimpleNamespace(monotonic=lambda: now)
-    monkeypatch.setattr("teleop_drake.cli.progress.time", clock)
-    monkeypatch.setattr(teleop_drake.simulation, "simulate", slow_simulate)
-    options = ["--duration", "0.3", "--set", "simulator.accuracy=1e-5"]
-    assert main(["run", "one_dof", *options]) == 0
-    assert capsys.readouterr().err == (
-        "one_dof, adaptive_backstepping: 0.2 of 0.3 s\n"
-        "one_dof, adaptive_backstepping: 0.3 of 0.3 s\n"
-    )
 
 
 # Bad input: one line on stderr, and nothing simulated or written.

@@ -1,5 +1,6 @@
 """Tests of teleop_drake.cli.commands.completion."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -7,51 +8,46 @@ import sys
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.cli.commands.completion import Complete
 from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("words", "expected", "has_drake"),
     [
-        (["co"], ["compare", "completion"]),
-        (["--v"], ["--version"]),
-        (["run", "two_dof_co"], ["two_dof_collision", "two_dof_combined"]),
-        (["run", "one_dof", "--eng"], ["--engine"]),
-        (["run", "one_dof", "--engine", "c"], ["compiled"]),
-        (["run", "one_dof", "--controller", "direct"], ["direct_force"]),
-        (["run", "one_dof", "--out", ""], []),
-        (["run", "one_dof", ""], []),
-        (["completion", "z"], ["zsh"]),
-        (["sow", ""], []),
+        ("co", ["compare", "completion"], False),
+        ("run one_dof --engine c", ["compiled"], False),
+        ("show ", ScenarioNames(), False),
+        ("sweep one_dof --controllers ", [*ARCHITECTURES, "all"], True),
     ],
 )
-def test_words(words, expected):
-    assert Complete(words) == expected
-
-
-def test_every_scenario_and_controller_is_offered():
-    assert Complete(["show", ""]) == ScenarioNames()
-    offered = Complete(["compare", "one_dof", "--controllers", ""])
-    assert offered == sorted([*ARCHITECTURES, "all"])
-
-
-def test_words_come_without_drake():
+def test_what_a_shell_is_told(words, expected, has_drake, tmp_path):
     code = (
-        "import sys; from teleop_drake.cli import main; "
-        "main(['completion', 'words', 'run', 'one']); "
-        "print('pydrake' in sys.modules)"
+        "import atexit, sys; from teleop_drake.cli import main\n"
+        "atexit.register(lambda: print('pydrake' in sys.modules)); main()"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    line = f"teleop-drake {words}"
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "words"),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | asked,
+        check=True,
+        capture_output=True,
+        text=True,
     )
-    assert run.stdout == "one_dof\nFalse\n"
+    assert sorted((tmp_path / "words").read_text().split()) == sorted(expected)
+    assert done.stdout == f"{has_drake}\n"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_is_one_of_its_shell(shell, capsys):
     assert main(["completion", shell]) == 0
     script = capsys.readouterr().out
-    assert "teleop-drake completion words" in script
+    assert "teleop-drake" in script
     if shutil.which(shell):
         subprocess.run([shell, "-n", "-c", script], check=True)

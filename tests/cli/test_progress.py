@@ -1,22 +1,47 @@
-"""What long work shows on stderr."""
+"""Long work shows its progress on stderr; a file gets a line every 10 s."""
 
-import time
+import re
 
-from teleop_drake.cli import progress
+import pytest
+
+import teleop_drake.simulation
+from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.scenario import LoadScenario
 
 
-def test_a_run_says_what_takes_long(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "_PATIENCE", 0.05)
-    scenario = LoadScenario("one_dof")
-    with progress._Progress(scenario) as show:
-        show.Say("compiling ...")
-        time.sleep(0.3)
-        show(1.5)
-        show.Say("compiling ...")  # This time it is there at once.
-        show(1.6)
-        time.sleep(0.2)
-    assert capsys.readouterr().err.splitlines() == [
-        "one_dof, adaptive_backstepping: compiling ...",
-        "one_dof, adaptive_backstepping: 1.5 of 25 s",
-    ]
+@pytest.fixture
+def clock(monkeypatch):
+    """The time in s that tqdm sees: its only element."""
+    now = [100.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+    return now
+
+
+@pytest.mark.parametrize("is_quiet", [False, True])
+def test_runs_and_sweeps(is_quiet, clock, monkeypatch, capsys):
+    class Done(Exception):
+        pass
+
+    def SlowSimulate(scenario, *, progress, engine):
+        for simulated, real in [(1.0, 101), (5.0, 111), (6.0, 113), (10.0, 122)]:
+            clock[0] = real
+            progress(simulated)
+        raise Done
+
+    monkeypatch.setattr(teleop_drake.simulation, "simulate", SlowSimulate)
+    with pytest.raises(Exception, match="Done"):
+        Simulate(LoadScenario("one_dof"), is_quiet, "auto")
+    with SweepProgress(is_quiet) as show:
+        for finished in (4, 5, 6, 7, 8):  # Four are those of an interrupted sweep.
+            clock[0] += 6
+            show(finished, 10)
+    assert re.findall(r"\S.*", capsys.readouterr().err) == (
+        []
+        if is_quiet
+        else [
+            "one_dof, adaptive_backstepping: 5 of 25 s, 00:44 left",
+            "one_dof, adaptive_backstepping: 10 of 25 s, 00:33 left",
+            "6 of 10 runs, 00:24 left",
+            "8 of 10 runs, 00:12 left",
+        ]
+    )

@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import math
-import os
 import re
 from pathlib import Path
 
@@ -362,18 +361,6 @@ def test_numbers_of_thousands_of_digits(overrides):
         LoadScenario("one_dof", overrides)
     assert len(str(info.value)) < 200
     assert "set_int_max_str_digits" not in str(info.value)
-
-
-def test_a_pipe_can_be_loaded_as_often_as_a_file():
-    """`teleop-drake show one_dof | teleop-drake compare /dev/stdin`"""
-    for duration in (1.0, 2.0):
-        reader, writer = os.pipe()
-        with os.fdopen(writer, "w") as file:
-            scenario = LoadScenario("one_dof", {"duration": duration})
-            file.write(ScenarioToYaml(scenario))
-        for _ in range(2):
-            assert LoadScenario(f"/dev/fd/{reader}") == scenario
-        os.close(reader)
 
 
 def test_one_string_is_one_override():

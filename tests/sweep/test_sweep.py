@@ -432,7 +432,6 @@ def test_files(processes):
     assert set(os.listdir("a/b")) == {"sweep.json", "runs.jsonl", "runs.csv"}
     lines = Path("a/b/runs.jsonl").read_text().splitlines()
     records = [json.loads(line) for line in lines]
-    assert all(len(record.pop("checksum")) == 16 for record in records)
     assert records == result.records
     with open("a/b/runs.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -454,21 +453,11 @@ def test_resume_does_only_the_rest(processes):
     assert Files("torn") == expected
 
     lines = expected["runs.jsonl"].splitlines(keepends=True)
-    other = json.dumps({"run": 3, "varied": {"robot.mass": 5.0}}).encode() + b"\n"
-    wrong = json.dumps({"run": -1, "varied": {"robot.mass": 4.0}}).encode() + b"\n"
-    status = lines[0].replace(b'"status": "completed", ', b"")
-    metrics = re.sub(rb'"metrics": {.*?}, ', b"", lines[1])
-    nan = re.sub(rb'(?<="velocity_rms_error": \[)[^]]*', b"NaN", lines[2])
-    digit = lines[3].replace(b"0.", b"1.", 1)
-    assert lines[:4] != [status, metrics, nan, digit]
-    for remains, num_left, num_changed in [
-        (lines[3] + lines[0] + lines[1][:-20], 2, 0),  # Torn.
-        (lines[2] + lines[1][:-1], 1, 0),  # The end of the line is missing.
-        (lines[0] + lines[0] + b"\0\xff\n" + other + wrong + b"[]\n17", 1, 4),
-        (status + metrics + nan + digit, 0, 4),  # Edited by hand.
-        (b"[" * 100_000 + b"\n" + lines[1], 1, 1),
-        (b"".join(lines), 4, 0),
-        (b"", 0, 0),
+    for remains, num_left, is_torn in [
+        (lines[3] + lines[0] + lines[1][:-20], 2, True),
+        (lines[2] + lines[1][:-1], 1, True),  # The end of the line is missing.
+        (b"".join(lines), 4, False),
+        (b"", 0, False),
     ]:
         Path("torn/runs.jsonl").write_bytes(remains)
         Path("torn/runs.csv").unlink()
@@ -483,10 +472,8 @@ def test_resume_does_only_the_rest(processes):
             **kwargs,
         )
         assert counts == list(range(num_left, 5))
-        assert notices == [
-            f"out = 'torn': {num_changed} lines of runs.jsonl are not as they were "
-            "written; their runs are done again"
-        ] * bool(num_changed)
+        told = "out = 'torn': the run that was killed is done again"
+        assert notices == [told] * is_torn
         assert Files("torn") == expected
 
 
@@ -531,10 +518,6 @@ def test_folders_that_are_refused(threads):
     Refused("in use by another sweep", resume=True)
     os.close(descriptor)
 
-    for text in ("{}", "[", "[]", "7", "\0"):
-        Path("out/sweep.json").write_text(text)
-        before = Files("out")
-        Refused("other parameters", resume=True)
     Path("out/sweep.json").unlink()
     before = Files("out")
     Refused("without the runs.jsonl of something else", resume=True)
@@ -740,19 +723,6 @@ def test_seeds(processes):
     assert PlotSweep(result, "velocity_rms_error.x").axes[0].collections
     # Where the kind of channel varies, some runs depend on it.
     PlanSweep("one_dof", {"forward_channel.kind": ["transport"], "seed": [0, 1]})
-
-
-def test_progress(monkeypatch, capsys):
-    from teleop_drake.cli.progress import SweepProgress
-
-    clock = iter([100.0, 100.0, 105.0, 112.0, 113.0, 124.0])
-    monkeypatch.setattr("time.monotonic", lambda: next(clock))
-    with SweepProgress(False) as show:
-        for finished in (4, 5, 6, 7, 8):
-            show(finished, 10)
-    assert capsys.readouterr().err == (
-        "6 of 10 runs, 0:00:24 left\n8 of 10 runs, 0:00:12 left\n"
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,25 +1,9 @@
 """The command `teleop-drake completion`: what the tab key of a shell offers."""
 
 import argparse
+import sys
 from pathlib import Path
-
-# What a shell calls at the tab key. `words` has the words up to the cursor.
-_BASH = """\
-_teleop_drake() {
-    local IFS=$'\\n'
-    COMPREPLY=($(teleop-drake completion words "${COMP_WORDS[@]:1:COMP_CWORD}"))
-}
-complete -o default -F _teleop_drake teleop-drake
-"""
-_SCRIPTS = {
-    "bash": _BASH,
-    "zsh": f"autoload -U +X bashcompinit && bashcompinit\n{_BASH}",
-    "fish": "complete -c teleop-drake -a "
-    "'(teleop-drake completion words (commandline -opc)[2..-1] (commandline -ct))'\n",
-}
-
-# Options whose values are those of another command's table, by the name of the table.
-_CONTROLLERS = ("--controller", "--controllers")
+from typing import Any
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -30,79 +14,44 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "~/.config/fish/completions/teleop-drake.fish`."
     )
     parser.add_argument(
-        "shell",
-        choices=(*_SCRIPTS, "words"),
-        help="print the script for this shell; words: what may stand for the last word",
-    )
-    parser.add_argument(
-        "words", nargs=argparse.REMAINDER, help="the words up to the cursor"
+        "shell", choices=("bash", "zsh", "fish"), help="print the script for this shell"
     )
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the script of a shell, or the words that fit."""
-    if args.shell in _SCRIPTS:
-        print(_SCRIPTS[args.shell], end="")
-    else:
-        print("\n".join(Complete(args.words)))
+    """Prints the script of a shell, which calls Complete() at the tab key."""
+    from argcomplete.shell_integration import shellcode
+
+    print(shellcode(["teleop-drake"], shell=args.shell))
     return 0
 
 
-def Complete(words: list[str]) -> list[str]:
-    """Returns what may stand for the last of some words.
+def Complete(parser: Any) -> None:
+    """Tells a shell what may stand at its cursor, and ends the process."""
+    import argcomplete
 
-    Args:
-        words: Those after `teleop-drake`; the last one is incomplete or empty.
-
-    Returns:
-        The completed words, none where the shell's own names of files are better.
-    """
-    from teleop_drake.cli.main import MakeParser
-
-    *before, last = words or [""]
-    parser = MakeParser()
-    commands = next(
-        action.choices
-        for action in parser._actions
-        if isinstance(action, argparse._SubParsersAction)
-    )
-    if not before:
-        known = [*commands, "--help", "--version"]
-    elif before[0] not in commands:
-        known = []
-    else:
-        command = commands[before[0]]
+    completers = {
+        "scenario": _ScenarioNames,
+        "controller": _ControllerNames,
+        "controllers": lambda **_: [*_ControllerNames(), "all"],
+    }
+    for command in parser._subparsers._group_actions[0].choices.values():
         command.AddOptionsOfCommand()
-        known = _Known(command, before[1:], last)
-    return sorted(word for word in known if word.startswith(last))
+        for action in command._actions:
+            if action.dest in completers:
+                action.completer = completers[action.dest]
+    argcomplete.autocomplete(
+        parser, always_complete_options=False, exit_method=sys.exit
+    )
 
 
-def _Known(command: argparse.ArgumentParser, before: list[str], last: str) -> list[str]:
-    """Returns the words that a command knows at a place."""
-    options = {name: x for x in command._actions for name in x.option_strings}
-    previous = before[-1] if before else ""
-    if previous in options and options[previous].nargs != 0:
-        if previous in _CONTROLLERS:
-            return _ControllerNames()
-        return [str(choice) for choice in options[previous].choices or ()]
-    if last.startswith("-"):
-        return list(options)
-    positional = next((x for x in command._actions if not x.option_strings), None)
-    if positional is None or any(not word.startswith("-") for word in before):
-        return []
-    if positional.dest == "scenario":
-        return _ScenarioNames()
-    return [str(choice) for choice in positional.choices or ()]
-
-
-def _ScenarioNames() -> list[str]:
+def _ScenarioNames(**_: Any) -> list[str]:
     """Returns the built-in scenarios, without the second that Drake's import takes."""
     folder = Path(__file__).parents[2] / "scenarios"
     return [path.stem for path in folder.glob("*.yaml")]
 
 
-def _ControllerNames() -> list[str]:
-    """Returns the kinds of controllers."""
+def _ControllerNames(**_: Any) -> list[str]:
     from teleop_drake.architectures import ARCHITECTURES
 
-    return [*ARCHITECTURES, "all"]
+    return list(ARCHITECTURES)
