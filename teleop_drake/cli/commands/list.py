@@ -16,14 +16,15 @@ def Execute(args: argparse.Namespace) -> int:
         ARCHITECTURES,
         CONTROLLERS,
         TRACKING_CONTROLLERS,
-        LoadScenario,
         ScenarioNames,
     )
+    from teleop_drake.scenario.scenario import ReadScenario
 
     print("Scenarios")
     width = max(map(len, ScenarioNames()))
     for name in ScenarioNames():
-        print(f"  {name:<{width}} {' '.join(LoadScenario(name).description.split())}")
+        tree, _ = ReadScenario(name)  # To load and check them all takes a second.
+        print(f"  {name:<{width}} {' '.join(tree['description'].split())}")
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
     print("Other architectures\n  " + ", ".join(others))
