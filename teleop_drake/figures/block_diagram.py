@@ -16,17 +16,13 @@ import subprocess
 from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 from xml.etree import ElementTree
 
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.path import Path as Outline
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
@@ -148,7 +144,8 @@ def WriteDiagram(
     Raises:
         ValueError: if the suffix is another one, or max_depth is negative.
         RuntimeError: if there is neither a `dot` on the PATH nor graphviz-pure, or if
-            the one found fails. A .dot file needs neither.
+            the one found fails, or if a PDF is asked for without the extra `pdf`. A
+            .dot file needs none of them.
         OSError: if the file cannot be written.
     """
     path = Path(path)
@@ -158,13 +155,13 @@ def WriteDiagram(
     if suffix == ".dot":
         content = DiagramDot(system, max_depth=max_depth).encode()
     else:
-        dots = _LevelDots(system, max_depth)
-        join = {".svg": _JoinSvgs, ".png": _JoinPngs, ".pdf": _SvgsToPdf}[suffix]
-        if len(dots) == 1:
-            content = _Layout(dots[0], suffix[1:])
-        else:
-            one = "png" if suffix == ".png" else "svg"
-            content = join([_Layout(dot, one) for dot in dots])
+        file_format = "png" if suffix == ".png" else "svg"
+        pictures = [_Layout(x, file_format) for x in _LevelDots(system, max_depth)]
+        content = pictures[0]
+        if len(pictures) > 1:
+            content = (_JoinPngs if suffix == ".png" else _JoinSvgs)(pictures)
+        if suffix == ".pdf":
+            content = _SvgToPdf(content)
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
 
@@ -333,10 +330,8 @@ def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
 
 
 def _Layout(dot: str, file_format: str) -> bytes:
-    """Lays DOT text out as svg, png or pdf."""
+    """Lays DOT text out as svg or png."""
     if program := shutil.which("dot") or _EmbeddedDot():
-        if file_format == "pdf":  # The one in the wheel writes none.
-            return _SvgsToPdf([_Layout(dot, "svg")])
         # Dot's frame of a diagram is made for the boxes in it, and lines that run
         # around them leave it. The picture is made for both.
         inner = dot.replace("diagram {\ncolor=black", "diagram {\ncolor=white", 1)
@@ -471,104 +466,25 @@ def _ViewBox(root: ElementTree.Element) -> tuple[float, float, float, float]:
     return left, top, width, height
 
 
-def _SvgsToPdf(svgs: Sequence[bytes]) -> bytes:
-    """Draws SVG of graphs as PDF: vectors, and text that can be searched."""
-    # Imported here because only a PDF needs it.
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
+def _SvgToPdf(svg: bytes) -> bytes:
+    """Turns SVG into PDF: vectors, and text that can be searched."""
+    from matplotlib import font_manager
 
-    roots = [ElementTree.fromstring(svg) for svg in svgs]
-    boxes = [_ViewBox(root) for root in roots]
-    corners, (width, height) = _Arrange([box[2:] for box in boxes], _GAP)
-
-    # Helvetica is one of the fonts that every PDF reader has, and its widths are those
-    # that the layout was made with. Drawn so, it has no characters beyond Latin ones;
-    # DejaVu Sans has them, but is wider.
-    plain = all("".join(root.itertext()).isascii() for root in roots)
-    family, regular, scale = (
-        ("Helvetica", "medium", 1.0) if plain else ("DejaVu Sans", "normal", 0.85)
-    )
-
-    # An SVG point is a PDF point, and both stand for 1/72 inch.
-    figure = Figure(figsize=(width / 72, height / 72))
-    for root, (left, top, w, h), (x, y) in zip(roots, boxes, corners, strict=True):
-        graph = next(x for x in root if x.tag.endswith("}g"))
-        shift = re.search(
-            r"translate\(([\d.-]+) ([\d.-]+)\)", graph.attrib["transform"]
-        )
-        assert shift is not None
-        shift_x, shift_y = float(shift[1]), float(shift[2])
-        axes = figure.add_axes((x / width, 1 - (y + h) / height, w / width, h / height))
-        axes.set_xlim(left - shift_x, left - shift_x + w)
-        axes.set_ylim(top - shift_y + h, top - shift_y)
-        axes.set_axis_off()
-        for element in graph.iter():
-            if element.tag.endswith("}text"):
-                _DrawText(axes, element, family=family, weight=regular, scale=scale)
-            elif (outline := _Outline(element)) is not None:
-                _DrawOutline(axes, element, outline)
+    try:
+        from reportlab.graphics import renderPDF
+        from reportlab.pdfgen.canvas import Canvas
+        from svglib import fonts, svglib
+    except ModuleNotFoundError as e:
+        raise RuntimeError(
+            f"a PDF of a diagram needs {e.name}: `pip install 'teleop-drake[pdf]'`"
+        ) from None
+    if not svg.isascii():  # Helvetica, which every reader has, has Latin letters only.
+        fonts.register_font("DejaVu Sans", font_manager.findfont("DejaVu Sans"))
+        svg = svg.replace(b'family="Helvetica,', b'family="DejaVu Sans,')
+    drawing: Any = svglib.svg2rlg(io.BytesIO(svg))
     file = io.BytesIO()
-    with rc_context({"pdf.use14corefonts": plain, "pdf.fonttype": 42}):
-        # Without a date the same diagram gives the same bytes.
-        figure.savefig(file, format="pdf", metadata={"CreationDate": None})
+    # Invariant: without a date the same diagram gives the same bytes.
+    canvas = Canvas(file, pagesize=(drawing.width, drawing.height), invariant=True)
+    renderPDF.draw(drawing, canvas, 0, 0)
+    canvas.save()
     return file.getvalue()
-
-
-def _DrawOutline(
-    axes: "Axes", element: ElementTree.Element, outline: "Outline"
-) -> None:
-    """Draws an SVG shape."""
-    from matplotlib.patches import PathPatch
-
-    get = element.attrib.get
-    axes.add_patch(
-        PathPatch(
-            outline,
-            facecolor=get("fill", "black"),
-            edgecolor=get("stroke", "none"),
-            linewidth=float(get("stroke-width", "1")),
-        )
-    )
-
-
-def _DrawText(
-    axes: "Axes",
-    element: ElementTree.Element,
-    *,
-    family: str,
-    weight: str,
-    scale: float,
-) -> None:
-    """Draws an SVG text; weight is that of text which says nothing of it."""
-    get = element.attrib.get
-    axes.text(
-        float(element.attrib["x"]),
-        float(element.attrib["y"]),
-        element.text or "",
-        family=family,
-        size=scale * float(element.attrib["font-size"]),
-        weight=get("font-weight", weight),
-        color=get("fill", "black"),
-        ha={"start": "left", "middle": "center"}[get("text-anchor", "start")],
-        va="baseline",
-        parse_math=False,
-    )
-
-
-def _Outline(element: ElementTree.Element) -> "Outline | None":
-    """Returns the outline of an SVG shape, None if it is none."""
-    from matplotlib.path import Path as Outline
-
-    kind = element.tag.rpartition("}")[2]
-    if kind == "ellipse":
-        center = float(element.attrib["cx"]), float(element.attrib["cy"])
-        return Outline.circle(center, float(element.attrib["rx"]))
-    if kind not in ("path", "polygon", "polyline"):
-        return None
-    text = element.attrib.get("d") or element.attrib["points"]
-    numbers = re.findall(r"-?[\d.]+", text)
-    points = [
-        (float(x), float(y)) for x, y in zip(numbers[::2], numbers[1::2], strict=True)
-    ]
-    rest = Outline.CURVE4 if kind == "path" else Outline.LINETO
-    return Outline(points, [Outline.MOVETO] + [rest] * (len(points) - 1))
