@@ -13,9 +13,6 @@ def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     It has the suffix of `path` and stands in the same folder. A link stays a link, and
     a device such as /dev/null is written to directly.
 
-    Args:
-        path: The file to write or to replace.
-
     Raises:
         OSError: If it cannot be written.
     """
@@ -37,18 +34,10 @@ def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def IsDevice(path: Path) -> bool:
-    """Returns whether a path exists and is no file, like /dev/null.
-
-    Args:
-        path: What to look at.
-    """
+    """Returns whether a path exists and is no file, like /dev/null."""
     return path.exists() and not path.is_file()
 
 
 def TemporaryPath(path: Path) -> Path:
-    """Returns a name beside `path` for what is not complete yet.
-
-    Args:
-        path: The file to be written.
-    """
+    """Returns a name beside `path` for what is not complete yet."""
     return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")

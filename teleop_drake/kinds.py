@@ -124,10 +124,6 @@ class KindTable(Generic[_T]):
 def ImportOwn(place: str, path: str) -> Any:
     """Returns what a scenario names as `module:Name`; this runs the module.
 
-    Args:
-        place: The module and the name in it.
-        path: The field that names it, for messages.
-
     Raises:
         ScenarioError: If it cannot be imported.
     """

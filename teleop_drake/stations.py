@@ -160,9 +160,6 @@ def _AddMasterSide(
 def MakeControlLaw(scenario: Scenario) -> System:
     """Makes the control law that the scenario names, DirectForce for example.
 
-    Args:
-        scenario: Its field controller is used, and what its defaults derive from.
-
     Raises:
         ScenarioError: If a parameter is not allowed, or the kind is no control law.
     """
@@ -208,10 +205,6 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     delivers, and what the law asks for is commanded_force. What is measured is
     measured_position, measured_velocity and measured_force; it is what the law gets,
     and what is returned to the operator.
-
-    Args:
-        slave_side: Of an architecture.
-        scenario: Its fields actuator and sensor are used, and the start.
 
     Returns:
         The station, a Diagram; the slave side itself where both are ideal.
@@ -290,9 +283,6 @@ def _Telemetry(measured: dict[str, OutputPort]) -> dict[str, OutputPort]:
 
 def ResolveController(scenario: Scenario) -> object:
     """Returns the parameters of the scenario's architecture with every default derived.
-
-    Args:
-        scenario: Its field controller is used, and what its defaults derive from.
 
     Returns:
         An object of the architecture's own class; gains are n x n matrices.

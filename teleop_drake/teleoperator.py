@@ -106,18 +106,6 @@ def AddTeleoperator(
     `builder.GetSubsystemByName("master")` finds a system. The ports of systems of your
     own are those that MakeTeleoperator() states.
 
-    Args:
-        builder: Of the diagram.
-        scenario: What to build, or its name or file.
-        control_law: A control law of your own.
-        architecture: Both sides of your own.
-        robot: A robot of your own.
-        environment: An environment of your own.
-        forward_channel: A channel of your own.
-        return_channel: A channel of your own.
-        operator: An operator of your own.
-        haptic_device: A haptic device of your own.
-
     Raises:
         ScenarioError: If the scenario is not valid.
         ValueError: If both a control law and an architecture are given, or a packet

@@ -66,9 +66,6 @@ class FixedFields:
     def CheckNumbers(self, path: str = "") -> None:
         """Checks every field of Number(); null is allowed where its type has it.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -78,10 +75,6 @@ class FixedFields:
 
     def CheckGains(self, path: str, num_axes: int) -> None:
         """Checks every field of GainField(); null is allowed where its type has it.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -113,10 +106,6 @@ class FixedFields:
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field.
-
-        Args:
-            name: Of the field.
-            value: What it is to have; it is not checked.
 
         Raises:
             AttributeError: If there is no such field.
@@ -174,9 +163,6 @@ def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
 @contextlib.contextmanager
 def Within(path: str) -> Iterator[None]:
     """Puts the path of a config before the fields that are refused inside of it.
-
-    Args:
-        path: Of the config, dotted.
 
     Raises:
         ScenarioError: With the path, if one is raised without it.
@@ -245,12 +231,6 @@ def CheckNumber(
 def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
     """Refuses what is not a vector of finite numbers; takes None for missing.
 
-    Args:
-        path: The field, dotted.
-        value: What it has.
-        size: Number of entries.
-        unit: Their unit, for the message.
-
     Raises:
         ScenarioError: If it is refused.
     """
@@ -260,12 +240,7 @@ def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
 
 
 def GainMatrix(gain: ArrayLike, num_axes: int) -> NDArray[np.float64]:
-    """Returns a gain as an n x n matrix; a number means that times the identity.
-
-    Args:
-        gain: A number or a matrix.
-        num_axes: n.
-    """
+    """Returns a gain as an n x n matrix; a number means that times the identity."""
     matrix = np.asarray(gain, dtype=float)
     return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
 

@@ -99,15 +99,7 @@ class AdaptiveBackstepping(KernelBlock):
         errors: Law,
         **constants: Any,
     ) -> None:
-        """Declares ports and state, and sets what the block computes.
-
-        Args:
-            gains: The constants of the law.
-            network: The basis functions.
-            rate: Returns the rate of the state.
-            errors: Returns [s; z].
-            constants: What both laws take before the gains.
-        """
+        """Declares ports and state, and sets what the block computes."""
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
             allowed = f"{n}, one for each task axis"
@@ -162,12 +154,7 @@ class AdaptiveBackstepping(KernelBlock):
         )
 
     def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
-        """Returns whether Psi came to its limit in a run; a recording notes that.
-
-        Args:
-            time: Of the samples in s (N).
-            signals: All that was recorded, by name (N, k).
-        """
+        """Returns whether Psi came to its limit in a run; a recording notes that."""
         if "psi" not in signals:
             return []
         psi = signals["psi"].reshape(-1, self._n, self._n)
@@ -270,10 +257,6 @@ class BacksteppingParameters(FixedFields):
         estimates M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is
         singular.
 
-        Args:
-            facts: What `auto` derives from.
-            path: The place of the parameters in a scenario, for messages.
-
         Raises:
             ScenarioError: If `auto` cannot be derived.
         """
@@ -288,10 +271,6 @@ class BacksteppingParameters(FixedFields):
 
     def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
         """Checks that Psi can be inverted at time 0 and stays so.
-
-        Args:
-            facts: What `auto` derives from.
-            path: The place of the parameters in a scenario, for messages.
 
         Raises:
             ScenarioError: If it cannot.
@@ -322,21 +301,13 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
 
     @classmethod
     def Of(cls, parameters: BacksteppingParameters) -> "AdaptiveBacksteppingConfig":
-        """Returns the config with these parameters.
-
-        Args:
-            parameters: An object that has them among others.
-        """
+        """Returns the config with these parameters."""
         return cls(
             **{item.name: getattr(parameters, item.name) for item in fields(cls)}
         )
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field for itself.
-
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -345,10 +316,6 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
 
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
         """Returns the gains with Psi at time 0.
-
-        Args:
-            facts: What `initial_psi: auto` derives from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If Psi cannot be derived or inverted.
@@ -376,10 +343,6 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
 
     def MakeControlLaw(self, facts: Facts, path: str) -> AdaptiveBackstepping:
         """Makes the law.
-
-        Args:
-            facts: What `initial_psi: auto` derives from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If Psi cannot be derived or inverted.

@@ -84,10 +84,6 @@ class ArchitectureConfig(KindConfig, ABC):
     def Resolve(self, facts: Facts, path: str) -> object:
         """Returns the parameters with every default derived; here nothing derives.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If a default cannot be derived.
         """
@@ -96,10 +92,6 @@ class ArchitectureConfig(KindConfig, ABC):
     @abstractmethod
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If the architecture cannot be built in this loop.
@@ -120,20 +112,12 @@ class ControlLawConfig(ArchitectureConfig):
     def MakeControlLaw(self, facts: Facts, path: str) -> System:
         """Makes the law; see MakeSlaveStation for its ports.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If the law cannot be built in this loop.
         """
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes the slave side out of the law; the master side is the thesis's.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If the law cannot be built in this loop.

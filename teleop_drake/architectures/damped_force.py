@@ -91,10 +91,6 @@ class DampedForceConfig(ControlLawConfig):
     def Resolve(self, facts: Facts, path: str) -> "DampedForceConfig":
         """Returns the config with its default derived.
 
-        Args:
-            facts: What the default derives from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If the default cannot be derived.
         """
@@ -107,10 +103,6 @@ class DampedForceConfig(ControlLawConfig):
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law.
-
-        Args:
-            facts: What the default derives from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If the default cannot be derived.

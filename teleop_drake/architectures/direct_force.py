@@ -68,10 +68,5 @@ class DirectForceConfig(ControlLawConfig):
     kind = "direct_force"
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DirectForce:
-        """Makes the law.
-
-        Args:
-            facts: Its number of axes is used.
-            path: Has no effect.
-        """
+        """Makes the law."""
         return DirectForce(num_axes=facts.num_axes)

@@ -68,9 +68,6 @@ class Facts:
     def Inertia(self, path: str) -> Array:
         """Returns M_r in kg (n, n), from which a default derives.
 
-        Args:
-            path: The field whose default it is.
-
         Raises:
             ScenarioError: If the robot does not tell it.
         """
@@ -79,9 +76,6 @@ class Facts:
     def RobotDamping(self, path: str) -> Array:
         """Returns the damping of the robot in N s/m (n, n); see Inertia.
 
-        Args:
-            path: The field whose default it is.
-
         Raises:
             ScenarioError: If the robot does not tell it.
         """
@@ -89,9 +83,6 @@ class Facts:
 
     def StartStiffness(self, path: str) -> Array:
         """Returns the stiffness of the environment at the start in N/m (n, n).
-
-        Args:
-            path: The field whose default it is.
 
         Raises:
             ScenarioError: If the environment does not tell it.
@@ -102,9 +93,6 @@ class Facts:
     def StartDamping(self, path: str) -> Array:
         """Returns the damping of robot and environment at the start in N s/m (n, n).
 
-        Args:
-            path: The field whose default it is.
-
         Raises:
             ScenarioError: If one of them does not tell it.
         """
@@ -112,9 +100,6 @@ class Facts:
 
     def EnvironmentDamping(self, path: str) -> Array:
         """Returns D_e at the start in N s/m (n, n).
-
-        Args:
-            path: The field whose default it is.
 
         Raises:
             ScenarioError: If the environment does not tell it.
@@ -124,9 +109,6 @@ class Facts:
 
     def OperatorResistance(self, path: str) -> float:
         """Returns b of H = K/s + b + O(s) in N s/m, from which a default derives.
-
-        Args:
-            path: The field whose default it is.
 
         Raises:
             ScenarioError: If it is not positive.
@@ -144,9 +126,6 @@ class Facts:
 
     def OperatorStiffness(self, path: str) -> float:
         """Returns K of H = K/s + b + O(s) in N/m, from which a default derives.
-
-        Args:
-            path: The field whose default it is.
 
         Raises:
             ScenarioError: If it is not positive.
@@ -175,9 +154,6 @@ class Facts:
 
     def CheckStrictlyProper(self, kind: str) -> None:
         """Refuses a device whose force answers at once to the velocity it feels.
-
-        Args:
-            kind: The architecture that cannot do with it.
 
         Raises:
             ScenarioError: If the device has such a force.

@@ -369,10 +369,6 @@ class FourChannelConfig(ArchitectureConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field for itself.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -385,10 +381,6 @@ class FourChannelConfig(ArchitectureConfig):
 
     def Resolve(self, facts: Facts, path: str) -> FourChannel:
         """Returns the parameters with every default derived.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived.
@@ -444,10 +436,6 @@ class FourChannelConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived.

@@ -40,10 +40,6 @@ class NetworkConfig(FixedFields):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """

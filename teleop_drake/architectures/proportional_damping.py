@@ -208,10 +208,6 @@ class ProportionalDampingConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> ProportionalDamping:
         """Returns the parameters with every default derived.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If a default cannot be derived.
         """
@@ -244,10 +240,6 @@ class ProportionalDampingConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived.

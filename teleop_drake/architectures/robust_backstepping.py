@@ -62,11 +62,7 @@ class RobustBackstepping(AdaptiveBackstepping):
         self._Declare(gains, network, robust_rate, robust_errors, bounds=self._bounds)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that F_c alone is a state, and where the robust terms bend.
-
-        Args:
-            estimates: See AdaptiveBackstepping.
-        """
+        """Returns that F_c alone is a state, and where the robust terms bend."""
         rho1, eps1, rho3, eps3 = self._bounds
         widths = [eps for rho, eps in ((rho1, eps1), (rho3, eps3)) if rho > 0]
         part = super().ForLinearModel(estimates)
@@ -97,11 +93,6 @@ class RobustTermsConfig(FixedFields):
 
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
         """Returns the bounds with every default derived.
-
-        Args:
-            gains: Those of the law.
-            facts: Its commanded velocity is used.
-            path: The place of the fields in a scenario, for messages.
 
         Raises:
             ScenarioError: If a width would be 0.
@@ -143,10 +134,6 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field for itself.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -155,10 +142,6 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
 
     def MakeControlLaw(self, facts: Facts, path: str) -> RobustBackstepping:
         """Makes the law.
-
-        Args:
-            facts: What `initial_psi: auto` and the bounds derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If Psi cannot be derived or inverted, or a width would be 0.

@@ -158,10 +158,6 @@ class SmithPredictorConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> SmithPredictor:
         """Returns the parameters with every default derived.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If a default cannot be derived.
         """
@@ -184,10 +180,6 @@ class SmithPredictorConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived.

@@ -149,11 +149,7 @@ class PassivityMaster(KernelBlock):
         )  # fmt: skip
 
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that the budget is ample and stays so.
-
-        Args:
-            estimates: Has no effect.
-        """
+        """Returns that the budget is ample and stays so."""
         return IdlePart(self._n)
 
 
@@ -280,11 +276,7 @@ class PassivitySlave(KernelBlock):
         )  # fmt: skip
 
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that the budget is ample and stays so.
-
-        Args:
-            estimates: Has no effect.
-        """
+        """Returns that the budget is ample and stays so."""
         return IdlePart(self._n)
 
 
@@ -329,10 +321,6 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> TimeDomainPassivity:
         """Returns the parameters with every default derived.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If a default cannot be derived.
         """
@@ -368,10 +356,6 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived.

@@ -216,9 +216,6 @@ class WaveSlave(KernelBlock):
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
         """Returns that there is nothing special; refuses a correction of the drift.
 
-        Args:
-            estimates: Has no effect.
-
         Raises:
             ScenarioError: If there is a correction.
         """
@@ -313,10 +310,6 @@ class WaveVariablesConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> WaveVariables:
         """Returns the parameters with every default derived.
 
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: If a default cannot be derived.
         """
@@ -342,10 +335,6 @@ class WaveVariablesConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides.
-
-        Args:
-            facts: What the defaults derive from.
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: If a default cannot be derived, or the wave would go round

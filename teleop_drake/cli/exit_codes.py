@@ -24,12 +24,7 @@ class Failed(Exception):
 
 
 def Fail(exit_code: int, message: object) -> int:
-    """Prints an error as one line on stderr and returns the exit code.
-
-    Args:
-        exit_code: One of the above.
-        message: What is wrong.
-    """
+    """Prints an error as one line on stderr and returns the exit code."""
     line = " ".join(str(message).split())
     print(f"teleop-drake: error: {line}", file=sys.stderr)
     return exit_code

@@ -35,13 +35,7 @@ def AddScenarioOptions(
     has_controller: bool = True,
     is_sweep: bool = False,
 ) -> None:
-    """Adds the scenario and the options that stand for its fields.
-
-    Args:
-        parser: The parser of the command.
-        has_controller: Whether one controller is to be chosen.
-        is_sweep: Whether delays are many values.
-    """
+    """Adds the scenario and the options that stand for its fields."""
     parser.add_argument(
         "scenario",
         metavar="SCENARIO",
@@ -79,26 +73,14 @@ def AddRunOptions(
     out_help: str,
     out_default: str | None,
 ) -> None:
-    """Adds --json, --out and --quiet.
-
-    Args:
-        parser: The parser of the command.
-        json_help: What --json writes.
-        out_help: What is written into the folder of --out.
-        out_default: That folder, if --out is not given; None: nothing is written.
-    """
+    """Adds --json, --out and --quiet."""
     parser.add_argument("--json", metavar="FILE", help=json_help)
     parser.add_argument("--out", metavar="DIR", default=out_default, help=out_help)
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
 def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
-    """Adds --format.
-
-    Args:
-        parser: The parser of the command.
-        default: The formats without the option.
-    """
+    """Adds --format."""
     parser.add_argument(
         "--format",
         default=default,
@@ -108,11 +90,7 @@ def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> No
 
 
 def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds what figures show, how wide they are, and in which formats.
-
-    Args:
-        parser: The parser of the command.
-    """
+    """Adds what figures show, how wide they are, and in which formats."""
     AddFormatOption(parser)
     parser.add_argument(
         "--columns",
@@ -136,9 +114,6 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
 def FormatsOf(args: argparse.Namespace) -> list[str]:
     """Returns the formats that --format asks for.
 
-    Args:
-        args: The options.
-
     Raises:
         BadInput: If one is none.
     """
@@ -156,9 +131,6 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
 
 def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
     """Returns the options of a figure as PlotRun() and PlotComparison() take them.
-
-    Args:
-        args: The options.
 
     Raises:
         BadInput: If the window is none.
@@ -184,10 +156,6 @@ def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
 def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
     """Refuses names in --signals that a run of the scenario does not record.
 
-    Args:
-        args: The options.
-        scenario: A valid one.
-
     Raises:
         BadInput: Naming the first one.
     """
@@ -204,11 +172,7 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
 
 
 def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
-    """Adds --html.
-
-    Args:
-        parser: The parser of the command.
-    """
+    """Adds --html."""
     parser.add_argument(
         "--html",
         metavar="FILE",
@@ -218,9 +182,6 @@ def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
 
 def ControllersOf(controllers: str) -> list[str]:
     """Returns the names that --controllers has.
-
-    Args:
-        controllers: Names with commas in between, or `all`.
 
     Raises:
         BadInput: If a name stands there twice.
@@ -238,11 +199,7 @@ def ControllersOf(controllers: str) -> list[str]:
 
 
 def AddEngineOption(parser: argparse.ArgumentParser) -> None:
-    """Adds --engine.
-
-    Args:
-        parser: The parser of the command.
-    """
+    """Adds --engine."""
     parser.add_argument(
         "--engine",
         choices=("drake", "compiled", "auto"),
@@ -254,10 +211,6 @@ def AddEngineOption(parser: argparse.ArgumentParser) -> None:
 
 def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line.
-
-    Args:
-        args: The options.
-        *more: Overrides that come after them, each PATH=VALUE.
 
     Raises:
         BadInput: If the scenario is not valid.
@@ -276,10 +229,6 @@ def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
 
 def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
     """Returns the scenario as Load does, if it can be simulated in acceptable time.
-
-    Args:
-        args: The options.
-        *more: Overrides that come after them, each PATH=VALUE.
 
     Raises:
         BadInput: If the scenario is not valid, or would take too long.
@@ -337,12 +286,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
 
 
 def OverridesOf(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
-    """Returns the overrides of the command line as PATH=VALUE.
-
-    Args:
-        args: The options.
-        imports: As ChannelOverrides() takes it.
-    """
+    """Returns the overrides of the command line as PATH=VALUE."""
     overrides = ChannelOverrides(args, imports=imports)
     for option, paths in OVERRIDES.items():
         value = getattr(args, option, None)

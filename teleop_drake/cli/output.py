@@ -14,10 +14,6 @@ def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
 
     Without a folder nothing is going to be written.
 
-    Args:
-        folder: The folder, or None.
-        *names: Names of the files.
-
     Raises:
         BadInput: If one of them cannot be written.
     """
@@ -43,12 +39,7 @@ def CheckJson(file: str | None) -> None:
 
 
 def CheckHtml(file: str | None, option: str = "--html") -> None:
-    """Refuses a page that cannot be written, or is none by its name; None is good.
-
-    Args:
-        file: Where to.
-        option: What it was given as.
-    """
+    """Refuses a page that cannot be written, or is none by its name; None is good."""
     if file is None:
         return
     if Path(file).suffix not in (".html", ".htm") and not IsDevice(Path(file)):

@@ -26,12 +26,7 @@ _LONGEST_MESSAGE = 1 << 20
 
 
 def _IsOwn(request: Any, bound: str) -> bool:
-    """Returns whether a request comes from a page of this server.
-
-    Args:
-        request: Its headers.
-        bound: The name or address that the server listens at.
-    """
+    """Returns whether a request comes from a page of this server."""
     host, origin = request.get("Host", ""), request.get("Origin")
     name = urlsplit(f"//{host}").hostname or ""
     if name not in ("localhost", bound, socket.gethostname()):
@@ -126,11 +121,7 @@ class PageServer:
         self.url = _Url(host, self._server.server_port)
 
     def Serve(self, page: str) -> None:
-        """Serves a page until Ctrl-C.
-
-        Args:
-            page: HTML.
-        """
+        """Serves a page until Ctrl-C."""
         self._server.page = page.encode("utf-8")
         with contextlib.suppress(KeyboardInterrupt):
             self._server.serve_forever()
@@ -227,10 +218,6 @@ class Gate:
 
 def PortOf(text: str | None, lowest: int = 1) -> int | None:
     """Returns the port that an option has; None: any.
-
-    Args:
-        text: What was given.
-        lowest: The lowest that is allowed.
 
     Raises:
         BadInput: If it is no port.

@@ -35,12 +35,7 @@ def _Delay(channel: Any) -> str:
 
 
 def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
-    """Returns the metrics of some runs: a row for each, a column for each run.
-
-    Args:
-        recordings: By name.
-        records: Their RunSummary().
-    """
+    """Returns the metrics of some runs: a row for each, a column for each run."""
     from teleop_drake.sweep import CHANNEL_METRICS, FlattenMetrics
     from teleop_drake.tasks import TaskOf
 

@@ -37,11 +37,7 @@ class Hand(Protocol):
     """What commands while one drives; MeshcatControls is one."""
 
     def Command(self, time: float) -> Array:
-        """Returns the share of the full speed along each axis (n), -1 to 1.
-
-        Args:
-            time: Simulated time of the segment in s.
-        """
+        """Returns the share of the full speed along each axis (n), -1 to 1."""
 
     def Wanted(self) -> Settings:
         """Returns the settings that are wanted now."""
@@ -128,11 +124,7 @@ class MeshcatControls:
         self._clicks = dict.fromkeys(buttons, 0)
 
     def Command(self, time: float) -> Array:
-        """Returns the share of the full speed along each axis (n), -1 to 1.
-
-        Args:
-            time: Has no effect.
-        """
+        """Returns the share of the full speed along each axis (n), -1 to 1."""
         if self._IsClicked(LET_GO):
             for name in self._hands:
                 self._meshcat.SetSliderValue(name, 0.0)
@@ -179,13 +171,7 @@ class MeshcatControls:
         return self._IsClicked(END)
 
     def Show(self, force: Array, velocity: Array, rate: float) -> None:
-        """Shows what is felt; see Hand.
-
-        Args:
-            force: Of the device on the hand in N (n).
-            velocity: That the hand feels in m/s (n).
-            rate: Simulated s in a second.
-        """
+        """Shows what is felt; see Hand."""
         for names, values in ((self._forces, force), (self._speeds, velocity)):
             for name, value in zip(names, values, strict=False):
                 self._meshcat.SetSliderValue(name, float(value))
@@ -223,9 +209,5 @@ def MakeControls(
 
 
 def FullSpeed(scenario: Scenario) -> float:
-    """Returns the fastest that a hand may command along an axis, m/s.
-
-    Args:
-        scenario: As it was loaded.
-    """
+    """Returns the fastest that a hand may command along an axis, m/s."""
     return FULL_SPEED * float(np.linalg.norm(scenario.surgeon.velocity))

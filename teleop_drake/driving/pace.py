@@ -14,11 +14,6 @@ class Pace:
     A simulation that was too slow for a moment does not hurry afterwards: no hand could
     follow. The clock is set back instead, and `was_late` tells.
 
-    Args:
-        rate: Simulated s in a second; infinity: as fast as it goes.
-        now: Returns the real time in s.
-        sleep: Waits for some s.
-
     Attributes:
         was_late: Whether the simulation could not keep the rate somewhere.
     """
@@ -35,20 +30,12 @@ class Pace:
         self.Start(0.0)
 
     def Start(self, simulated: float) -> None:
-        """Begins at a simulated time.
-
-        Args:
-            simulated: In s.
-        """
+        """Begins at a simulated time."""
         self._begin = self._zero = self._now()
         self._first = self._base = simulated
 
     def Wait(self, simulated: float) -> None:
-        """Waits until it is the time.
-
-        Args:
-            simulated: How far the simulation is, in s.
-        """
+        """Waits until it is the time."""
         if math.isinf(self._rate):
             return
         ahead = self._zero + (simulated - self._base) / self._rate - self._now()
@@ -59,10 +46,6 @@ class Pace:
             self._zero, self._base = self._now(), simulated
 
     def MeasuredRate(self, simulated: float) -> float:
-        """Returns the simulated s in a second since the start.
-
-        Args:
-            simulated: How far the simulation is, in s.
-        """
+        """Returns the simulated s in a second since the start."""
         passed = self._now() - self._begin
         return (simulated - self._first) / passed if passed > 0 else math.inf

@@ -27,9 +27,6 @@ def Score(segment: Segment) -> dict[str, float | None]:
     * time (s): until the contact, or without one until the puncture; None without both.
     * driven (s): how long the segment was.
     * rate: simulated s in a second.
-
-    Args:
-        segment: What was driven.
     """
     metrics: dict[str, Any] = RunMetrics(segment.recording)
     puncture, collision = metrics["puncture"] or {}, metrics["collision"] or {}
@@ -44,11 +41,7 @@ def Score(segment: Segment) -> dict[str, float | None]:
 
 
 def Scores(segments: Sequence[Segment]) -> list[list[str]]:
-    """Returns the scores as the cells of a table: a row for each segment.
-
-    Args:
-        segments: What was driven.
-    """
+    """Returns the scores as the cells of a table: a row for each segment."""
     rows = [["", *(f"{key.replace('_', ' ')}" for key in UNITS), "settings"]]
     rows.append(["", *UNITS.values(), ""])
     for i, segment in enumerate(segments, start=1):

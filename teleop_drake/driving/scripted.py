@@ -38,11 +38,7 @@ class ScriptedHand:
         self.felt: list[tuple[Array, Array]] = []
 
     def Command(self, time: float) -> Array:
-        """Returns the share of the full speed along each axis (n), -1 to 1.
-
-        Args:
-            time: Simulated time of the segment in s.
-        """
+        """Returns the share of the full speed along each axis (n), -1 to 1."""
         self._total += time - self._last if time > self._last else 0.0
         self._last = time
         return np.asarray(self._command(time), dtype=float)
@@ -65,11 +61,5 @@ class ScriptedHand:
         return False
 
     def Show(self, force: Array, velocity: Array, rate: float) -> None:
-        """Keeps what is felt.
-
-        Args:
-            force: Of the device on the hand in N (n).
-            velocity: That the hand feels in m/s (n).
-            rate: Has no effect.
-        """
+        """Keeps what is felt."""
         self.felt.append((np.array(force), np.array(velocity)))

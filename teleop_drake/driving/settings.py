@@ -47,11 +47,7 @@ class Settings:
         return text
 
     def Overrides(self, scenario: Scenario) -> list[str]:
-        """Returns what turns the scenario into one with these settings.
-
-        Args:
-            scenario: The one that is driven, as it was loaded.
-        """
+        """Returns what turns the scenario into one with these settings."""
         changes: dict[str, Any] = {"controller.kind": self.controller}
         for path in _CHANNELS:
             channel = getattr(scenario, path)
@@ -74,10 +70,6 @@ class Settings:
 
 def LoadDriven(name_or_path: str, overrides: Sequence[str]) -> Scenario:
     """Loads a scenario that can be driven.
-
-    Args:
-        name_or_path: A built-in name or a YAML file.
-        overrides: PATH=VALUE each.
 
     Raises:
         ScenarioError: If it cannot be read, is not valid, or is no teleoperation.

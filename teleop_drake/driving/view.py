@@ -50,11 +50,7 @@ class View:
         self._num_drawn = 0
 
     def Begin(self, scenario: Scenario) -> None:
-        """Begins a segment.
-
-        Args:
-            scenario: As it is driven.
-        """
+        """Begins a segment."""
         self._scene = MakeScene(scenario, self._meshcat)
         self._past.clear()
         for name, z, unit in (("force", _FORCE_Z, "N"), ("speed", _SPEED_Z, "m/s")):
@@ -78,14 +74,7 @@ class View:
         force: Array,
         velocity: Array,
     ) -> None:
-        """Draws an instant.
-
-        Args:
-            time: In s.
-            signals: As Scene.Draw() takes them.
-            force: That the hand feels, N (n).
-            velocity: That it feels, m/s (n).
-        """
+        """Draws an instant."""
         assert self._scene is not None
         self._scene.Draw(time, signals)
         self._past.append((time, np.array(force), np.array(velocity)))
@@ -123,10 +112,5 @@ def _Letters(text: str) -> tuple[Array, Array]:
 
 
 def MakeView(meshcat: Meshcat, scenario: Scenario) -> View:
-    """Makes the view of a scenario.
-
-    Args:
-        meshcat: Where to.
-        scenario: As it was loaded.
-    """
+    """Makes the view of a scenario."""
     return View(meshcat, newtons=NewtonsOf(scenario), speed=FullSpeed(scenario))

@@ -72,9 +72,6 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     phase, a dot of a crossover with falling magnitude has to lie above -180 degrees.
     Where the model cannot tell a motion from a neutral one, the ground is grey.
 
-    Args:
-        analysis: The analysis, of a loop that is closed.
-
     Raises:
         ValueError: If no operating point has a loop.
     """
@@ -163,9 +160,6 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     about the origin by -w T and leaves its distance alone, so it is the part outside of
     the unit circle that can be turned about -1.
 
-    Args:
-        analysis: The analysis, of a loop that is closed.
-
     Raises:
         ValueError: If no operating point has a loop.
     """
@@ -219,9 +213,6 @@ def PlotStableDelays(
 ) -> Figure:
     """Plots the stable intervals of round-trip delay as bars, one per operating point.
 
-    Args:
-        analyses: One analysis, or those of a few controllers of a task.
-
     Raises:
         ValueError: If there is none.
     """
@@ -266,9 +257,6 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
 
     A panel for each loop; for POSITION one panel with those in which the operator
     commands a velocity. The line is the scenario's delay.
-
-    Args:
-        chart: From ChartStability, with at least two values.
 
     Raises:
         ValueError: If it has fewer.
@@ -334,13 +322,7 @@ def _PathLabel(chart: StabilityChart) -> str:
 
 
 def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
-    """Marks where Llewellyn's parameter is below 1, and from which frequency on.
-
-    Args:
-        ax: The panel.
-        w: Frequencies in rad/s, ascending.
-        parameter: The least of the axes.
-    """
+    """Marks where Llewellyn's parameter is below 1, and from which frequency on."""
     low, high = _LLEWELLYN_RANGE
     ax.set_ylim(low, high)
     ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
@@ -373,9 +355,6 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     the scenario's delays (thick) and without delay (thin), and that of Z_e along x
     (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
     passive operator and environment if it is 1 or more at all frequencies.
-
-    Args:
-        points: From AnalyzeTransparency.
 
     Raises:
         ValueError: If there is none.

@@ -390,10 +390,6 @@ def _Arrange(
 ) -> tuple[list[tuple[float, float]], tuple[float, float]]:
     """Puts pictures in rows, in their order, so that all are as large as possible.
 
-    Args:
-        sizes: Width and height of each.
-        gap: Between two of them.
-
     Returns:
         The left upper corner of each, and width and height of all.
     """

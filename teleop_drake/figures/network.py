@@ -27,11 +27,7 @@ _NUM_SPANS = 40
 
 
 def HasNetwork(recording: Recording) -> bool:
-    """Returns whether PlotNetwork() has something to show.
-
-    Args:
-        recording: A run.
-    """
+    """Returns whether PlotNetwork() has something to show."""
     return bool(_Networks(recording))
 
 

@@ -58,9 +58,6 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
 def DescribeFigure(figure: Figure) -> str:
     """Returns what a figure shows, in words: for those who do not see it.
 
-    Args:
-        figure: Any.
-
     Returns:
         What its panels show against what, and the names of its lines.
     """

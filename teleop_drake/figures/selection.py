@@ -69,10 +69,6 @@ def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]
 def SelectAxisRows(panels: AxisPanels, signals: Sequence[str] | None) -> AxisPanels:
     """Returns the rows that have one of some signals.
 
-    Args:
-        panels: Those that there are.
-        signals: Names of signals. None: all rows.
-
     Raises:
         ValueError: If there is no row for one of them.
     """
@@ -88,10 +84,6 @@ def SelectAxisRows(panels: AxisPanels, signals: Sequence[str] | None) -> AxisPan
 
 def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Recording:
     """Returns the part of a run within a window of time.
-
-    Args:
-        recording: The run.
-        window: From when to when, s. None: all of it.
 
     Returns:
         Its samples there, and at the ends of the window those between samples. It is

@@ -51,9 +51,6 @@ class Figure(matplotlib.figure.Figure):
 def WidthOf(columns: int) -> float:
     """Returns the width in inches of a figure across one or two printed columns.
 
-    Args:
-        columns: 1 or 2.
-
     Raises:
         ValueError: If it is another number.
     """
@@ -190,22 +187,13 @@ def _NameAndUnit(key: str) -> tuple[str, str]:
 
 
 def AxisLabel(key: str) -> str:
-    """Returns what the axis of a varied key of a scenario says: its name and unit.
-
-    Args:
-        key: A dotted path, or an alias such as `delay`.
-    """
+    """Returns what the axis of a varied key of a scenario says: its name and unit."""
     name, unit = _NameAndUnit(key)
     return f"{name} [{unit}]" if unit else name
 
 
 def LabelOfValue(key: str, value: Any) -> str:
-    """Returns a value of a varied key as a legend says it, with its unit.
-
-    Args:
-        key: A dotted path, or an alias such as `delay`.
-        value: What it has.
-    """
+    """Returns a value of a varied key as a legend says it, with its unit."""
     name, unit = _NameAndUnit(key)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     shown = f"{value:g}" if is_number else str(value).replace("_", " ")

@@ -18,9 +18,6 @@ def TelemetryRows(recording: Recording) -> list[SignalRow]:
     """Returns the rows for what an adaptive controller learns, if it does.
 
     The weights of a network are a matrix, a row of which belongs to each task axis.
-
-    Args:
-        recording: A run.
     """
     n = recording["tool_position"].shape[1]
     axes = tuple(f"axis ${AxisName(k)}$" for k in range(n))
@@ -43,12 +40,7 @@ def TelemetryRows(recording: Recording) -> list[SignalRow]:
 
 
 def ComponentStyle(row: SignalRow, k: int) -> dict[str, Any]:
-    """Returns how component k of a signal is drawn.
-
-    Args:
-        row: The signal, with more than one component.
-        k: Number of the component among those shown.
-    """
+    """Returns how component k of a signal is drawn."""
     count = len(row.components)
     if count <= _MAX_NAMED_COMPONENTS:
         line = LINES[k % len(LINES)]
@@ -59,12 +51,7 @@ def ComponentStyle(row: SignalRow, k: int) -> dict[str, Any]:
 
 
 def AddComponentLegend(ax: Axes, row: SignalRow) -> None:
-    """Names the components of a signal in a panel, or the groups of them.
-
-    Args:
-        ax: The panel.
-        row: The signal, with more than one component.
-    """
+    """Names the components of a signal in a panel, or the groups of them."""
     count = len(row.components)
     names = []
     if count <= _MAX_NAMED_COMPONENTS:

@@ -43,10 +43,6 @@ __all__ = [
 def MakeRobot(*, model: str, **fields: Any) -> System:
     """Makes a robot by the name of its model; see robot_diagram.MakeRobotDiagram.
 
-    Args:
-        model: One of ROBOT_KINDS, or module:Class.
-        **fields: Those of its config, `start` among them.
-
     Raises:
         ScenarioError: If a field is not allowed.
     """

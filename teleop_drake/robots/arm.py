@@ -46,10 +46,6 @@ class ArmConfig(DrivenArmConfig):
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
         """Returns the plant with a payload; see DrivenArmConfig.LoadModel.
 
-        Args:
-            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3).
-            payload: Mass at the tool in kg.
-
         Raises:
             ScenarioError: If the file is not that of an arm.
         """

@@ -38,9 +38,6 @@ class RobotConfig(KindConfig, ABC):
     def Check(self, path: str) -> None:
         """Checks every field; reads the files that they name.
 
-        Args:
-            path: The robot's field in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -111,17 +108,11 @@ class PlantRobotConfig(RobotConfig):
         """Returns the q near which joint positions are looked for (nq).
 
         Here the default of the plant.
-
-        Args:
-            plant: What LoadPlant returned.
         """
         return np.asarray(plant.GetDefaultPositions())
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the q with the tool at a point that is nearest to the posture.
-
-        Args:
-            p_WT: Position of the tool, m (n).
 
         Raises:
             ScenarioError: If the robot does not reach it, or is singular there.
@@ -132,9 +123,6 @@ class PlantRobotConfig(RobotConfig):
     def Check(self, path: str) -> None:
         """Checks every field; loads the plant and poses it.
 
-        Args:
-            path: The robot's field in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -144,10 +132,6 @@ class PlantRobotConfig(RobotConfig):
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
         """Makes the block; see robot_diagram.MakeRobotDiagram.
-
-        Args:
-            gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the
-                robot's own.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
@@ -161,11 +145,6 @@ class PlantRobotConfig(RobotConfig):
 
 def CheckStart(config: RobotConfig, num_axes: int, p_WT: ArrayLike) -> Array:
     """Returns a position of the tool as a vector, for kinds whose n is fixed.
-
-    Args:
-        config: The robot.
-        num_axes: n.
-        p_WT: What it was given.
 
     Raises:
         ScenarioError: If it is not a vector of n finite numbers.

@@ -79,9 +79,6 @@ class DrivenArmConfig(PlantRobotConfig):
     def Check(self, path: str) -> None:
         """Checks every field; loads the plant and poses it.
 
-        Args:
-            path: The robot's field in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -130,9 +127,6 @@ class DrivenArmConfig(PlantRobotConfig):
     def Posture(self, plant: MultibodyPlant) -> Array:
         """Returns the q near which joint positions are looked for (nq).
 
-        Args:
-            plant: What LoadPlant returned.
-
         Raises:
             ScenarioError: If the posture does not fit the plant.
         """
@@ -145,9 +139,6 @@ class DrivenArmConfig(PlantRobotConfig):
         """Returns the q with the tool at a point that is nearest to the posture.
 
         If the orientation is held, the tool is turned as it is at the posture.
-
-        Args:
-            p_WT: Position of the tool, m (n).
 
         Raises:
             ScenarioError: If the robot does not reach it, or is singular there.
@@ -164,10 +155,6 @@ class DrivenArmConfig(PlantRobotConfig):
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
         """Makes the block; see robot_diagram.MakeRobotDiagram.
-
-        Args:
-            gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the
-                robot's own.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
@@ -208,12 +195,7 @@ class DrivenArmConfig(PlantRobotConfig):
 
 
 def AddPayload(plant: MultibodyPlant, mass: float) -> None:
-    """Welds a point mass to the tool of a plant that is not finalized.
-
-    Args:
-        plant: With a frame TOOL.
-        mass: In kg; 0 adds nothing.
-    """
+    """Welds a point mass to the tool of a plant that is not finalized."""
     if mass == 0:
         return
     tool, inertia = (

@@ -32,13 +32,7 @@ singular, stretched for example, where nothing says which way to bend."""
 
 
 def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Array:
-    """Returns Jv_v_WT along the task axes (n, nv).
-
-    Args:
-        plant: A plant with a frame TOOL.
-        context: Its context.
-        num_axes: n.
-    """
+    """Returns Jv_v_WT along the task axes (n, nv)."""
     world = plant.world_frame()
     J = plant.CalcJacobianTranslationalVelocity(
         context,
@@ -52,12 +46,7 @@ def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Arra
 
 
 def ToolRotation(plant: MultibodyPlant, q: ArrayLike) -> Array:
-    """Returns R_WT (3, 3).
-
-    Args:
-        plant: A plant with a frame TOOL.
-        q: Positions of its joints (nq).
-    """
+    """Returns R_WT (3, 3)."""
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
     pose = plant.GetFrameByName(TOOL).CalcPoseInWorld(context)

@@ -17,11 +17,7 @@ _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=
 
 
 def ReadModel(name: str) -> ElementTree.Element:
-    """Returns the SDF model of this name in the package.
-
-    Args:
-        name: Stem of a file in models/.
-    """
+    """Returns the SDF model of this name in the package."""
     file = resources.files("teleop_drake") / "models" / f"{name}.sdf"
     return ElementTree.fromstring(file.read_text(encoding="utf-8"))
 
@@ -31,9 +27,6 @@ def TellingShapes(scene_graph: SceneGraph) -> Iterator[None]:
     """Lets the plants that are made meanwhile tell their shapes, for a picture.
 
     A plant that is simulated does not tell any: they would cost time and serve nobody.
-
-    Args:
-        scene_graph: What the plants tell them to.
     """
     token = _SCENE_GRAPH.set(scene_graph)
     try:

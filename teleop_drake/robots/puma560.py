@@ -65,12 +65,7 @@ class Puma560Config(DrivenArmConfig):
     friction_speed: float = Number(0.02, "rad/s", minimum=_LEAST_SPEED)
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
-        """Returns the plant with a payload; see DrivenArmConfig.LoadModel.
-
-        Args:
-            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3).
-            payload: Mass at the tool in kg.
-        """
+        """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
         file = resources.files("teleop_drake") / "models" / f"{self.kind}.sdf"
         with NewPlant(gravity) as plant:
             Parser(plant).AddModelsFromString(file.read_text(encoding="utf-8"), "sdf")

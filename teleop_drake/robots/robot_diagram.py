@@ -34,11 +34,7 @@ class JointDrive:
 
 
 def ToolBodyName(plant: MultibodyPlant) -> str:
-    """Returns the name of the body whose origin is the tool.
-
-    Args:
-        plant: With a frame TOOL.
-    """
+    """Returns the name of the body whose origin is the tool."""
     return TOOL if plant.HasBodyNamed(TOOL) else TOOL_BODY
 
 
@@ -149,14 +145,6 @@ def _AddDrive(
     joint_velocity: OutputPort,
 ) -> tuple[OutputPort, OutputPort]:
     """Adds the parts of a drive.
-
-    Args:
-        builder: Of the robot.
-        plant: The plant.
-        drive: What to add.
-        task: Torque of the task.
-        reaction: Torque of the environment.
-        joint_velocity: Of the plant.
 
     Returns:
         The motors' torque, and all other torques.

@@ -25,9 +25,6 @@ class SliderConfig(PlantRobotConfig):
     def Check(self, path: str) -> None:
         """Checks every field.
 
-        Args:
-            path: The robot's field in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -44,9 +41,6 @@ class SliderConfig(PlantRobotConfig):
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant.
-
-        Args:
-            gravity: Acceleration of gravity along the rail, m/s^2 (1); None: none.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
@@ -66,9 +60,6 @@ class SliderConfig(PlantRobotConfig):
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the position of the carriage, which is the tool's.
-
-        Args:
-            p_WT: Position of the tool, m (1).
 
         Raises:
             ScenarioError: If it is not a finite number.

@@ -36,9 +36,6 @@ class TwoLinkArmConfig(PlantRobotConfig):
     def Check(self, path: str) -> None:
         """Checks every field.
 
-        Args:
-            path: The robot's field in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -46,18 +43,11 @@ class TwoLinkArmConfig(PlantRobotConfig):
             self.JointPositions(self.start)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns the plant; see PlantRobotConfig.LoadPlant.
-
-        Args:
-            gravity: Acceleration of gravity in the plane, m/s^2 (2); None: none.
-        """
+        """Returns the plant; see PlantRobotConfig.LoadPlant."""
         return LoadModel(ReadModel(self.kind), gravity)
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the joint angles that put the tool at a point, (A.14).
-
-        Args:
-            p_WT: Position of the tool, m (2).
 
         Returns:
             q in rad (2): q2 < 0 for the elbow `up`, q2 > 0 for `down`, with which at

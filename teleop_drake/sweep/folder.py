@@ -214,11 +214,7 @@ def _JsonLine(record: Mapping[str, Any]) -> str:
 
 
 def TableNames(result: SweepResult) -> list[str]:
-    """Returns the names of the CSV files that the folder of a finished sweep has.
-
-    Args:
-        result: The sweep.
-    """
+    """Returns the names of the CSV files that the folder of a finished sweep has."""
     if not HasSeeds(result):
         return ["runs.csv"]
     names = ["runs.csv", "statistics.csv"]

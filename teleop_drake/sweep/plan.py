@@ -84,12 +84,6 @@ def PlanSweep(
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
-    Args:
-        scenario: As Sweep takes it, and so are the others.
-        grid: Values by key.
-        overrides: For all runs.
-        engine: As simulate() takes it.
-
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
         SweepError: If the grid cannot be used, or there is no such engine.
@@ -185,9 +179,6 @@ class Source:
 
     def Load(self, overrides: Sequence[str]) -> AnyScenario:
         """Returns the scenario of a run.
-
-        Args:
-            overrides: A mapping of dotted paths to values, or strings PATH=VALUE.
 
         Raises:
             ScenarioError: If it is not valid.
@@ -350,11 +341,7 @@ def _Override(path: str, value: Any) -> str:
 
 
 def PointOverrides(point: Mapping[str, Any]) -> list[str]:
-    """Returns the overrides that make a point of the grid.
-
-    Args:
-        point: Key to value.
-    """
+    """Returns the overrides that make a point of the grid."""
     return [
         _Override(path, value)
         for key, value in point.items()

@@ -117,9 +117,6 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
     """Returns the names of all scalar metrics of a scenario, and their units.
 
     Those of its network channels, if it has any, are among them.
-
-    Args:
-        scenario: The scenario.
     """
     task = TaskOf(scenario)
     units = dict(task.units) | {

@@ -31,30 +31,18 @@ _NO_INTERVAL = (math.nan, math.nan)
 
 
 def HasSeeds(result: SweepResult) -> bool:
-    """Returns whether a sweep has two seeds or more.
-
-    Args:
-        result: The sweep.
-    """
+    """Returns whether a sweep has two seeds or more."""
     return len(result.axes.get(SEED, [])) > 1
 
 
 def VariesSeedsOnly(result: SweepResult) -> bool:
-    """Returns whether a sweep varies the seed, and beside it at most the controller.
-
-    Args:
-        result: The sweep.
-    """
+    """Returns whether a sweep varies the seed, and beside it at most the controller."""
     varied = {key for key, values in result.axes.items() if len(values) > 1}
     return HasSeeds(result) and varied <= {SEED, *CONTROLLERS}
 
 
 def MedianInterval(values: np.ndarray) -> tuple[float, float]:
-    """Returns the bootstrap interval of a median, NaN for fewer than two values.
-
-    Args:
-        values: Finite numbers, of independent runs.
-    """
+    """Returns the bootstrap interval of a median, NaN for fewer than two values."""
     if len(values) < 2:
         return _NO_INTERVAL
     from scipy.stats import bootstrap  # It takes a second.
@@ -72,12 +60,7 @@ def MedianInterval(values: np.ndarray) -> tuple[float, float]:
 
 
 def ShareInterval(count: int, total: int) -> tuple[float, float]:
-    """Returns Wilson's interval of a share.
-
-    Args:
-        count: Runs that are counted.
-        total: All runs, at least one.
-    """
+    """Returns Wilson's interval of a share."""
     from scipy.stats import binomtest
 
     interval = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
@@ -85,11 +68,7 @@ def ShareInterval(count: int, total: int) -> tuple[float, float]:
 
 
 def HasPairs(result: SweepResult) -> bool:
-    """Returns whether a sweep has two controllers or more, to compare seed by seed.
-
-    Args:
-        result: The sweep.
-    """
+    """Returns whether a sweep has two controllers or more, to compare seed by seed."""
     return HasSeeds(result) and any(
         len(result.axes.get(k, [])) > 1 for k in CONTROLLERS
     )
@@ -104,9 +83,6 @@ def Statistics(result: SweepResult) -> list[dict[str, Any]]:
     that were not ended early, which also has `p5` and `p95`, the 5 % and 95 %
     quantiles of the runs. `diverged`, and `collision.settles` where a run can settle,
     are the `share` of all runs. None is where there is no such number.
-
-    Args:
-        result: A sweep with the key `seed`.
 
     Raises:
         SweepError: If it has no seeds.

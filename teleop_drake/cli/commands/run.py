@@ -88,11 +88,6 @@ def _Draw(
 ) -> list[Path]:
     """Draws a run, and its networks if it has any.
 
-    Args:
-        recording: The run.
-        paths: Where to, one for each format.
-        options: Those of PlotRun().
-
     Returns:
         The figures of the networks.
 

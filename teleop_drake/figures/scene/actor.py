@@ -162,12 +162,7 @@ class Actor:
         self._meshcat.SetTransform(path, AlongZ(middle, stage.up))
 
     def Draw(self, pen: Pen, moment: Moment) -> None:
-        """Draws an instant.
-
-        Args:
-            pen: What it is drawn with.
-            moment: What is seen.
-        """
+        """Draws an instant."""
         tool = self._visuals.InSpace(moment.tool)
         joints = moment.joints
         if joints is None and self._visuals.is_plant:

@@ -48,10 +48,6 @@ class Replay:
     """A page that plays runs: one file, which opens in any browser without a network.
 
     A notebook shows it inline.
-
-    Args:
-        title: Of the page.
-        text: The page, HTML.
     """
 
     def __init__(self, title: str, text: str):
@@ -70,9 +66,6 @@ class Replay:
 
     def Save(self, path: str | Path) -> None:
         """Writes the page. It appears complete or not at all.
-
-        Args:
-            path: Where to; `.html` is not added.
 
         Raises:
             OSError: If the file cannot be written.

@@ -18,49 +18,25 @@ _TOLERANCE = 5e-4
 
 
 class Pen:
-    """Moves what is in Meshcat at once.
-
-    Args:
-        meshcat: Where everything stands.
-    """
+    """Moves what is in Meshcat at once."""
 
     def __init__(self, meshcat: Meshcat):
         self._meshcat = meshcat
 
     def Place(self, path: str, X: RigidTransform) -> None:
-        """Gives an object its pose.
-
-        Args:
-            path: Of the object.
-            X: Pose in that of its parent.
-        """
+        """Gives an object its pose."""
         self._meshcat.SetTransform(path, X)
 
     def Move(self, path: str, p: Array) -> None:
-        """Moves an object without turning it.
-
-        Args:
-            path: Of the object.
-            p: Position in its parent (3), m.
-        """
+        """Moves an object without turning it."""
         self._meshcat.SetProperty(path, "position", p.tolist())
 
     def Scale(self, path: str, factors: Sequence[float]) -> None:
-        """Stretches an object along its own axes.
-
-        Args:
-            path: Of the object.
-            factors: Not zero (3).
-        """
+        """Stretches an object along its own axes."""
         self._meshcat.SetProperty(path, "scale", list(factors))
 
     def Show(self, path: str, is_shown: bool) -> None:
-        """Shows or hides an object.
-
-        Args:
-            path: Of the object.
-            is_shown: Whether it is seen from now on.
-        """
+        """Shows or hides an object."""
         self._meshcat.SetProperty(path, "visible", is_shown)
 
 
@@ -77,11 +53,7 @@ class AnimationPen(Pen):
         self._shown: dict[str, dict[int, bool]] = {}
 
     def At(self, time: float) -> "AnimationPen":
-        """Chooses the instant of what follows.
-
-        Args:
-            time: In s, from 0 on.
-        """
+        """Chooses the instant of what follows."""
         self._frame = round(time * FRAMES_PER_SECOND)
         return self
 

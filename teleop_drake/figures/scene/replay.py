@@ -74,11 +74,7 @@ class Act:
         return int(self.recording["tool_position"].shape[1])
 
     def Delay(self, lane: str) -> float:
-        """Returns the channel's delay in s, its mean if it varies.
-
-        Args:
-            lane: One of CHANNELS.
-        """
+        """Returns the channel's delay in s, its mean if it varies."""
         return float(getattr(self.recording.scenario, CHANNELS[lane]).delay)
 
     def At(self, samples: Array, times: Array) -> Array:
@@ -94,9 +90,6 @@ class Act:
 
 def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
     """Refuses what does not fit into one scene.
-
-    Args:
-        recordings: By name.
 
     Raises:
         ValueError: If there is none, or their numbers of axes differ.
@@ -205,11 +198,7 @@ def _Newtons(acts: Sequence[Act]) -> float:
 
 
 def PictureTimes(recordings: Sequence[Recording]) -> Array:
-    """Returns the times in s of the pictures, dense around what happens.
-
-    Args:
-        recordings: The runs.
-    """
+    """Returns the times in s of the pictures, dense around what happens."""
     end = max(float(recording.time[-1]) for recording in recordings)
     times = [np.arange(0.0, end, 1 / _RATE), np.array([end])]
     for recording in recordings:

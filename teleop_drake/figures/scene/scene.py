@@ -208,38 +208,23 @@ def DotPeriod(delay: float) -> float:
 
     At normal speed a screen shows some twenty pictures while a packet crosses three
     times this period; of more packets nobody would see which way they go.
-
-    Args:
-        delay: Of the channel, in s.
     """
     return max(delay / 4, 0.05)
 
 
 def Opposite(force: Array | None) -> Array | None:
-    """Returns the force on the tool, given that of the tool on the environment.
-
-    Args:
-        force: In N (n) or (N, n); None stays None.
-    """
+    """Returns the force on the tool, given that of the tool on the environment."""
     return None if force is None else -force
 
 
 def SurfacesOfScenario(scenario: AnyScenario) -> tuple[Surface, ...]:
-    """Returns the surfaces of a scenario's environment, none if it has none.
-
-    Args:
-        scenario: Any.
-    """
+    """Returns the surfaces of a scenario's environment, none if it has none."""
     tell = getattr(scenario, "Surfaces", None)
     return () if tell is None else tuple(tell())
 
 
 def NewtonsOf(scenario: AnyScenario) -> float:
-    """Returns the force in N that has the longest arrow while a simulation runs.
-
-    Args:
-        scenario: Any.
-    """
+    """Returns the force in N that has the longest arrow while a simulation runs."""
     surgeon = getattr(scenario, "surgeon", None)
     force = getattr(surgeon, "contact_force", None)
     size = 0.0 if force is None else float(np.linalg.norm(force))
@@ -265,11 +250,6 @@ class SceneViewer(LeafSystem):
     | in   | one for each signal | any  | see USED |
 
     State: none. It publishes periodically; the solver's steps end there.
-
-    Args:
-        scene: What is drawn.
-        sizes: Of the signals by their names.
-        period: In s.
     """
 
     def __init__(self, scene: Scene, sizes: Mapping[str, int], period: float):

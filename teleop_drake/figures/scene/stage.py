@@ -81,11 +81,7 @@ class Stage:
         return self.forward * (-0.06 * self.width)
 
     def Offset(self, run: int) -> Array:
-        """Returns how far a run is drawn from its place in the world (3), m.
-
-        Args:
-            run: Its number, from 0 on.
-        """
+        """Returns how far a run is drawn from its place in the world (3), m."""
         return self.up * (-_PITCH * self.width * run)
 
     @property
@@ -164,12 +160,7 @@ def _Forward(
 
 
 def SetUpView(meshcat: Meshcat, stage: Stage) -> None:
-    """Places camera and lights, and what everything else is drawn in.
-
-    Args:
-        meshcat: Where to.
-        stage: The stage.
-    """
+    """Places camera and lights, and what everything else is drawn in."""
     meshcat.Delete(ROOT)
     scale = _SHOWN_WIDTH / stage.width
     meshcat.SetProperty(f"{ROOT}/scale", "scale", [scale] * 3)
@@ -214,13 +205,6 @@ def DrawSlabs(
     What is hard is grey, other materials that push back are orange, and where nothing
     does there is a breath of blue. A surface that is not parallel to the others, or
     whose material is unknown, is a thin plate.
-
-    Args:
-        meshcat: Where to.
-        path: Of the run.
-        stage: The stage.
-        visuals: Of the robot.
-        surfaces: Of the environment.
     """
     for surface, low, high in _Slabs(stage, visuals, surfaces):
         material = surface.material
@@ -239,13 +223,7 @@ def DrawSlabs(
 def SlabLabels(
     stage: Stage, visuals: RobotVisuals, surfaces: Sequence[Surface]
 ) -> dict[str, Array]:
-    """Returns where the name of each material stands (3), m: at the top of its slab.
-
-    Args:
-        stage: The stage.
-        visuals: Of the robot.
-        surfaces: Of the environment.
-    """
+    """Returns where the name of each material stands (3), m: at the top of its slab."""
     top = stage.up * ((stage.hand_height + _OVERLAP) * stage.width)
     centre = stage.centre - stage.forward * (stage.centre @ stage.forward)
     return {

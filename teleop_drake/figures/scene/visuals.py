@@ -50,9 +50,6 @@ class RobotVisuals:
     The plant that is simulated knows no shapes, which keeps it as fast as it is. Links
     without any are sticks between the joints. A robot that is no plant has neither: it
     is the point of its tool alone.
-
-    Args:
-        robot: The robot of a scenario.
     """
 
     def __init__(self, robot: RobotConfig):
@@ -86,31 +83,19 @@ class RobotVisuals:
         return np.concatenate([p_WT, self._rest])
 
     def Direction(self, vector: ArrayLike) -> Array:
-        """Returns a vector along the task axes (n) as one in space (3).
-
-        Args:
-            vector: Any, (n).
-        """
+        """Returns a vector along the task axes (n) as one in space (3)."""
         vector = np.asarray(vector, dtype=float)
         return np.concatenate([vector, np.zeros(3 - vector.size)])
 
     def Tool(self, q: ArrayLike) -> Array:
-        """Returns where the tool is in space (3), m.
-
-        Args:
-            q: Joint positions (nq).
-        """
+        """Returns where the tool is in space (3), m."""
         assert self._plant is not None
         self._plant.SetPositions(self._context, q)
         pose = self._plant.GetFrameByName(TOOL).CalcPoseInWorld(self._context)
         return np.array(pose.translation())
 
     def BodyPoses(self, q: ArrayLike) -> dict[str, RigidTransform]:
-        """Returns the poses in the world of the bodies that have shapes, by name.
-
-        Args:
-            q: Joint positions (nq).
-        """
+        """Returns the poses in the world of the bodies that have shapes, by name."""
         if self._plant is None:
             return {}
         self._plant.SetPositions(self._context, q)
@@ -191,11 +176,6 @@ def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
 
 
 def AlongZ(p: ArrayLike, direction: Sequence[float] | Array) -> RigidTransform:
-    """Returns a pose at a point with its z axis along a direction.
-
-    Args:
-        p: The point (3).
-        direction: Not zero (3).
-    """
+    """Returns a pose at a point with its z axis along a direction."""
     R = RotationMatrix.MakeFromOneVector(np.asarray(direction, dtype=float), 2)
     return RigidTransform(R, np.asarray(p, dtype=float))
