@@ -17,12 +17,13 @@ if TYPE_CHECKING:
     from teleop_drake.sweep import SweepPlan, SweepResult
 
 
-def AddWorkerOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds --jobs, --dask and --resume.
-
-    Args:
-        parser: The parser of the command.
-    """
+def AddSweepOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds --separate, --jobs, --dask and --resume."""
+    parser.add_argument(
+        "--separate",
+        action="store_true",
+        help="draw each metric into a file of its own; more than 24 panels always are",
+    )
     parser.add_argument(
         "--jobs",
         type=int,
@@ -47,6 +48,7 @@ def ReportSweep(
     folder: Path,
     *,
     is_silent: bool,
+    is_separate: bool,
     formats: Sequence[str] = ("png",),
 ) -> None:
     """Draws a sweep into its folder, and prints how it ended and what was written.
@@ -57,6 +59,7 @@ def ReportSweep(
         metrics: The metrics to draw; empty: some, of those that any run has.
         folder: Its folder.
         is_silent: Whether to print nothing.
+        is_separate: Whether each metric has a file of its own.
         formats: Of the figures.
     """
     from teleop_drake.sweep import (
@@ -64,7 +67,7 @@ def ReportSweep(
         VariesSeedsOnly,
     )
 
-    figures, note = _DrawSweep(result, metrics, folder, plan, formats)
+    figures, note = _DrawSweep(result, metrics, folder, plan, formats, is_separate)
     if is_silent:
         return
     statuses = [record["status"] for record in result.records]
@@ -130,19 +133,13 @@ def _DrawSweep(
     folder: Path,
     plan: "SweepPlan",
     formats: Sequence[str],
+    is_separate: bool,
 ) -> tuple[list[Path], str]:
-    """Draws the metrics; returns the files, or why there are none.
-
-    Args:
-        result: The sweep.
-        names: The metrics; empty: some, of those that any run has.
-        folder: Where to.
-        plan: What the sweep was.
-        formats: Of the figures.
-    """
+    """Draws the metrics; returns the files, or why there are none."""
     import numpy as np
 
     from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
     from teleop_drake.figures.sweeps import PlotMap, PlotSeeds, PlotStability, PlotSweep
     from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
 
@@ -152,11 +149,18 @@ def _DrawSweep(
         if np.isfinite(result.Values(metric)).any()
     ]
     # Over the seeds alone, there is nothing to plot a metric against.
-    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
-    figures = {}
+    has_seeds_only = VariesSeedsOnly(result)
+    plot = PlotSeeds if has_seeds_only else PlotSweep
     try:
-        for metric in metrics:
-            figures[metric.replace(".", "_")] = plot(result, metric)
+        rows, columns = (1, 1) if has_seeds_only else SweepGrid(result).shape[:2]
+        is_separate |= rows * columns * len(metrics) > MAX_PANELS
+        groups: dict[str, Sequence[str]] = {
+            metric.replace(".", "_") if is_separate else "metrics": (
+                [metric] if is_separate else metrics
+            )
+            for metric in metrics
+        }
+        figures = {name: plot(result, *group) for name, group in groups.items()}
     except ValueError as e:
         return [], f"No figures ({e})"
     note = ""
@@ -164,9 +168,8 @@ def _DrawSweep(
         figures["stability"] = PlotStability(result)
         boundaries, note = _Boundaries(result, plan)
         figures["stability"] = PlotStability(result, boundaries)
-        for metric in metrics:
-            name = metric.replace(".", "_")
-            figures[f"{name}_map"] = PlotMap(result, metric, boundaries)
+        for name, group in groups.items():
+            figures[f"{name}_map"] = PlotMap(result, *group, boundaries=boundaries)
     written = []
     for name, figure in figures.items():
         for suffix in formats:

@@ -1,7 +1,8 @@
-"""Who is who among the axes of a sweep, and how its figures are laid out."""
+"""The axes of a sweep's figures, and how their panels are laid out."""
 
 import itertools
 import math
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -18,16 +19,18 @@ from teleop_drake.figures.style import (
     Figure,
     LabelOfValue,
     RunStyle,
+    ScaleAndUnit,
 )
-from teleop_drake.sweep import SweepResult
+from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.statistics import CONTROLLERS
 from teleop_drake.validation import Refuse
 
 MAX_NAMED_LINES = 8
 """More lines are not all named."""
 
-# More would be too small to read.
-_MAX_PANELS = 24
+MAX_PANELS = 24
+"""More in a figure would be too small to read."""
+
 # Colours of values that have an order.
 _SEQUENCE = colormaps["viridis"]
 
@@ -91,9 +94,9 @@ class SweepGrid:
             for row in rows
         ]
         num_columns = max(len(self.column_values), 1)
-        if len(rows) * num_columns > _MAX_PANELS:
+        if len(rows) * num_columns > MAX_PANELS:
             needs = f"needs {len(rows)} x {num_columns} panels"
-            Refuse("result", needs, f"of {_MAX_PANELS} panels at most")
+            Refuse("result", needs, f"of {MAX_PANELS} panels at most")
         keys = [*row_keys, *columns, self.line_key, x_key, *seed]
         names = list(axes)
         rest = [key for key in names if key not in keys]  # One value each.
@@ -113,18 +116,30 @@ class SweepGrid:
         """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
         return values.transpose(self._order).reshape(self.shape)[..., self._x_order, :]
 
-    def MakePanels(self) -> tuple[Figure, np.ndarray]:
-        """Returns a figure and its panels (rows, columns)."""
+    def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, np.ndarray]:
+        """Returns a figure and its panels (metrics, rows, columns).
+
+        Metrics of one panel each stand side by side, others below each other.
+        """
         num_rows, num_columns = self.shape[:2]
+        across = min(num_metrics, 3) if num_rows == num_columns == 1 else 1
+        down = math.ceil(num_metrics / across) * num_rows
         figure = Figure(
-            figsize=(WIDTH, 0.8 + (2.6 if num_rows == 1 else 1.7) * num_rows),
+            figsize=(WIDTH, 0.8 + (2.6 if down == 1 else 1.7) * down),
             layout=ConstrainedLayoutEngine(w_pad=0.1),
         )
-        panels = figure.subplots(
-            num_rows, num_columns, sharex=True, sharey=True, squeeze=False
-        )
-        for ax in panels[-1]:
+        axes = figure.subplots(down, across * num_columns, sharex=True, squeeze=False)
+        panels = axes.reshape(-1, num_rows, num_columns)[:num_metrics]
+        for ax in axes.ravel()[panels.size :]:
+            ax.remove()
+        for ax in panels.ravel()[-axes.shape[1] :]:
             ax.set_xlabel(AxisLabel(self.x_key), fontsize=FONT_SIZE)
+            ax.tick_params(labelbottom=True)
+        for metric in panels:
+            for ax in metric.ravel()[1:]:
+                ax.sharey(metric[0, 0])
+            for ax in metric[:, 1:].ravel():
+                ax.tick_params(labelleft=False)
         return figure, panels
 
     def AddTitles(self, panels: np.ndarray, num_marks: int = 0) -> None:
@@ -180,6 +195,19 @@ class SweepGrid:
                 fontsize=SMALL_FONT_SIZE,
                 frameon=False,
             )
+
+
+def MetricScale(
+    result: SweepResult, metric: str, values: np.ndarray
+) -> tuple[float, str, tuple[float, float]]:
+    """Returns the scale of values of a metric, its label, and the limits unscaled."""
+    finite = values[np.isfinite(values)]
+    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    label = metric.replace("_", " ").replace(".", " ")
+    # No longer than a panel of a sheet is high.
+    label = textwrap.fill(f"{label} [{unit}]" if unit else label, 26)
+    return scale, label, limits
 
 
 def IsNumber(value: Any) -> bool:

@@ -18,9 +18,8 @@ from teleop_drake.figures.style import (
     CellEdges,
     Figure,
     MapLimits,
-    ScaleAndUnit,
 )
-from teleop_drake.figures.sweep_grid import SweepGrid
+from teleop_drake.figures.sweep_grid import MetricScale, SweepGrid
 from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
@@ -53,8 +52,8 @@ def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> 
         rank[is_completed & has_contact & ~settles] = 2
     worst = rank.max(axis=-1)
 
-    figure, axes = grid.MakePanels()
-    for index, ax in np.ndenumerate(axes):
+    figure, panels = grid.MakePanels()
+    for index, ax in np.ndenumerate(panels[0]):
         _DrawCells(
             ax,
             grid,
@@ -70,21 +69,21 @@ def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> 
         for i, (label, color) in enumerate(_OUTCOMES)
         if (worst == i).any()
     ]
-    _Finish(figure, axes, grid, handles, boundaries or {})
+    _Finish(figure, panels, grid, handles, boundaries or {})
     return figure
 
 
 def PlotMap(
-    result: SweepResult, metric: str, boundaries: Boundaries | None = None
+    result: SweepResult, *metrics: str, boundaries: Boundaries | None = None
 ) -> Figure:
-    """Maps a metric of a sweep, over the delay and another varied key.
+    """Maps metrics of a sweep, over the delay and another varied key.
 
     A cell has the median of its seeds. It is grey where a run diverges or fails, and
     white where a run has no such number. What else is varied gets panels of its own.
 
     Args:
         result: The sweep.
-        metric: One of MetricUnits(result.scenario), for example
+        *metrics: Of MetricUnits(result.scenario), one or more, for example
             "collision.peak_force".
         boundaries: Where the loop ceases to be stable; see FindBoundaries().
 
@@ -94,37 +93,36 @@ def PlotMap(
     """
     grid = _TwoKeys(result)
     is_completed = grid.Arrange(result.Status()) == "completed"
-    values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
-    medians = _Medians(values)
-    finite = medians[np.isfinite(medians)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
-    has_ended = np.where(is_completed.all(axis=-1), np.nan, 1.0)
-
-    figure, axes = grid.MakePanels()
-    for index, ax in np.ndenumerate(axes):
-        cells = _DrawCells(
-            ax,
-            grid,
-            medians[index] * scale,
-            cmap="viridis",
-            vmin=limits[0] * scale,
-            vmax=limits[1] * scale,
-        )
-        _DrawCells(ax, grid, has_ended[index], cmap=ListedColormap([_ENDED]))
-    label = metric.replace("_", " ").replace(".", " ")
-    bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
-    bar.set_label(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
-    bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
-    is_ended = np.isfinite(has_ended)
+    is_ended = ~is_completed.all(axis=-1)
+    lacks_number = False
+    figure, panels = grid.MakePanels(len(metrics))
+    for metric, axes in zip(metrics, panels, strict=True):
+        values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
+        medians = np.median(values, axis=-1)  # NaN where a seed has no number.
+        lacks_number |= bool((np.isnan(medians) & ~is_ended).any())
+        scale, label, limits = MetricScale(result, metric, medians)
+        for index, ax in np.ndenumerate(axes):
+            cells = _DrawCells(
+                ax,
+                grid,
+                medians[index] * scale,
+                cmap="viridis",
+                vmin=limits[0] * scale,
+                vmax=limits[1] * scale,
+            )
+            ended = np.where(is_ended[index], 1.0, np.nan)
+            _DrawCells(ax, grid, ended, cmap=ListedColormap([_ENDED]))
+        bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
+        bar.set_label(label, fontsize=FONT_SIZE)
+        bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
     handles = []
     if is_ended.any():
         handles.append(Patch(color=_ENDED, label="diverges or fails"))
-    if (np.isnan(medians) & ~is_ended).any():
+    if lacks_number:
         handles.append(
             Patch(facecolor="white", edgecolor=GREY, label="has no such number")
         )
-    _Finish(figure, axes, grid, handles, boundaries or {})
+    _Finish(figure, panels, grid, handles, boundaries or {})
     return figure
 
 
@@ -136,12 +134,6 @@ def _TwoKeys(result: SweepResult) -> SweepGrid:
     return grid
 
 
-def _Medians(values: np.ndarray) -> np.ndarray:
-    """Returns the medians over the seeds, NaN where one has no number."""
-    result: np.ndarray = np.median(values, axis=-1)
-    return result
-
-
 def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **style: Any) -> Any:
     """Colours the cells (lines, x) of a panel."""
     y, _ = grid.LineCoordinates()
@@ -150,7 +142,7 @@ def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **style: Any) -> An
 
 def _Finish(
     figure: Figure,
-    axes: np.ndarray,
+    panels: np.ndarray,
     grid: SweepGrid,
     handles: list[Any],
     boundaries: Boundaries,
@@ -159,8 +151,8 @@ def _Finish(
     y, y_labels = grid.LineCoordinates()
     labels = _BoundaryLabels(boundaries, MapLimits(grid.x))
     styles = {name: LINES[i % len(LINES)] for i, name in enumerate(labels)}
-    for index, ax in np.ndenumerate(axes):
-        for boundary in boundaries.get((index[0], index[1]), ()):
+    for (_, i, j), ax in np.ndenumerate(panels):
+        for boundary in boundaries.get((i, j), ()):
             style = {"linestyle": styles[boundary.point], "linewidth": 1.6}
             # Black on white is seen on every colour.
             ax.plot(boundary.ends, y, color="white", linewidth=2.8)
@@ -172,9 +164,10 @@ def _Finish(
             ax.set_xticks(grid.x)
         if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
-    for ax in axes[:, 0]:
-        ax.set_ylabel(AxisLabel(grid.line_key), fontsize=FONT_SIZE)
-    grid.AddTitles(axes)
+    for axes in panels:
+        grid.AddTitles(axes)
+        for ax in axes[:, 0]:
+            ax.set_ylabel(AxisLabel(grid.line_key), fontsize=FONT_SIZE)
     handles += [
         Line2D(
             [],

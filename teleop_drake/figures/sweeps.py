@@ -16,35 +16,35 @@ from teleop_drake.figures.style import (
     Figure,
     FormatAxes,
     RunStyle,
-    ScaleAndUnit,
 )
-from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, SweepGrid, ValueLabel
+from teleop_drake.figures.sweep_grid import (
+    MAX_NAMED_LINES,
+    MetricScale,
+    SweepGrid,
+    ValueLabel,
+)
 from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
-from teleop_drake.sweep import (
-    MetricUnits,
-    SweepResult,
-    VariesSeedsOnly,
-)
+from teleop_drake.sweep import SweepResult, VariesSeedsOnly
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED, Bands, MedianInterval
 from teleop_drake.validation import Refuse
 
 __all__ = ["PlotMap", "PlotSeeds", "PlotStability", "PlotSweep"]
 
 
-def PlotSweep(result: SweepResult, metric: str) -> Figure:
-    """Plots a metric of a sweep against the delay.
+def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
+    """Plots metrics of a sweep against the delay.
 
-    A line for each controller; or, where more is varied, a panel for each and a line
-    for each of the other values. A line is the median over the seeds; the band around
-    it holds 90 % of the runs, and bars are the bootstrap interval of the median. Runs
-    that diverged or have no such number (a tool that never settles, for instance) are
-    marked above the panel instead.
+    A metric has a panel with a line for each controller; or, where more is varied, a
+    panel for each and a line for each of the other values. A line is the median over
+    the seeds; the band around it holds 90 % of the runs, and bars are the bootstrap
+    interval of the median. Runs that diverged or have no such number (a tool that never
+    settles, for instance) are marked above the panel instead.
 
     If no delay is varied, the first numbers that are take its place.
 
     Args:
         result: The sweep.
-        metric: One of MetricUnits(result.scenario), for example
+        *metrics: Of MetricUnits(result.scenario), one or more, for example
             "collision.peak_force".
 
     Raises:
@@ -52,26 +52,41 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
             too many panels.
     """
     grid = SweepGrid(result)
+    figure, panels = grid.MakePanels(len(metrics))
+    marks: dict[str, Line2D] = {}
+    for metric, axes in zip(metrics, panels, strict=True):
+        marks |= _DrawMetric(grid, result, metric, axes)
+    for axes in panels:
+        grid.AddTitles(axes, num_marks=grid.shape[2] if marks else 0)
+    handles = [marks[label] for label in _MARKS if label in marks]
+    grid.AddLegend(figure, handles + (_BandHandles() if grid.shape[-1] > 1 else []))
+    return figure
+
+
+# The marks of runs that a line lacks.
+_MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
+
+
+def _DrawMetric(
+    grid: SweepGrid, result: SweepResult, metric: str, axes: np.ndarray
+) -> dict[str, Line2D]:
+    """Draws a metric into its panels; returns the legend's entries of the marks."""
     values, status = grid.Arrange(result.Values(metric)), grid.Arrange(result.Status())
     is_diverged = status == "diverged"
     # What a run did until it was stopped says little.
     is_shown = ~is_diverged | metric.startswith("diverged")
     values = np.where(is_shown, values, np.nan)
     is_missing = (status == "completed") & np.isnan(values)
-    finite = values[np.isfinite(values)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
-
-    has_marks = values.shape[2] <= MAX_NAMED_LINES
-    figure, axes = grid.MakePanels()
+    if metric.startswith("diverged"):
+        is_missing[:] = False
+    scale, label, _ = MetricScale(result, metric, values)
+    # Where there are more lines, the stability map tells of them.
+    marked = {}
+    if values.shape[2] <= MAX_NAMED_LINES:
+        found = (is_diverged, status == "failed", is_missing)
+        marked = dict(zip(_MARKS.items(), found, strict=True))
     for index, ax in np.ndenumerate(axes):
         FormatAxes(ax)
-        marks = [
-            (is_diverged, "x", "diverges"),
-            (status == "failed", "^", "fails"),
-        ]
-        if not metric.startswith("diverged"):
-            marks.append((is_missing, "o", "has none"))
         for i in range(values.shape[2]):
             style = grid.LineStyle(i)
             y = values[(*index, i)] * scale
@@ -79,8 +94,7 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
             ax.plot(grid.x, middle, marker=".", markersize=3, **style)
             if y.shape[1] > 1:
                 _DrawBand(ax, grid.x, y, middle, style["color"])
-            # For more, there is the stability map.
-            for where, marker, _ in marks if has_marks else []:
+            for (_, marker), where in marked.items():
                 x = grid.x[where[(*index, i)].any(axis=1)]
                 ax.plot(
                     x,
@@ -91,18 +105,12 @@ def PlotSweep(result: SweepResult, metric: str) -> Figure:
                     **_SweepMark(marker, style["color"]),
                 )
     for ax in axes[:, 0]:
-        label = metric.replace("_", " ").replace(".", " ")
-        ax.set_ylabel(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
-    handles = [
-        Line2D([], [], label=label, **_SweepMark(marker, GREY))
-        for where, marker, label in marks
-        if has_marks and where.any()
-    ]
-    grid.AddTitles(axes, num_marks=values.shape[2] if handles else 0)
-    if values.shape[-1] > 1:
-        handles += _BandHandles()
-    grid.AddLegend(figure, handles)
-    return figure
+        ax.set_ylabel(label, fontsize=FONT_SIZE)
+    return {
+        name: Line2D([], [], label=name, **_SweepMark(marker, GREY))
+        for (name, marker), where in marked.items()
+        if where.any()
+    }
 
 
 def _DrawBand(
@@ -188,9 +196,7 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
         (result.axes[key] for key in CONTROLLERS if key in result.axes),
         [result.scenario.controller.kind],
     )
-    finite = values[np.isfinite(values)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    scale, y_label, _ = MetricScale(result, metric, values)
     FormatAxes(ax)
     labels = []
     for i, (name, row) in enumerate(zip(names, values, strict=True)):
@@ -218,8 +224,7 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
         labels.append(ValueLabel(name).replace(" ", "\n", 1))
     ax.set_xticks(range(len(names)), labels, fontsize=SMALL_FONT_SIZE)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    label = metric.replace("_", " ").replace(".", " ")
-    ax.set_ylabel(f"{label} [{unit}]" if unit else label, fontsize=FONT_SIZE)
+    ax.set_ylabel(y_label, fontsize=FONT_SIZE)
 
 
 _INTERVAL = "95 % interval of the median (bootstrap)"

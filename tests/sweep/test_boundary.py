@@ -115,7 +115,7 @@ def test_maps_have_the_boundary_over_them():
     boundaries = {
         (0, 0): [Boundary(point=k, ends=np.array(x)) for k, x in ends.items()]
     }
-    figure = PlotMap(result, "collision.peak_force", boundaries)
+    figure = PlotMap(result, "collision.peak_force", boundaries=boundaries)
     ax, bar = figure.axes
     shown, ended = (cells.get_array() for cells in ax.collections)
     np.testing.assert_allclose(shown.filled(np.nan), [[2.0, 1.6], [np.nan, np.nan]])

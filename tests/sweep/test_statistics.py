@@ -141,7 +141,7 @@ def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered
         if run["controller"] == "direct_force"
     ]
     assert float(row["value"]) == np.median(errors) and len(set(errors)) == 3
-    assert Path("out/velocity_rms_error_x.png").exists()
+    assert Path("out/metrics.png").exists()
     assert Path("out/differences.csv").exists()
 
     arguments = ["compare", "one_dof", *channel, *seeds, "--out", "of", "--json", "-"]

@@ -594,7 +594,7 @@ def test_kill_and_resume():
     assert main(["sweep", "one_dof", *OPTIONS, *options, "out", "--resume"]) == 0
     assert main(["sweep", "one_dof", *OPTIONS, *options, "whole"]) == 0
     assert Files("out") == Files("whole")
-    assert {"runs.csv", "velocity_rms_error_x.png"} <= set(Files("whole"))
+    assert {"runs.csv", "metrics.png"} <= set(Files("whole"))
     assert set(finished) <= set(Files("whole")["runs.jsonl"].splitlines())
 
 
@@ -631,19 +631,15 @@ def test_command(capsys, monkeypatch):
         "sweep.json",
         "runs.jsonl",
         "runs.csv",
-        "start_velocity_overshoot.png",
-        "velocity_rms_error_x.png",
-        "start_velocity_overshoot_map.png",
-        "velocity_rms_error_x_map.png",
-        "stability.png",
+        *("metrics.png", "metrics_map.png", "stability.png"),
     }
     # Drawn again, with other metrics, without a run.
     monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
-    options[2:] = ["--metrics", "collision.time", "--resume"]
+    options[2:] = ["--metrics", "collision.time", "--separate", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "one_dof: 8 runs, 8 completed, 0 diverged, 0 failed"
-    assert "collision_time.png" in os.listdir("out")
+    assert {"collision_time.png", "collision_time_map.png"} < set(os.listdir("out"))
 
 
 def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
@@ -816,6 +812,15 @@ def test_plot_against_delay():
     figure = PlotSweep(result, "collision.settling_time")
     marks = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
     assert [line.get_xdata().tolist() for line in marks] == [[0.2], [0.2]]
+    # On one sheet they are the same, and the legend has the marks of both.
+    sheet = PlotSweep(result, "collision.peak_force", "collision.settling_time")
+    assert [ax.get_ylabel() for ax in sheet.axes] == [
+        "collision peak force [mN]",
+        "collision settling time\n[s]",
+    ]
+    assert sheet.axes[0].get_ylim() == ax.get_ylim() != sheet.axes[1].get_ylim()
+    labels = [text.get_text() for text in sheet.legends[0].get_texts()]
+    assert labels[2:] == ["diverges", "fails", "has none"]
     for name in ("a.png", "b.png"):
         SaveFigure(PlotSweep(result, "collision.settling_time"), name)
     assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
@@ -879,6 +884,12 @@ def test_more_that_varies():
     ]
     lines = [x for x in figure.axes[3].lines if x.get_marker() == "."]
     assert [line.get_ydata()[0] for line in lines] == [0.2, 0.4]  # kN
+
+    sheet = PlotSweep(result, "collision.settling_time", "collision.peak_force")
+    assert len(sheet.axes) == 12
+    for own, ax in zip(figure.axes, sheet.axes[6:], strict=True):
+        assert own.get_title() == ax.get_title()
+        assert own.get_ylim() == pytest.approx(ax.get_ylim())
 
     figure = PlotStability(result)
     assert len(figure.axes) == 6

@@ -8,7 +8,7 @@ from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.sweeping import (
-    AddWorkerOptions,
+    AddSweepOptions,
     DaskExecutor,
     ExitCode,
     ReportSweep,
@@ -33,7 +33,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--shard", metavar="I/N", help="do the I-th of N parts, as a job of an array"
     )
-    AddWorkerOptions(parser)
+    AddSweepOptions(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -103,6 +103,7 @@ def Execute(args: argparse.Namespace) -> int:
             metrics[name],
             folder,
             is_silent=args.json == "-",
+            is_separate=args.separate,
         )
     if args.json is not None:
         WriteJson(args.json, {name: r.records for name, r in results.items()})

@@ -18,7 +18,7 @@ from teleop_drake.cli.options import (
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.sweeping import (
-    AddWorkerOptions,
+    AddSweepOptions,
     DaskExecutor,
     ExitCode,
     ReportSweep,
@@ -59,7 +59,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="metrics to draw, for example collision.peak_force or a whole group such "
         "as puncture (default: a few; runs.csv has all)",
     )
-    AddWorkerOptions(parser)
+    AddSweepOptions(parser)
     AddEngineOption(parser)
     AddFormatOption(parser)
     AddRunOptions(
@@ -128,6 +128,7 @@ def Execute(args: argparse.Namespace) -> int:
         metrics,
         Path(args.out),
         is_silent=args.json == "-",
+        is_separate=args.separate,
         formats=formats,
     )
     if args.json is not None:
