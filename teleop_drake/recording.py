@@ -21,7 +21,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
 )
 from teleop_drake.signals import AxesOf, UnitOf
-from teleop_drake.validation import Choices, Show
+from teleop_drake.validation import Choices, Refuse, Show
 
 if TYPE_CHECKING:
     import pandas
@@ -94,7 +94,8 @@ class Recording:
     """All signals of one run.
 
     Attributes:
-        scenario: What was simulated, a Scenario or a TrackingScenario.
+        scenario: What was simulated, a Scenario or a TrackingScenario; None for a
+            Diagram of one's own, of which Save(), to_xarray() and Animate() want more.
         time: (N,) the ends of the integrator's steps in s. A time that stands twice
             marks a jump: the first row is before it, the second one after.
         signals: (N, k) samples by name; see simulation.simulate().
@@ -156,11 +157,10 @@ class Recording:
         ]
         if len(self.events) > 3:
             facts.append(f"{len(self.events) - 3} more events")
-        scenario = self.scenario
-        return (
-            f"<Recording of {scenario.name}, {scenario.controller.kind}: "
-            f"{', '.join(facts)}>"
-        )
+        of = "a diagram"
+        if self.scenario is not None:
+            of = f"{self.scenario.name}, {self.scenario.controller.kind}"
+        return f"<Recording of {of}: {', '.join(facts)}>"
 
     def _repr_html_(self) -> str:
         """Returns what a notebook shows: the metrics and a small figure."""
@@ -189,7 +189,12 @@ class Recording:
         Returns:
             A Replay: a page that plays it, which a notebook shows and Save() writes.
         """
+        self._CheckScenario("Animate")
         return _FromAbove("figures.scene:MakeReplay")(self, meshcat)
+
+    def _CheckScenario(self, member: str) -> None:
+        if self.scenario is None:
+            Refuse("recording.scenario", None, f"that of a scenario for {member}()")
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns the signals as a table, which needs pandas (the extra `data`).
@@ -239,6 +244,7 @@ class Recording:
         Raises:
             ImportError: If xarray is not installed.
         """
+        self._CheckScenario("to_xarray")
         axes = AxesOf(self["tool_position"].shape[1])
         variables = {}
         for name, samples in self.signals.items():
@@ -320,6 +326,7 @@ class Recording:
         Raises:
             OSError: If the file cannot be written.
         """
+        self._CheckScenario("Save")
         description = {
             "format": FORMAT,
             "scenario": ScenarioToYaml(self.scenario),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from pydrake.systems.framework import OutputPort, PortDataType, System
+from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
 from teleop_drake.validation import Refuse
 
@@ -77,6 +77,36 @@ _LOOP = (
 )
 
 
+def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
+    """Returns what is recorded of a diagram, by the names of the signals.
+
+    A loop has those of NamedSignals(). Of any other diagram they are the vector outputs
+    that it exports or, if it exports none, `system.port` for those of its systems.
+
+    Args:
+        diagram: What is run.
+
+    Raises:
+        ValueError: If there are none.
+    """
+    systems = diagram.GetSystems()
+    if {"robot", "environment"} <= {system.get_name() for system in systems}:
+        return NamedSignals(systems)
+    signals = {port.get_name(): port for port in _VectorOutputs(diagram)} or {
+        f"{system.get_name()}.{port.get_name()}": port
+        for system in systems
+        for port in _VectorOutputs(system)
+    }
+    if not signals:
+        Refuse(f"outputs of {diagram.get_name()}", None, "one vector or more")
+    return signals
+
+
+def _VectorOutputs(system: System) -> list[OutputPort]:
+    ports = map(system.get_output_port, range(system.num_output_ports()))
+    return [x for x in ports if x.get_data_type() == PortDataType.kVectorValued]
+
+
 def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
     """Returns every vector output of a loop's systems by the name of its signal.
 
@@ -91,10 +121,7 @@ def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
     """
     signals: dict[str, OutputPort] = {}
     for system in systems:
-        for i in range(system.num_output_ports()):
-            port = system.get_output_port(i)
-            if port.get_data_type() != PortDataType.kVectorValued:
-                continue
+        for port in _VectorOutputs(system):
             block, own = system.get_name(), port.get_name()
             name = _NAMES.get((block, own), own)
             owner = _OWNERS.get(name, block)

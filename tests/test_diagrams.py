@@ -86,6 +86,7 @@ def test_there_are_the_levels_of_building():
         "own_arm",
         "own_channel",
         "own_controller",
+        "own_diagram",
         "own_environment",
         "puma560",
         "two_dof_arm",
@@ -138,6 +139,15 @@ def test_the_own_controller_takes_the_place_of_the_other(run):
     # The thesis's value for direct force application, section 4.2.
     assert direct == pytest.approx(0.472, rel=0.02)
     assert own < 0.75 * direct
+
+
+def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):
+    _, lines = run(DIRECTORY / "own_diagram.py")
+    early, late = (2 * (1 - np.sqrt(x)) / 4 for x in (1.0, 0.6))  # y(t - 0.4) = 1
+    peak = 1.28 + 0.4 * late - 2 * late**2 + 4 / 3 * late**3
+    printed = [float(re.findall(r"\d+\.\d+", line)[-1]) for line in lines]
+    assert printed[0] == early == 0
+    assert printed[2] == pytest.approx(100 * (peak - 1), abs=0.005)
 
 
 def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):

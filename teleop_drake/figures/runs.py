@@ -141,7 +141,8 @@ def PlotRun(
     """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
 
     Of a tracking it plots, per task axis against time, the position
-    with the desired one, the tracking error, and the disturbance with its estimate.
+    with the desired one, the tracking error, and the disturbance with its estimate. Of
+    a Diagram of one's own it plots every signal against time.
 
     Args:
         recording: The run.
@@ -156,8 +157,10 @@ def PlotRun(
         UnknownSignal: If the run does not have one of the signals.
         ValueError: If what is to be shown is not there.
     """
-    task = task or TaskOf(recording.scenario)
     recording = SelectTime(recording, time)
+    if recording.scenario is None and task is None:
+        return _PlotSignals(recording, signals, columns)
+    task = task or TaskOf(recording.scenario)
     panels = task.Panels([recording])
     if isinstance(panels, AxisPanels):
         return _PlotAxes(recording, SelectAxisRows(panels, signals), columns)
@@ -167,6 +170,23 @@ def PlotRun(
         SelectRows(rows, [recording], signals),
         columns=columns,
     )
+
+
+def _PlotSignals(
+    recording: Recording, signals: Sequence[str] | None, columns: int
+) -> Figure:
+    """Plots signals against time, a panel for each with a line for each component."""
+    names = list(recording) if signals is None else signals
+    size = (WidthOf(columns), _ROW_HEIGHT * len(names) + 0.3)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
+    for name, ax in zip(names, axes, strict=True):
+        FormatAxes(ax)
+        for i, y in enumerate(recording[name].T):
+            ax.plot(recording.time, y, **RunStyle(i))
+        ax.set_ylabel(name.replace("_", " "), fontsize=FONT_SIZE)
+    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
+    return figure
 
 
 def PlotWeights(recording: Recording) -> Figure:

@@ -15,7 +15,7 @@ from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import NamedSignals
+from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
     IsArithmetic,
     ReasonOfDivergence,
@@ -156,6 +156,8 @@ class _Stepper:
         self._interruption = interruption
         self._pace = Pace(duration)
         self._places = _Signals(run, diagram)
+        # Without a tool, whatever is computed has to stay finite.
+        self._watched = self._places.get("tool_velocity", slice(None))
         self._pieces: list[tuple[Array, Array]] = []
         self.termination, self.reason, self.is_too_fast = "completed", "", False
 
@@ -183,7 +185,7 @@ class _Stepper:
         ):
             times, rows = run.Advance(end)
             self._pace.Check(run.num_tries, run.time)
-            speeds = np.linalg.norm(rows[:, self._places["tool_velocity"]], axis=1)
+            speeds = np.linalg.norm(rows[:, self._watched], axis=1)
             too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
             if too_fast.size > 0:
                 last = int(too_fast[0])
@@ -275,5 +277,5 @@ def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:
     places, blocks = run.evaluator.program.signals, run.evaluator.blocks
     return {
         name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
-        for name, port in NamedSignals(diagram.GetSystems()).items()
+        for name, port in SignalsOf(diagram).items()
     }

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.signals import NamedSignals
+from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.run_monitor import RunMonitor
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class DrakeRun:
         root = simulator.get_context()
         self._signals = {
             name: (port.Eval, port.get_system().GetMyContextFromRoot(root))
-            for name, port in NamedSignals(diagram.GetSystems()).items()
+            for name, port in SignalsOf(diagram).items()
         }
 
     @property

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.scenario.scenario import MAX_STEPS
-from teleop_drake.signals import NamedSignals
+from teleop_drake.signals import SignalsOf
 from teleop_drake.tasks.base import SpeedLimit
 from teleop_drake.validation import ScenarioError
 
@@ -108,7 +108,7 @@ class Recorder:
     """
 
     def __init__(self, diagram: Diagram, root_context: Context):
-        signals = NamedSignals(diagram.GetSystems())
+        signals = SignalsOf(diagram)
         self.names = list(signals)
         self._evaluators = [
             (port.Eval, port.get_system().GetMyContextFromRoot(root_context))
@@ -165,7 +165,10 @@ class RunMonitor:
         self._diagram = diagram
         self._progress = progress
         self._last_report = clock.monotonic()
-        self._velocity = self.recorder.names.index("tool_velocity")
+        names = self.recorder.names
+        # Without a tool, whatever is recorded has to stay finite.
+        self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
+        self._watched = self._watched or list(range(len(names)))
 
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends the run if it cannot go on."""
@@ -173,7 +176,7 @@ class RunMonitor:
         time = root_context.get_time()
         self._num_samples += 1
         self._pace.Check(self._num_samples + self._count_rejected(), time)
-        speed = math.hypot(*now[self._velocity])
+        speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= self._speed_limit.speed:
             self.failure = self._speed_limit.Reason(speed)
             if not math.isfinite(speed):

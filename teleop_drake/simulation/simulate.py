@@ -1,13 +1,15 @@
 """Runs a scenario and records it."""
 
 import contextlib
+import dataclasses
+import math
 import time as clock
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
@@ -18,6 +20,8 @@ from teleop_drake.numerics.interpolation import (
 )
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
+from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -30,7 +34,7 @@ from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
 from teleop_drake.simulation.stepping import SystemsIn
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
 ENGINES = ("drake", "compiled", "auto")
 
@@ -54,17 +58,26 @@ def MakeDiagram(scenario: ScenarioLike) -> Diagram:
 
 
 def simulate(
-    scenario: ScenarioLike,
+    scenario: ScenarioLike | Diagram,
     *,
+    duration: float | None = None,
+    simulator: SimulatorConfig | None = None,
     teleoperator: Diagram | None = None,
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
     advance: Callable[[LiveRun, float], None] | None = None,
 ) -> Recording:
-    """Simulates a scenario from its start and records all signals of the loop.
+    """Simulates a scenario, or a Diagram, from its start and records its signals.
 
-    The signals, with n task axes and one row for each step of the integrator:
+    Of a Diagram of one's own, with the defaults of its blocks, these are the vector
+    outputs that it exports; if it exports none, those of its systems as `system.port`.
+    Its recording has no scenario, and therefore no events and no metrics.
+
+        recording = simulate(diagram, duration=10.0)
+
+    The signals of a scenario, with n task axes and one row for each step of the
+    integrator:
 
     | name                                          | size | unit            |
     |-----------------------------------------------|------|-----------------|
@@ -97,7 +110,9 @@ def simulate(
     block comes out as it is, with a note that names the block.
 
     Args:
-        scenario: What to simulate, or its name or file.
+        scenario: What to simulate, or its name or file; or a Diagram.
+        duration: How long, s; None: as the scenario says.
+        simulator: The solver; None: the scenario's, for a Diagram DefaultSimulator().
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with systems of your own; None makes the scenario's.
         task: What it is run for: makes the diagram, limits the speed, and finds the
@@ -121,7 +136,19 @@ def simulate(
             puts out is not finite at the start, or there is no such engine.
     """
     CheckChoice("engine", engine, ENGINES)
+    if isinstance(scenario, System):
+        _CheckDiagram(scenario, duration, teleoperator or task)
+        assert isinstance(scenario, Diagram) and duration is not None
+        config = simulator or DefaultSimulator()
+        run, notes = _Run(
+            scenario, config, duration, _Finite(), progress, advance, engine
+        )
+        return _MakeRecording(None, config, scenario, run, notes)
     scenario = AsScenario(scenario)
+    given = {"duration": duration, "simulator": simulator}
+    changes = {key: value for key, value in given.items() if value is not None}
+    if changes:
+        scenario = dataclasses.replace(scenario, **changes)  # type: ignore[arg-type]
     task = task or TaskOf(scenario)
     scenario.Validate()
     if teleoperator is None:
@@ -133,29 +160,66 @@ def simulate(
 
     speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
+    run, notes = _Run(*what, advance, engine)
+    EndAtJointLimit(diagram, run)
+    if run.is_too_fast:
+        _EndAtSpeed(speed_limit.speed, run.times, run.signals)
+        # Between two samples, numbers near the largest one leave the finite.
+        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
+    recording = _MakeRecording(scenario, scenario.simulator, diagram, run, notes)
+    with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
+        recording.events = task.FindEvents(recording)
+    return recording
+
+
+class _Finite(SpeedLimit):
+    """No limit: a run ends only where numbers leave the finite."""
+
+    def __init__(self) -> None:
+        SpeedLimit.__init__(self, speed=math.inf, name="")
+
+    def Reason(self, speed: float) -> str:
+        return "a signal is not finite"
+
+
+def _CheckDiagram(system: System, duration: float | None, other: object) -> None:
+    """Refuses what cannot be run by itself, or is of a scenario."""
+    name = system.get_name() or type(system).__name__
+    if not isinstance(system, Diagram):
+        Refuse("diagram", name, "a Diagram, which a DiagramBuilder makes of systems")
+    if other is not None:
+        Refuse("teleoperator, task", other, "left out where a Diagram is simulated")
+    CheckNumber("duration", duration, "s", above=0)
+    if system.num_input_ports() > 0:
+        port = system.get_input_port(0).get_name()
+        Refuse(f"input of {name}", port, "connected to a source inside of the Diagram")
+    SignalsOf(system)
+
+
+def _Run(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    speed_limit: SpeedLimit,
+    progress: Callable[[float], None] | None,
+    advance: Callable[[LiveRun, float], None] | None,
+    engine: str,
+) -> tuple[Outcome, list[str]]:
+    """Runs a diagram, and says why it was not compiled if it should have been."""
+    what = diagram, config, duration, speed_limit, progress, advance
     run, notes = None, []
     if engine != "drake":
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
             with Interpreted():  # There are too few calls to pay compiling.
-                run = RunCompiled(*what, advance)
+                run = RunCompiled(*what)
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
-    if run is None:
-        run = _RunInDrake(*what, advance)
+    run = run or _RunInDrake(*what)
     if run.termination == "diverged":
         run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
-    EndAtJointLimit(diagram, run)
-    if run.is_too_fast:
-        _EndAtSpeed(speed_limit.speed, run.times, run.signals)
-        # Between two samples, numbers near the largest one leave the finite.
-        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
-    recording = _MakeRecording(scenario, diagram, run)
-    recording.notes += notes
-    with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
-        recording.events = task.FindEvents(recording)
-    return recording
+    return run, notes
 
 
 def _CheckTeleoperator(
@@ -242,21 +306,27 @@ def _RunInDrake(
     )
 
 
-def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Recording:
+def _MakeRecording(
+    scenario: AnyScenario | None,
+    config: SimulatorConfig,
+    diagram: Diagram,
+    run: Outcome,
+    notes: list[str],
+) -> Recording:
     """Makes the recording of a run, without its events."""
     surfaces: tuple[Surface, ...] | None = ()
-    if diagram.HasSubsystemNamed("environment"):
+    if scenario is not None and diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
     return Recording(
-        scenario=scenario,
+        scenario=cast(AnyScenario, scenario),
         time=run.times,
         signals=run.signals,
         events=[],
         surfaces=surfaces or (),
         solver=SolverStatistics(
             engine=run.engine,
-            scheme=scenario.simulator.integration_scheme,
-            accuracy=scenario.simulator.accuracy,
+            scheme=config.integration_scheme,
+            accuracy=config.accuracy,
             steps=run.steps,
             derivative_evaluations=run.derivative_evaluations,
             wall_time_s=run.wall_time,
@@ -268,8 +338,9 @@ def _MakeRecording(scenario: AnyScenario, diagram: Diagram, run: Outcome) -> Rec
         notes=[
             *([_NO_SURFACES] if surfaces is None else []),
             *_NotesOfBlocks(diagram, run),
+            *notes,
         ],
-        has_constant_command=_HasConstantCommand(diagram),
+        has_constant_command=scenario is None or _HasConstantCommand(diagram),
     )
 
 

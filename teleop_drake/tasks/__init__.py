@@ -20,9 +20,12 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
         scenario: Any.
 
     Raises:
-        ScenarioError: If it names a task that is none.
+        ScenarioError: If it names a task that is none, or it is that of the recording
+            of a Diagram.
         TypeError: If it is no scenario.
     """
+    if scenario is None:
+        Refuse("recording.scenario", None, "that of a scenario, whose task knows this")
     own = getattr(scenario, "task", None)
     if own is not None:
         task = ImportOwn(own, "task")

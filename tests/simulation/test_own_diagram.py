@@ -1,0 +1,176 @@
+"""simulate() with a Diagram of a user's own, against closed forms."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Gain, Integrator, Sine
+
+from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.recording import UnknownSignal
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+
+
+class Halver(LeafSystem):
+    """A block that offers no kernel."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        signal = self.DeclareVectorInputPort("signal", 1)
+
+        def Calc(context, output):
+            output.SetFromVector(0.5 * signal.Eval(context))
+
+        tickets = {signal.ticket()}
+        self.DeclareVectorOutputPort("half", 1, Calc, prerequisites_of_calc=tickets)
+
+
+def LateLoop(gain, *, exports=True):
+    """x' = -x(t - 1), x = 1 at first; `gain` is a block that makes x of the delayed."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
+    delay = TransportDelay(delay=1.0, size=1, initial_value=[1.0])
+    builder.AddNamedSystem("delay", delay)
+    builder.AddNamedSystem("gain", gain)
+    minus = builder.AddNamedSystem("minus", Gain(-2.0, 1))
+    builder.Connect(plant.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), minus.get_input_port())
+    builder.Connect(minus.get_output_port(), plant.get_input_port())
+    if exports:
+        builder.ExportOutput(plant.get_output_port(), "x")
+    diagram = builder.Build()
+    diagram.set_name("loop")
+    return diagram
+
+
+def Exact(t):
+    """The method of steps for x' = -x(t - 1)."""
+    return sum(
+        (-1) ** k * np.maximum(t - k + 1, 0) ** k / math.factorial(k)
+        for k in range(math.ceil(t.max()) + 2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("gain", "engine", "used"),
+    [
+        (partial(Gain, 0.5, 1), "auto", "compiled"),
+        (partial(Gain, 0.5, 1), "drake", "drake"),
+        (Halver, "auto", "drake"),
+    ],
+)
+def test_a_delay_is_exact_in_both_engines(gain, engine, used):
+    recording = simulate(LateLoop(gain()), duration=4.5, engine=engine)
+    assert recording.solver.engine == used
+    assert any("it offers no kernel" in x for x in recording.notes) == (gain is Halver)
+    assert list(recording) == ["x"] and recording.time[-1] == 4.5
+    np.testing.assert_allclose(recording["x"][:, 0], Exact(recording.time), atol=1e-6)
+
+
+def test_without_exported_outputs_all_of_its_systems_are_recorded():
+    recording = simulate(LateLoop(Halver(), exports=False), duration=1.5)
+    late = recording["delay.delayed_signal"]
+    np.testing.assert_allclose(recording["gain.half"], 0.5 * late, rtol=1e-12)
+    assert set(recording) == {
+        *("plant.y0", "delay.delayed_signal", "gain.half", "minus.y0")
+    }
+
+
+@pytest.mark.parametrize("engine", ["compiled", "drake"])
+def test_jumps_are_where_they_are(engine):
+    """An integrated sine, held every 0.3 s: each jump stands twice."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
+    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
+    plant = builder.AddSystem(Integrator(1))
+    builder.Connect(source.get_output_port(0), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "held")
+    recording = simulate(builder.Build(), duration=2.0, engine=engine)
+    sent = np.arange(0, 1.5, 0.3)
+    shown = np.append(sent + 0.5, 2.0)
+    exact = np.concatenate(([0], np.cumsum(np.sin(2 * sent) * np.diff(shown))))
+    held = np.interp(recording.time, shown, exact)
+    np.testing.assert_allclose(recording["held"][:, 0], held, atol=1e-6)
+    twice = recording.time[1:][np.diff(recording.time) == 0]
+    assert np.abs(shown[:-1, None] - twice).min(axis=1).max() < 1e-9
+
+
+def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path):
+    recording = simulate(LateLoop(Gain(0.5, 1)), duration=1.5)
+    assert repr(recording).startswith("<Recording of a diagram: 1.5 s in ")
+    assert "1.5 s" in recording._repr_html_()
+    (ax,) = recording.plot(time=(0.5, 1.0)).axes
+    assert ax.get_ylabel() == "x" and ax.lines[1].get_xdata()[-1] == 1.0
+    table = recording.to_dataframe()
+    np.testing.assert_array_equal(table["x", 0], recording["x"][:, 0])
+    with pytest.raises(UnknownSignal, match="signal 'y': must be"):
+        recording.plot(signals=["y"])
+    for refused in (
+        partial(recording.Save, tmp_path / "a.npz"),
+        *(recording.to_xarray, recording.Animate),
+        *(partial(RunMetrics, recording), partial(RunSummary, recording)),
+    ):
+        with pytest.raises(ScenarioError, match=r"^recording.scenario = null: must be"):
+            refused()
+
+
+def Open():
+    builder = DiagramBuilder()
+    builder.ExportInput(builder.AddSystem(Integrator(1)).get_input_port(), "force")
+    diagram = builder.Build()
+    diagram.set_name("open")
+    return diagram
+
+
+def NoOutputs():
+    builder = DiagramBuilder()
+    builder.AddSystem(LeafSystem())
+    diagram = builder.Build()
+    diagram.set_name("silent")
+    return diagram
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (Halver, {}, "diagram = 'Halver': must be a Diagram, which"),
+        (Open, {}, "input of open = 'force': must be connected to a source"),
+        (NoOutputs, {}, "outputs of silent = null: must be one vector or more"),
+        (NoOutputs, {"duration": None}, "duration = null: must be"),
+        (NoOutputs, {"duration": -1.0}, "duration = -1.0: must be"),
+        (NoOutputs, {"engine": "fast"}, "engine = 'fast': must be"),
+        (NoOutputs, {"teleoperator": 1}, "teleoperator, task = 1: must be left out"),
+    ],
+)
+def test_bad_input(make, options, message):
+    with pytest.raises(ScenarioError) as info:
+        simulate(make(), **{"duration": 1.0} | options)
+    assert str(info.value).startswith(message) and "\n" not in str(info.value)
+
+
+def test_numbers_that_leave_the_finite_end_a_run():
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(Integrator([1.0]))
+    gain = builder.AddSystem(Gain(800.0, 1))
+    builder.Connect(plant.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "x")
+    config = SimulatorConfig(use_error_control=False, max_step_size=0.01)
+    recording = simulate(builder.Build(), duration=9.0, simulator=config)
+    assert recording.reason.startswith("numbers left the finite")
+    assert np.isfinite(recording["x"]).all() and recording["x"][-1] > 1e300
+
+
+def test_the_duration_of_a_scenario_can_be_given():
+    scenario = LoadScenario("one_dof")
+    recording = simulate(scenario, duration=0.1)
+    assert recording.time[-1] == recording.scenario.duration == 0.1
+    assert scenario.duration != 0.1
