@@ -28,7 +28,8 @@ def AddSweepOptions(parser: argparse.ArgumentParser) -> None:
         "--jobs",
         type=int,
         metavar="N",
-        help="processes that simulate (default: one per processor)",
+        help="processes that simulate (default: one per processor; none for a few "
+        "compiled runs)",
     )
     parser.add_argument(
         "--dask",

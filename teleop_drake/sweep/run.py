@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import json
 import os
+import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -18,11 +19,17 @@ from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.workers import WorkerProcesses
+from teleop_drake.sweep.workers import CALLS_PER_PROCESS, WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
 # So many runs wait in the executor: enough for a large cluster.
 _MAX_IN_FLIGHT = 1000
+
+# Compiled runs that would take no longer than this, in s, than worker processes take to
+# start and import, are done without. They are no more than a worker does before it is
+# recycled, because a run may leave memory behind.
+_START_OF_WORKERS = 6.0
+_MAX_HERE = CALLS_PER_PROCESS
 
 
 def Sweep(
@@ -59,7 +66,8 @@ def Sweep(
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
             open. None makes WorkerProcesses.
-        jobs: Number of WorkerProcesses, >= 1; None: as many as there are processors.
+        jobs: Number of WorkerProcesses, >= 1; None: as many as there are processors,
+            and none for compiled runs that would be done before these have started.
         out: Folder to write to; None writes nothing.
         resume: Whether to go on with the sweep in `out`, if there is one. To have a
             run done again, delete its line in runs.jsonl.
@@ -237,22 +245,49 @@ def _RunAll(
     if progress is not None:
         progress(len(records), len(runs))
     missing = [run for run in runs if run not in records]
-    if missing and plan.engine != "drake":
+    is_compiled = bool(missing) and plan.engine != "drake"
+    if is_compiled:
         why = WhyNotCompiled(plan.scenario)
         if why:
             (notice or warnings.warn)(f"Run in Drake's Simulator: {why}.")
+            is_compiled = False
+
+    def Take(record: dict[str, Any]) -> None:
+        records[record["run"]] = record
+        if folder is not None:
+            folder.Append(record)
+        if progress is not None:
+            progress(len(records), len(runs))
+
     with contextlib.ExitStack() as stack:
+        if is_compiled and executor is None and jobs is None:
+            for record in _SimulateHere(plan, missing):
+                Take(record)
+            missing = [run for run in runs if run not in records]
         if missing and executor is None:
             executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(missing)))
             stack.callback(executor.shutdown, cancel_futures=True)
         if executor is not None:
             for record in _Simulate(plan, missing, executor):
-                records[record["run"]] = record
-                if folder is not None:
-                    folder.Append(record)
-                if progress is not None:
-                    progress(len(records), len(runs))
+                Take(record)
     return [records[run] for run in runs]
+
+
+def _SimulateHere(plan: SweepPlan, runs: Sequence[int]) -> Iterator[dict[str, Any]]:
+    """Simulates runs of a plan in this process, until worker processes would pay."""
+    times: list[float] = []
+    for i, run in enumerate(runs[:_MAX_HERE]):
+        # The first run may compile.
+        if sum(times[1:]) * (len(runs) - i) > _START_OF_WORKERS * max(i - 1, 0) > 0:
+            return
+        start = clock.process_time()
+        record = _SimulateOne(plan.source, _Overrides(plan, run), "auto")
+        times.append(clock.process_time() - start)
+        yield {"run": run, "varied": plan.points[run], **record}
+
+
+def _Overrides(plan: SweepPlan, run: int) -> list[str]:
+    return [*plan.overrides, *PointOverrides(plan.points[run])]
 
 
 def _Simulate(
@@ -264,9 +299,9 @@ def _Simulate(
     retried: set[int] = set()
 
     def Submit(run: int) -> None:
-        overrides = [*plan.overrides, *PointOverrides(plan.points[run])]
         # Why it is not machine code was said once for all.
         engine = "drake" if plan.engine == "drake" else "auto"
+        overrides = _Overrides(plan, run)
         future = executor.submit(_SimulateOne, plan.source, overrides, engine)
         pending[run] = future
         future.add_done_callback(lambda future: finished.put((run, future)))

@@ -18,7 +18,7 @@ _T = TypeVar("_T")
 
 # In Drake before 1.56 a simulation leaks up to two megabytes, because a Diagram with a
 # LeafSystem written in Python is never freed.
-_CALLS_PER_PROCESS = 100
+CALLS_PER_PROCESS = 100
 
 # What processes are for; to import it takes a second.
 _IMPORTED = (
@@ -50,7 +50,7 @@ class WorkerProcesses(Executor):
         ValueError: If jobs or calls_per_process is less than 1.
     """
 
-    def __init__(self, jobs: int, *, calls_per_process: int = _CALLS_PER_PROCESS):
+    def __init__(self, jobs: int, *, calls_per_process: int = CALLS_PER_PROCESS):
         for name, value in (("jobs", jobs), ("calls_per_process", calls_per_process)):
             CheckNumber(name, value, minimum=1)
         self._calls_per_process = calls_per_process

@@ -678,6 +678,34 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
         sweep.PlanSweep("one_dof", grid, engine="steam")
 
 
+def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
+    """Their numbers are those of single runs, and so are those of longer sweeps."""
+    grid = {"delay": [0.02, 0.05, 0.1, 0.15]}
+
+    def Records():
+        return Sweep("one_dof", grid, overrides=SHORT, engine="auto").records
+
+    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
+    records = Records()
+    for delay, record in zip(grid["delay"], records, strict=True):
+        scenario = LoadScenario("one_dof", SHORT | {"delay": delay})
+        expected = RunSummary(simulate(scenario, engine="compiled"))
+        assert record["metrics"] == expected["metrics"]
+        assert record["final"] == expected["final"]
+    workers = []
+
+    def Workers(jobs):
+        workers.append(jobs)
+        return ThreadPoolExecutor(jobs)
+
+    # Where they would pay, they do what is left after two runs; or all, if asked for.
+    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", Workers)
+    monkeypatch.setattr("teleop_drake.sweep.run._START_OF_WORKERS", 1e-9)
+    assert Records() == records and workers == [min(2, os.cpu_count())]
+    threads = Sweep("one_dof", grid, overrides=SHORT, engine="auto", jobs=1).records
+    assert threads == records and workers[1:] == [1]
+
+
 def test_the_controllers_are_a_choice():
     """The thesis's two, unless options say what the controller is."""
 
