@@ -1,21 +1,13 @@
 """Packets with fates of their own: jitter, loss, reordering, and a receiver."""
 
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    EventStatus,
-    LeafSystem,
-    State,
-)
+from pydrake.systems.framework import Context
 
 from teleop_drake.channels.base import CheckChannel, ConstantDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
@@ -26,9 +18,7 @@ from teleop_drake.channels.packet_statistics import (
 from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
-from teleop_drake.integrator.problem import TIE
-from teleop_drake.kernel import Delay, Kernel, Packet
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -38,61 +28,7 @@ from teleop_drake.validation import (
 )
 
 
-@dataclass(frozen=True)
-class _Packet:
-    """What arrives, and the slope (per s) with which the signal goes on from it."""
-
-    stamp: float
-    value: tuple[float, ...]
-    slope: tuple[float, ...] | None = None
-
-
-@dataclass(frozen=True)
-class _Packets:
-    """The packet that is shown and those under way, in the order of both their time
-    stamps and the times at which they will be shown.
-
-    One that a newer packet overtakes will never be shown and is left out. `next` is the
-    number of the next one to be sent. Immutable, so that a copy of the state is the
-    object itself.
-    """
-
-    next: int
-    times: tuple[float, ...]
-    packets: tuple[_Packet, ...]
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Packets":
-        return self
-
-    def Send(
-        self, k: int, packet: _Packet, time: float, *, is_line: bool
-    ) -> "_Packets":
-        """Adds packet k which will be shown at a time, or never."""
-        if time == math.inf:
-            return replace(self, next=k + 1)
-        keep = max(bisect_left(self.times, time), 1)
-        previous = self.packets[keep - 1]
-        if is_line and previous.stamp > -math.inf:
-            gap = packet.stamp - previous.stamp
-            packet = _Packet(
-                packet.stamp,
-                packet.value,
-                tuple(
-                    (b - a) / gap
-                    for a, b in zip(previous.value, packet.value, strict=True)
-                ),
-            )
-        return _Packets(
-            k + 1, (*self.times[:keep], time), (*self.packets[:keep], packet)
-        )
-
-    def Deliver(self, time: float) -> "_Packets":
-        """Drops what is older than what is shown once all is done at a time."""
-        first = bisect_right(self.times, time) - 1
-        return _Packets(self.next, self.times[first:], self.packets[first:])
-
-
-class NetworkDelay(LeafSystem):
+class NetworkDelay(KernelBlock):
     """Delays a vector signal in packets which a network delays, loses and reorders.
 
     Packet k carries signal(k h), h = sample period of the network, and arrives at
@@ -109,15 +45,8 @@ class NetworkDelay(LeafSystem):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State: the packet shown and those under way (one abstract value). The random
-    numbers are no state: they are functions of the packet's number.
-
-    Jumps: packets are sent in an unrestricted update, with what was there before other
-    updates at the same instant; see ticks. They arrive at times of their own, which no
-    event of Drake marks: a step should end at NextJumpTime(), as simulate() makes it,
-    or the integrator has to find the jump by refusing steps. At the very instant the
-    output keeps the value before the jump until the unrestricted update at the end of
-    that step, so blocks that record jumps see both sides.
+    State, jumps: those of PacketLine. The random numbers are no state: they are
+    functions of the packet's number.
 
     Initial value: `initial_value` is delivered until the first packet is shown.
 
@@ -144,78 +73,33 @@ class NetworkDelay(LeafSystem):
         size: int,
         initial_value: Sequence[float] | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckChannel(
             delay=network.profile.delay, size=size, initial_value=initial_value
         )
         self._network = network
         self._receiver = receiver or Receiver()
         CheckReceiver(self._receiver)
-        initial = (
-            [0.0] * size if initial_value is None else [float(x) for x in initial_value]
-        )
-        self._initial_value = initial
-        self._signal = self.DeclareVectorInputPort("signal", size)
-        self._packets = self.DeclareAbstractState(
-            AbstractValue.Make(
-                _Packets(0, (-math.inf,), (_Packet(-math.inf, tuple(initial)),))
-            )
-        )
-        self.DeclareVectorOutputPort(
-            "delayed_signal",
-            size,
-            self._CalcDelayedSignal,
-            prerequisites_of_calc={
-                self.time_ticket(),
-                self.abstract_state_ticket(self._packets),
-            },
-        )
-        self._tie = TIE * network.sample_period
-        DeclareTicks(self, Ticks(network.sample_period), self._Send)
-        self.DeclarePerStepUnrestrictedUpdateEvent(self._Deliver)
+        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self.DeclareVectorInputPort("signal", size)
+        self.DeclareOutputs(delayed_signal=size)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
+        network, receiver = self._network, self._receiver
         return Kernel(
             delays=[
                 Delay(
                     signal="signal",
                     output="delayed_signal",
                     initial_value=self._initial_value,
-                    packets=self._PacketsUntil,
+                    period=network.sample_period,
+                    shown=lambda k: network.Shown(k, receiver),
+                    extrapolates=receiver.policy == "extrapolate",
+                    end=network.profile.duration,
                 )
             ]
         )
-
-    def _PacketsUntil(self, end: float) -> list[Packet]:
-        """Returns the packets that are shown until a time, as _Packets has them."""
-        h, is_line = self._network.sample_period, self._receiver.policy == "extrapolate"
-        packets: list[Packet] = []
-        for k in range(math.floor(end / h) + 1):
-            shown = self._network.Shown(k, self._receiver)
-            if shown > end:
-                # Lost, or never seen; if it is seen by nobody it overtakes nobody.
-                continue
-            while packets and packets[-1].shown >= shown:
-                packets.pop()
-            previous = packets[-1].sent if is_line and packets else -math.inf
-            packets.append(Packet(shown=shown, sent=k * h, previous=previous))
-        return packets
-
-    def NextJumpTime(self, context: Context) -> float:
-        """Returns when the next packet will be shown (s), infinity if none is known.
-
-        A step that ends at this very time is not disturbed by the jump.
-
-        Args:
-            context: The Context of this block.
-        """
-        packets = context.get_abstract_state(self._packets).get_value()
-        jump = packets.times[1] if len(packets.times) > 1 else math.inf
-        # One that is sent during the next step may arrive within it.
-        if packets.next * self._network.sample_period > self._network.profile.duration:
-            return jump
-        return min(jump, self._network.Shown(packets.next, self._receiver))
 
     def Statistics(self, context: Context) -> PacketStatistics:
         """Returns what has become of the packets sent before now.
@@ -226,43 +110,6 @@ class NetworkDelay(LeafSystem):
         return ComputePacketStatistics(
             self._network, self._receiver, context.get_time()
         )
-
-    def _Send(self, context: Context, state: State) -> None:
-        packets = context.get_abstract_state(self._packets).get_value()
-        k = round(context.get_time() / self._network.sample_period)
-        shown = self._network.Shown(k, self._receiver)
-        sent = k * self._network.sample_period
-        packet = _Packet(sent, tuple(self._signal.Eval(context).tolist()))
-        is_line = self._receiver.policy == "extrapolate"
-        state.get_mutable_abstract_state(self._packets).set_value(
-            packets.Send(k, packet, shown, is_line=is_line)
-        )
-
-    def _Deliver(self, context: Context, state: State) -> EventStatus:
-        # What is sent now may be delivered now.
-        packets = state.get_abstract_state(self._packets).get_value()
-        now = context.get_time() + self._tie
-        if len(packets.times) == 1 or packets.times[1] > now:
-            return EventStatus.DidNothing()
-        state.get_mutable_abstract_state(self._packets).set_value(packets.Deliver(now))
-        return EventStatus.Succeeded()
-
-    def _CalcDelayedSignal(self, context: Context, output: BasicVector) -> None:
-        packets = context.get_abstract_state(self._packets).get_value()
-        time = context.get_time()
-        # What arrives now is shown once the step has ended here.
-        i = max(bisect_left(packets.times, time - self._tie) - 1, 0)
-        packet = packets.packets[i]
-        if packet.slope is None:
-            output.SetFromVector(packet.value)
-        else:
-            elapsed = time - packets.times[i]
-            output.SetFromVector(
-                [
-                    x + slope * elapsed
-                    for x, slope in zip(packet.value, packet.slope, strict=True)
-                ]
-            )
 
 
 @dataclass(kw_only=True, eq=False)

@@ -4,9 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
-
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
     ChannelConfig,
@@ -14,12 +11,12 @@ from teleop_drake.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.integrator.problem import TIE
-from teleop_drake.kernel import Delay, Kernel, Packet
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 
-class SampledDelay(LeafSystem):
+class SampledDelay(KernelBlock):
     """Delays a vector signal that is sent in packets and held between them.
 
         delayed_signal(t) = signal(k h)    for k h + delay < t <= (k + 1) h + delay
@@ -33,11 +30,7 @@ class SampledDelay(LeafSystem):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State (discrete): the packets under way, newest first (floor(delay / h) + 1
-    packets of `size`), and the packet that is held (size). Both change in unrestricted
-    updates, so blocks that record jumps see them; see ticks. A packet carries what was
-    there before other updates at the same instant. NextJumpTime() tells simulate() when
-    to record both sides of a jump.
+    State, jumps: those of PacketLine. A step ends where a packet is delivered, too.
 
     Initial value: `initial_value` is delivered until the first packet, sent at
     t = 0, arrives.
@@ -65,91 +58,39 @@ class SampledDelay(LeafSystem):
         size: int,
         initial_value: Sequence[float] | None = None,
     ):
-        LeafSystem.__init__(self)
+        KernelBlock.__init__(self)
         CheckChannel(delay=delay, size=size, initial_value=initial_value)
         CheckNumber("sample_period", sample_period, "s", above=0)
         if 0 < delay < sample_period:
             Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
-        self._size = size
-        self._delay = delay
-        self._signal = self.DeclareVectorInputPort("signal", size)
-        if delay == 0:
-            self.DeclareVectorOutputPort(
-                "delayed_signal",
-                size,
-                self._CopySignal,
-                prerequisites_of_calc={self._signal.ticket()},
-            )
-            return
+        self._delay, self._period = delay, sample_period
+        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self.DeclareVectorInputPort("signal", size)
         # The margin keeps 0.1 / 0.01 at ten whole periods.
-        num_periods = math.floor(delay / sample_period + TIE)
-        self._sends = Ticks(sample_period)
-        offset = delay - num_periods * sample_period
-        is_late = offset > TIE * sample_period
-        self._delivers = Ticks(sample_period, offset if is_late else 0.0)
-        initial = np.zeros(size) if initial_value is None else np.array(initial_value)
-        self._num_periods, self._initial_value = num_periods, initial.tolist()
-        self._packets = self.DeclareDiscreteState(np.tile(initial, num_periods + 1))
-        self._held = self.DeclareDiscreteState(initial)
-        self.DeclareVectorOutputPort(
-            "delayed_signal",
-            size,
-            self._CopyHeld,
-            prerequisites_of_calc={self.discrete_state_ticket(self._held)},
-        )
-        DeclareTicks(self, self._sends, self._Send)
-        DeclareTicks(self, self._delivers, self._Deliver)
+        self._num_periods = math.floor(delay / sample_period + TIE)
+        offset = delay - self._num_periods * sample_period
+        self._offset = offset if offset > TIE * sample_period else 0.0
+        if delay > 0:
+            DeclareTicks(self, Ticks(sample_period, self._offset), None)
+        self.DeclareOutputs(delayed_signal=size)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
         if self._delay == 0:
             return Kernel(outputs={"delayed_signal": "signal"})
+        period, offset, late = self._period, self._offset, self._num_periods
         return Kernel(
             delays=[
                 Delay(
                     signal="signal",
                     output="delayed_signal",
                     initial_value=self._initial_value,
-                    packets=self._Packets,
+                    period=period,
+                    # As Drake counts ticks.
+                    shown=lambda k: offset + (k + late) * period,
                 )
             ]
         )
-
-    def _Packets(self, end: float) -> list[Packet]:
-        """Returns the packets that are shown until a time."""
-        h = self._sends.period
-        late = self._num_periods * h + self._delivers.offset
-        count = max(math.floor((end - late) / h + 1), 0)
-        return [Packet(shown=k * h + late, sent=k * h) for k in range(count)]
-
-    def NextJumpTime(self, context: Context) -> float:
-        """Returns when the next packet is delivered (s), infinity without a delay.
-
-        Args:
-            context: The Context of this block.
-        """
-        if self._delay == 0:
-            return math.inf
-        return self._delivers.After(context.get_time())
-
-    def _Send(self, context: Context, state: State) -> None:
-        packets = context.get_discrete_state(self._packets).CopyToVector()
-        state.get_mutable_discrete_state(self._packets).SetFromVector(
-            np.concatenate((self._signal.Eval(context), packets[: -self._size]))
-        )
-
-    def _Deliver(self, context: Context, state: State) -> None:
-        # What is sent now may be delivered now.
-        packets = state.get_mutable_discrete_state(self._packets).CopyToVector()
-        state.get_mutable_discrete_state(self._held).SetFromVector(
-            packets[-self._size :]
-        )
-
-    def _CopySignal(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._signal.Eval(context))
-
-    def _CopyHeld(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(self._held).CopyToVector())
 
 
 MAX_PACKETS = 100_000

@@ -32,6 +32,7 @@ from teleop_drake.integrator.problem import (
     make_memory,
 )
 from teleop_drake.kernel import Delay, Packet
+from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
 Array = NDArray[np.float64]
@@ -311,8 +312,8 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
     """Returns the packets of a delay; for nobody where T(t) is not smooth."""
-    if delay.packets is not None:
-        return delay.packets(end)
+    if delay.shown is not None:
+        return PacketsUntil(delay, end)
     return [Packet(shown=t, sent=t) for t in sorted(delay.nonsmooth_times) if t <= end]
 
 

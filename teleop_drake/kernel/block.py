@@ -21,6 +21,7 @@ from pydrake.systems.framework import (
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
+from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.terms import WORDS, TermReader
 from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import Choices, Refuse
@@ -35,8 +36,8 @@ class KernelBlock(LeafSystem):
     then calls DeclareOutputs(). What an output depends on follows from its term.
 
     Events are made of the transitions; see Events. The mode is one vector, which the
-    block has declared. Delays have a state of their own, see DelayLine; a block that
-    has some has no mode.
+    block has declared. Delays have a state of their own, see DelayLine and
+    PacketLine; a block that has some has no mode.
 
     Attributes:
         delays: What is under way.
@@ -50,7 +51,7 @@ class KernelBlock(LeafSystem):
 
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
-    delays: tuple[DelayLine, ...] = ()
+    delays: tuple[DelayLine | PacketLine, ...] = ()
     longest_step = math.inf
     _kernel_rate: _Value | None = None
 
@@ -71,7 +72,10 @@ class KernelBlock(LeafSystem):
             reader = _Reader(self, kernel, f"outputs.{name}", is_compiled=is_compiled)
             self._kernel_outputs[name] = reader.Read(term)
             tickets[name] = reader.tickets or {self.nothing_ticket()}
-        lines = {delay.output: DelayLine(self, delay) for delay in kernel.delays}
+        lines = {
+            delay.output: (PacketLine if delay.shown else DelayLine)(self, delay)
+            for delay in kernel.delays
+        }
         for name, line in lines.items():
             self._kernel_outputs[name], tickets[name] = line.Eval, line.tickets
         self.delays = tuple(lines.values())

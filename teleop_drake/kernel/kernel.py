@@ -89,11 +89,15 @@ class Delay:
             when the signal comes out: continuous, of slope < 1. Not used with packets.
         shortest: Of T(t), s, > 0; no step of Drake's may be longer.
         nonsmooth_times: Where the slope of T(t) jumps, s.
-        end: Until when T(t) is known, s.
+        end: Until when T(t), or what becomes of packets, is known, s.
         max_sample_interval: Longest time between two samples in Drake, s; infinity: the
             steps are as they come. None: 0.01 s, or the shortest delay if that is less.
-        packets: Returns the packets that are shown until a time in s, by ascending
-            `shown`; None: the signal itself comes out, `time` later.
+        period: Of the packets, in s; packet k is taken at k period, with what was there
+            before the events at that instant.
+        shown: Returns when packet k is shown, s, unless a newer one is by then;
+            infinity: never. None: no packets, the signal itself comes out.
+        extrapolates: Whether the signal goes on from a packet along the line through it
+            and the one that it replaces; otherwise it is held.
     """
 
     signal: str
@@ -104,7 +108,9 @@ class Delay:
     nonsmooth_times: Sequence[float] = ()
     end: float = math.inf
     max_sample_interval: float | None = None
-    packets: Callable[[float], Sequence[Packet]] | None = None
+    period: float = math.inf
+    shown: Callable[[int], float] | None = None
+    extrapolates: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

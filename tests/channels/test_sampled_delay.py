@@ -85,16 +85,6 @@ def test_bad_parameters(arguments, message):
         SampledDelay(**(defaults | arguments))
 
 
-@pytest.mark.parametrize(("delay", "first"), [(0.1, 0.01), (0.105, 0.005)])
-def test_next_jump_times_are_the_deliveries(delay, first):
-    block = SampledDelay(delay=delay, sample_period=0.01, size=1)
-    context = block.CreateDefaultContext()
-    for k in range(100):
-        time = block.NextJumpTime(context)
-        assert time == pytest.approx(first + 0.01 * k, abs=1e-12)
-        context.SetTime(time)
-
-
 def test_nothing_jumps_without_delay():
     block = SampledDelay(delay=0.0, sample_period=0.01, size=1)
     assert block.NextJumpTime(block.CreateDefaultContext()) == math.inf

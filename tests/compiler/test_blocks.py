@@ -171,7 +171,7 @@ def wrong(block, **changes):
         ("transport", {"time": 0.301}),
         ("transport", {"initial_value": [1, 2.1]}),
         ("variable", {"time": lambda t: 0.2}),
-        ("network", {"packets": lambda end: []}),
+        ("network", {"shown": lambda k: np.inf}),
     ],
 )
 def test_a_wrong_transition_or_delay_is_found(block, changes):
