@@ -43,13 +43,21 @@ class AdaptiveBackstepping(KernelBlock):
     """Tracks the operator's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
-        alpha   = F_e - Psi^-1 (W1 Phi + G1 s),   z = F_c - alpha         (4.23, 5.22)
+        alpha   = F_e - Psi^-1 (W1 Phi + G1 s)                            (4.23, 5.22)
+        z       = F_c - alpha                                             (4.18, 5.17)
         dF_c/dt = alpha' - Psi^T P s - G2 z                               (4.32, 5.31)
+        alpha'  = W3 Phi + Psi^-1 dPsi/dt Psi^-1 (W1 Phi + G1 s)
+                  - Psi^-1 (d(W1 Phi)/dt + G1 s')                         (4.31, 5.30)
+        s'      = Psi (F_c - F_e) + W1 Phi                                (4.36, 5.35)
+        g       = P s + G1^T Psi^-T z
+        dW1/dt  = beta1 (g Phi^T - nu1 W1)                                (4.52, 5.51)
+        dPsi/dt = beta2 proj[g (F_c - F_e)^T + Upsilon (Psi0 - Psi)]      (4.52, 5.51)
+        dW3/dt  = -beta3 (z Phi^T + nu3 W3)                               (4.52, 5.51)
 
-    together with the update laws of W1, Psi and W3 (4.52, 5.51). The law itself is
-    `teleop_drake.laws.backstepping`. F_hd = F_h(t - T_f) and v_dd = v_d(t - T_f) are
-    what arrives over the forward channel. Both networks have the tool's position as
-    their input.
+    with proj[] of (4.53), which keeps Psi invertible. The proof, and why the sign of
+    dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
+    F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
+    networks have the tool's position as their input.
 
     | port | name                | size  | unit  | is                       |
     |------|---------------------|-------|-------|--------------------------|
