@@ -32,7 +32,7 @@ def CompileIntegrator(*arguments: Any) -> Integrator:
 @functools.cache
 def _Integrator(types: tuple[Any, ...]) -> Integrator:
     data, _ = Kept("advance", MakeTypedCode(cast(FunctionType, advance), types))
-    return Integrator(Library(data))
+    return Integrator(Library(data, "advance", "fault"))
 
 
 def CompileEvaluate(program: Program) -> Evaluate:
@@ -70,7 +70,7 @@ def _Compiled(
         q = np.array(integers, np.int64)
         traced = TraceProgram(text, dict(names), sizes, num_parameters, q)
         data, is_from_cache = Kept("evaluate", MakeCode(traced))
-        library = Library(data)
+        library = Library(data, "evaluate")
         return Evaluate(library.Address("evaluate"), library, is_from_cache)
 
     return UpToDate([function for _, function in names], Make)

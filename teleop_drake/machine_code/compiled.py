@@ -149,7 +149,7 @@ def _LibraryOf(
 
         def Make() -> Library:
             data, _ = Kept(law.__name__.strip("<>"), MakeCode(TraceLaw(law, samples)))
-            return Library(data)
+            return Library(data, "evaluate")
 
         _libraries[law, structure] = UpToDate([law], Make)
     return _libraries[law, structure].Get()
@@ -194,5 +194,7 @@ class CompiledLoops:
             types = tuple(map(TypeOf, arguments))
             function = cast(FunctionType, self.function)
             data, _ = Kept(function.__name__, MakeTypedCode(function, types))
-            self._call = BoundLoops(Library(data), function.__name__, types)
+            self._call = BoundLoops(
+                Library(data, function.__name__, "fault"), function.__name__, types
+            )
         self._call(*arguments)

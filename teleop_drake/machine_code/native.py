@@ -2,6 +2,7 @@
 
 import ctypes
 import functools
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -32,12 +33,6 @@ def Targets() -> Any:
         llvm.initialize_native_asmprinter()
     except RuntimeError:  # Newer ones are initialised as they are.
         pass
-    # C's mathematics, where the process does not export it.
-    library = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
-    for name in LIBRARY_FUNCTIONS:
-        if hasattr(library, name):
-            address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-            llvm.add_symbol(name, address)
     return [_Machine(level) for level in (1, 2)]
 
 
@@ -83,37 +78,51 @@ def ObjectFile(code: str) -> bytes:
     return data
 
 
+@functools.cache
+def _Linker() -> Any:
+    """Returns what links libraries, and a number for each."""
+    import llvmlite.binding as llvm
+
+    Targets()
+    return llvm.create_lljit_compiler(), itertools.count()
+
+
 class Library:
     """The functions of an object file.
 
     Args:
         data: The file.
+        names: Of its functions and variables that are asked for.
     """
 
-    def __init__(self, data: bytes):
+    def __init__(self, data: bytes, *names: str):
         import llvmlite.binding as llvm
 
-        Targets()
-        # It takes over what it is made of, so each gets a machine of its own.
-        machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(data))
-        self._engine.finalize_object()
+        linker, numbers = _Linker()
+        builder = llvm.JITLibraryBuilder().add_object_img(data).add_current_process()
+        # C's mathematics, where the process does not export it.
+        library = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
+        for name in LIBRARY_FUNCTIONS:
+            if hasattr(library, name):
+                function = ctypes.cast(getattr(library, name), ctypes.c_void_p)
+                builder.import_symbol(name, function.value)
+        for name in names:
+            builder.export_symbol(name)
+        self._addresses = builder.link(linker, f"library{next(numbers)}")
         self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
-        """Returns where a function is.
+        """Returns where a function or variable is.
 
         Args:
-            name: Of the function.
+            name: One of the names that were asked for.
         """
-        return int(self._engine.get_function_address(name))
+        return int(self._addresses[name])
 
     def RaiseFault(self) -> None:
         """Raises an IndexError if loops have ended at an index; see typed_code."""
         if self._fault is None:
-            address = self._engine.get_global_value_address("fault")
-            self._fault = ctypes.c_char_p.from_address(address)
+            self._fault = ctypes.c_char_p.from_address(self.Address("fault"))
         place = self._fault
         if place.value is not None:
             where, place.value = place.value.decode(), None

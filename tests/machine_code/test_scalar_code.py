@@ -87,7 +87,7 @@ def test_machine_code_and_python_agree(function):
     python = dict(names)
     exec(text, python)
     program = TraceProgram(text, names, (size + 1, num_x, 1), 2, q)
-    library = Library(ObjectFile(MakeCode(program)))
+    library = Library(ObjectFile(MakeCode(program)), "evaluate")
     evaluate = Evaluate(library.Address("evaluate"), library, False)
     for _ in range(50):
         x, m, p = rng.normal(size=num_x), rng.normal(size=1), rng.normal(size=2)
@@ -106,7 +106,9 @@ def test_a_law_is_the_same_in_machine_code(law):
     rng = np.random.default_rng(1)
     program = TraceLaw(law, [np.ones(6)])
     memory, result = np.zeros(6), np.zeros(len(program.stores))
-    call = BoundEvaluate(Library(ObjectFile(MakeCode(program))), memory, result)
+    call = BoundEvaluate(
+        Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
+    )
     for k in range(40):
         memory[:] = x = rng.normal(size=6) * (0.7 if k % 2 else 1.5)
         call()

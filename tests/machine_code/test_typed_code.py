@@ -93,7 +93,7 @@ def test_machine_code_and_python_agree(t):
         arguments = work, t, 5
         if is_compiled:
             code = MakeTypedCode(everything, [TypeOf(work), FLOAT, INTEGER])
-            library = Library(ObjectFile(code))
+            library = Library(ObjectFile(code), "everything")
             number, pointer = ctypes.c_int64, ctypes.c_void_p
             kind = ctypes.CFUNCTYPE(number, pointer, ctypes.c_double, number)
             header = np.array(Header(work), np.int64)
