@@ -436,7 +436,7 @@ def CallUfunc(
     ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
 ) -> Any:
     """Calls a ufunc of numpy, as __array_ufunc__ has it."""
-    traced = UFUNCS.get(ufunc, ufunc if ufunc in (np.matmul, np.vecdot) else None)
+    traced = UFUNCS.get(ufunc)
     is_along_axis = method in ("reduce", "accumulate")
     if is_along_axis and ufunc in (np.logical_and, np.logical_or):
         keywords.pop("dtype", None)

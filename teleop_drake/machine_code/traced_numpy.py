@@ -447,7 +447,7 @@ _ELEMENTWISE |= {
 UFUNCS |= {
     getattr(np, name): np.frompyfunc(function, getattr(np, name).nin, 1)
     for name, function in _ELEMENTWISE.items()
-} | {np.add: np.add, np.multiply: np.multiply}
+} | {ufunc: ufunc for ufunc in (np.add, np.multiply, np.matmul, np.vecdot)}
 _CLIP = np.frompyfunc(_Clip, 3, 1)
 
 # What does not care about what is in an array.
