@@ -120,20 +120,8 @@ class FixedFields:
         super().__setattr__(name, value)
 
 
-class _ShortRepr(reprlib.Repr):
-    """repr() on one short line, also of numbers that Python refuses to write out."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxstring = self.maxother = self.maxlong = 60
-
-    def repr_int(self, x: int, level: int) -> str:
-        """Returns the digits, or those of the hexadecimal number if there are many."""
-        is_long = x.bit_length() > 1000
-        return self.repr_instance(hex(x), level)[1:-1] if is_long else repr(x)
-
-
-_SHORT = _ShortRepr()
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 def Show(value: Any) -> str:

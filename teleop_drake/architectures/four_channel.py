@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
-from teleop_drake.architectures.checks import CheckFourChannel
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.four_channel import (
@@ -23,6 +22,7 @@ from teleop_drake.laws.four_channel import (
 )
 from teleop_drake.validation import (
     CheckGain,
+    CheckNumber,
     FixedFields,
     GainField,
     GainMatrix,
@@ -109,7 +109,7 @@ class FourChannelMaster(KernelBlock):
             "local_damping", local_damping, n, may_be_zero=True
         )
         self._factors = np.array([C2, C4, C6], dtype=float)
-        CheckFourChannel(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
+        _CheckFactors(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self.DeclareVectorInputPort("haptic_force", n)
@@ -145,6 +145,14 @@ class FourChannelMaster(KernelBlock):
             },
             unused=("velocity_command",),
         )  # fmt: skip
+
+
+def _CheckFactors(acceleration_bandwidth: float | None, **factors: float) -> None:
+    """Refuses parameters that neither end can have."""
+    for name, value in factors.items():
+        CheckNumber(name, value)
+    if acceleration_bandwidth is not None:
+        CheckNumber("acceleration_bandwidth", acceleration_bandwidth, "rad/s", above=0)
 
 
 class FourChannelSlave(KernelBlock):
@@ -219,7 +227,7 @@ class FourChannelSlave(KernelBlock):
         self._B_c = CheckGain("local_damping", local_damping, n, may_be_zero=True)
         self._K_c = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)
         self._factors = np.array([C1, C3, C5], dtype=float)
-        CheckFourChannel(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
+        _CheckFactors(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
         self._bandwidth = acceleration_bandwidth or 0.0
         width = 4 * n if acceleration_bandwidth else 3 * n
         self.DeclareVectorInputPort("forward_packet", width)

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
-from teleop_drake.architectures.checks import CheckPassivity
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel, KernelBlock, Name, times
 from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
@@ -19,7 +18,14 @@ from teleop_drake.laws.passivity import (
     slave_damping,
 )
 from teleop_drake.laws.proportional import braked_force
-from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import (
+    CheckGain,
+    CheckNumber,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
 
 # Energy that leaves a budget ample, in units of the scale or of E_0.
 _AMPLE = 1e9
@@ -93,7 +99,7 @@ class PassivityMaster(KernelBlock):
     ):
         KernelBlock.__init__(self)
         self.set_name("passivity_master")
-        CheckPassivity(
+        _CheckPositive(
             num_axes,
             horizon=horizon,
             maximum_mobility=maximum_mobility,
@@ -151,6 +157,14 @@ class PassivityMaster(KernelBlock):
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
         """Returns that the budget is ample and stays so."""
         return IdlePart(self._n)
+
+
+def _CheckPositive(num_axes: int, **values: float) -> None:
+    """Refuses parameters that neither end can have."""
+    if num_axes < 1:
+        Refuse("num_axes", num_axes, "a whole number >= 1")
+    for name, value in values.items():
+        CheckNumber(name, value, above=0)
 
 
 class PassivitySlave(KernelBlock):
@@ -216,7 +230,7 @@ class PassivitySlave(KernelBlock):
     ):
         KernelBlock.__init__(self)
         self.set_name("passivity_slave")
-        CheckPassivity(
+        _CheckPositive(
             num_axes,
             horizon=horizon,
             maximum_damping=maximum_damping,

@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector
 
 from teleop_drake.architectures.base import Architecture, ArchitectureConfig
-from teleop_drake.architectures.checks import CheckWavePath
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.kernel import Kernel, KernelBlock, Name, Term, times
@@ -22,7 +21,14 @@ from teleop_drake.laws.wave_variables import (
     slave_force,
     wave_root,
 )
-from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import (
+    CheckGain,
+    CheckNumber,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
 
 
 class WaveMaster(KernelBlock):
@@ -87,7 +93,7 @@ class WaveMaster(KernelBlock):
         self._D = CheckGain("damping", damping, n, may_be_zero=True)
         if start.shape != (n,):
             Refuse("start", start, f"{n} finite numbers (m)")
-        CheckWavePath(scaling, bandwidth)
+        _CheckWavePath(scaling, bandwidth)
         self._f, self._bandwidth = scaling, bandwidth
         self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)
         self.DeclareVectorInputPort("haptic_force", n)
@@ -142,6 +148,13 @@ class WaveMaster(KernelBlock):
             ),
             unused=("velocity_command",),
         )
+
+
+def _CheckWavePath(scaling: float, bandwidth: float | None) -> None:
+    """Refuses what no arriving wave can go through."""
+    CheckNumber("scaling", scaling, above=0, maximum=1)
+    if bandwidth is not None:
+        CheckNumber("bandwidth", bandwidth, "rad/s", above=0)
 
 
 class WaveSlave(KernelBlock):
@@ -201,7 +214,7 @@ class WaveSlave(KernelBlock):
         self.set_name("wave_slave")
         self._S = wave_root(impedance)
         n = self._n = self._S.shape[0]
-        CheckWavePath(scaling, bandwidth)
+        _CheckWavePath(scaling, bandwidth)
         self._f, self._bandwidth = scaling, bandwidth
         if not 0 <= drift_correction < np.inf:
             Refuse("drift_correction", drift_correction, "a number >= 0 (1/s)")

@@ -43,25 +43,12 @@ _FLOAT = re.compile(
     r"|^[-+]\.[0-9][0-9_]*$"
 )
 
-# No number needs so many, and Python refuses to read many more.
-_MAX_DIGITS = 1000
-
 
 class _Loader(yaml.SafeLoader):
     """YAML's safe loader with the numbers that people write, and strict about keys.
 
     PyYAML's own lets the last of equal keys win.
     """
-
-    def construct_yaml_int(self, node: Any) -> int:
-        if len(node.value) > _MAX_DIGITS:
-            raise yaml.constructor.ConstructorError(
-                None,
-                None,
-                f"a number of {len(node.value)} digits is too long",
-                node.start_mark,
-            )
-        return int(super().construct_yaml_int(node))
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = set()
@@ -73,9 +60,6 @@ class _Loader(yaml.SafeLoader):
             if isinstance(key_node, yaml.ScalarNode):
                 keys.add(key_node.value)
         return super().construct_mapping(node, deep)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -8,7 +8,7 @@ import pytest
 
 import teleop_drake
 from teleop_drake.cli import main
-from teleop_drake.cli.site import PAGES
+from teleop_drake.cli.commands.docs import PAGES
 
 
 def Broken(folder: Path) -> list[str]:

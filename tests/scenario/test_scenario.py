@@ -1,7 +1,5 @@
 """Tests of teleop_drake.scenario."""
 
-import copy
-import dataclasses
 import math
 import re
 from pathlib import Path
@@ -14,11 +12,9 @@ from surfaces import Border
 
 from teleop_drake import scenario as dut
 from teleop_drake.robots import SliderConfig
-from teleop_drake.robots.driven_arm import DrivenArmConfig
 from teleop_drake.scenario import (
     DELAYS,
     CheckSteps,
-    GainMatrix,
     LoadScenario,
     OverriddenPaths,
     Scenario,
@@ -98,49 +94,8 @@ def test_gains(name):
 
 
 @pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING)
-def test_files_state_every_field_with_its_source(name):
-    # Null is written out only where it means something.
-    unused = {}
-    unused["forward_channel"] = unused["return_channel"] = {
-        field.name for field in dataclasses.fields(dut.ChannelConfig)
-    } - {"kind", "delay"}
-    if name not in TRACKING:
-        unused["controller"] = set(dut.ARCHITECTURES) - set(dut.CONTROLLERS)
-        unused["controller"] |= {"parameters", "robust"}
-        unused["controller"] -= {"robust_backstepping"}  # It has no section.
-        # One rate for all laws, or one for each.
-        rates = {"beta1", "beta2", "beta3"}
-        unused["controller"] |= {"adaptation_rate"} if name in PUMA else rates
-    if name in BUILT_IN + LEARNING:
-        unused["environment"] = {"kind", "direction"}
-    # What an arm may carry and hold besides.
-    held = {field.name for field in dataclasses.fields(DrivenArmConfig)}
-    held.add("add_motors")
-    if name in SPACE and name not in PUMA:
-        # It is light, and carries and holds nothing.
-        unused["robot"] = held - {"start", "posture"}
-    if name in LEARNING:
-        unused["robot"] = held - {"start", "posture", "gravity"}
-    unused[""] = {"name", "task"}
-    if name not in TRACKING:
-        unused[""] |= {"actuator", "sensor"}
-    unused["simulator"] = {"start_time", "target_realtime_rate"}
-    text = (SCENARIOS / f"{name}.yaml").read_text()
-
-    def compare(written: dict, complete: dict, path: str) -> None:
-        assert set(complete) - set(written) == unused.get(path, set())
-        for key, value in complete.items():
-            if isinstance(value, dict) and key in written:
-                compare(written[key], value, key)
-
-    written = yaml.safe_load(text)
-    compare(written, yaml.safe_load(ScenarioToYaml(LoadScenario(name))), "")
-    for layer in written.get("environment", {}).get("layers", []):
-        known = {field.name for field in dataclasses.fields(dut.LayerConfig)}
-        # Not the thesis's.
-        absent = {"lateral_stiffness"} if name in BUILT_IN + LEARNING else set()
-        assert set(layer) == known - absent
-    for line in text.splitlines():
+def test_every_value_in_a_file_has_its_source(name):
+    for line in (SCENARIOS / f"{name}.yaml").read_text().splitlines():
         # A value that is neither a section nor the two texts.
         if re.match(r"\s*(- )?\w+: *[^# ]", line) and not re.match(
             "description|source", line
@@ -177,15 +132,6 @@ def test_round_trip(name, tmp_path):
     loaded.controller.G1 += 1
     assert loaded != scenario
     assert scenario != name
-
-
-def test_copies_are_independent():
-    scenario = LoadScenario("one_dof")
-    other = copy.deepcopy(scenario)
-    other.simulator.accuracy = 1e-3
-    other.robot.start[0] = -1.0
-    assert scenario.simulator.accuracy < 1e-3
-    assert scenario == LoadScenario("one_dof")
 
 
 # Defaults.
@@ -236,22 +182,6 @@ def test_missing(key, path, tmp_path):
     file.write_text(yaml.safe_dump(tree))
     with pytest.raises(ScenarioError, match=rf"^{path} = null: must be "):
         LoadScenario(file)
-
-
-def test_what_only_adaptive_control_needs(minimal):
-    for path in ("controller.G1", "controller.network.lower"):
-        overrides = {
-            "controller.G1": 2,
-            "controller.G2": 20,
-            "controller.network": {"lower": [0], "upper": [1], "count": [3]},
-        }
-        LoadScenario(minimal, overrides | {"controller.kind": "adaptive_backstepping"})
-        overrides[path] = None
-        LoadScenario(minimal, {"controller.network.width": 2})
-        with pytest.raises(ScenarioError, match=path):
-            LoadScenario(
-                minimal, overrides | {"controller.kind": "adaptive_backstepping"}
-            )
 
 
 # Overrides.
@@ -340,29 +270,6 @@ def test_numbers_as_people_write_them(text, value):
     assert ParseYaml(DumpYaml(tree), "it") == tree
 
 
-def test_text_that_looks_like_a_number_stays_text():
-    scenario = LoadScenario("one_dof", {"name": "1e3", "description": "-.5"})
-    again = ScenarioFromYaml(ScenarioToYaml(scenario))
-    assert again.name == "1e3" and again.description == "-.5"
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["duration=0x" + "1" * 4000],
-        ["duration=" + "1" * 5000],
-        ["duration=-0b" + "1" * 5000],
-        {"duration": [16**5000]},
-    ],
-    ids=["hexadecimal", "decimal", "binary", "Python"],
-)
-def test_numbers_of_thousands_of_digits(overrides):
-    with pytest.raises(ScenarioError, match="duration") as info:
-        LoadScenario("one_dof", overrides)
-    assert len(str(info.value)) < 200
-    assert "set_int_max_str_digits" not in str(info.value)
-
-
 def test_one_string_is_one_override():
     assert LoadScenario("one_dof", "duration=3").duration == 3
 
@@ -427,11 +334,6 @@ def test_number_of_steps_is_generous(name):
 
 
 # Derived numbers.
-
-
-def test_gain_matrix():
-    assert GainMatrix(3, 2).tolist() == [[3, 0], [0, 3]]
-    assert GainMatrix([[1, 2], [3, 4]], 2).tolist() == [[1, 2], [3, 4]]
 
 
 def test_initial_psi():
@@ -506,12 +408,7 @@ def test_surface_and_puncture(layers, surface, puncture):
 
 BAD_ONE_DOF = [
     ("forward_channel.delay=-0.1", "forward_channel.delay = -0.1: must be 0 or a fin"),
-    ("return_channel.delay=.nan", "return_channel.delay = nan: must be 0 or a finite"),
-    ("return_channel.delay=.inf", "return_channel.delay = inf: must be"),
     ("return_channel.delay=1e-9", "return_channel.delay = 1e-09: must be"),
-    ("return_channel.delay=true", "return_channel.delay = true: must be a number"),
-    ("return_channel.delay=fast", "return_channel.delay = 'fast': must be a number"),
-    ("return_channel.delay=[1]", "return_channel.delay = [1]: must be a number"),
     ("return_channel.delay=", "return_channel.delay = null: must be a number"),
     ("return_channel.sample_period=1", "return_channel.sample_period = 1.0: must be n"),
     ("return_channel.kind=sampled", "return_channel.sample_period = null: must be a"),
@@ -522,40 +419,27 @@ BAD_ONE_DOF = [
         "robot.mass = 0.5: must be null for a two_link",
     ),
     ("robot.start=[0, 0]", "robot.start: [0.0, 0.0] must be a list of 1 finite number"),
-    ("robot.start=[.inf]", "robot.start: [inf] must be"),
     ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
-    ("robot.start=1", "robot.start = [1.0]: must be in front of the contact surface"),
     ("robot.start=[a]", "robot.start = 'a': must be a list of numbers"),
     ("robot.elbow=up", "robot.elbow = 'up': must be null for a slider robot"),
     ("robot.mass=0", "robot.mass: 0.0 must be finite and > 0 kg"),
-    ("robot.mass=.nan", "robot.mass: nan must be finite and > 0 kg"),
     ("robot.damping=-1", "robot.damping: -1.0 must be finite and >= 0 N s/m"),
     ("surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be non-zero"),
     ("surgeon.velocity=[1, 2]", "surgeon.velocity = [1.0, 2.0]: must be a list of 1"),
-    ("surgeon.velocity=[.nan]", "surgeon.velocity = [nan]: must be a list of 1 finite"),
     ("surgeon.contact_force=[]", "surgeon.contact_force = []: must be a list of 1"),
     ("surgeon.stop_time=-1", "surgeon.stop_time = -1.0: must be a finite number >= 0"),
     ("haptic_device.numerator=[1, 2, 3, 4]", "haptic_device.numerator = [1.0, 2.0, 3"),
     ("haptic_device.denominator=[0, 1]", "haptic_device.denominator = [0.0, 1.0]"),
-    ("haptic_device.denominator=[]", "haptic_device.denominator = []: must be"),
-    ("haptic_device.denominator=[1e-308, 0, 0]", "haptic_device.denominator = [1e-30"),
     ("haptic_device.numerator=[.nan]", "haptic_device.numerator = [nan]: must"),
     ("environment.layers.bone.stiffness=-1", "environment.layers.bone.stiffness = -1"),
-    ("environment.layers.2.stiffness=.nan", "environment.layers.bone.stiffness = nan"),
-    ("environment.layers.bone.stiffness=.inf", "environment.layers.bone.stiffness = i"),
     ("environment.layers.free.damping=-1", "environment.layers.free.damping = -1.0: "),
     ("environment.layers.free.reference=.inf", "environment.layers.free.reference ="),
-    ("environment.layers.free.start=0.02", "environment.layers.bone.start = 0.015: mu"),
     ("environment.layers.bone.start=0.0075", "environment.layers.bone.start = 0.0075"),
-    ("environment.layers.bone.start=-.inf", "environment.layers.bone.start = -inf: "),
     ("environment.layers.tissue.start=.inf", "environment.layers.tissue.start = inf:"),
-    ("environment.layers.tissue.start=.nan", "environment.layers.tissue.start = nan:"),
     ("environment.layers.bone.name=free", "environment.layers.2.name = 'free': must b"),
-    ("environment.layers.bone.name=7", "environment.layers.2.name = 7: must be text"),
     ("environment.layers.bone.name=a.b", "environment.layers.2.name = 'a.b': must be"),
     ("environment.layers.1={name: x}", "environment.layers.x.start = null: must be"),
     ("environment.layers.bne.start=1", "environment.layers.bne.start = 1: unknown key"),
-    ("environment.layers.-1.start=1", "environment.layers.-1.start = 1: unknown key"),
     ("environment.layers=1", "environment.layers = 1: must be a list"),
     ("environment=1", "environment = 1: must be a mapping with the keys kind"),
     ("controller.kind=adaptive", "controller.kind = 'adaptive': must be one of"),
@@ -564,28 +448,21 @@ BAD_ONE_DOF = [
         "controller.Lambda = 0.0: must be positive, or a symmetric",
     ),
     ("controller.G1=[[-1]]", "controller.G1 = [[-1.0]]: must be positive"),
-    ("controller.G2=.inf", "controller.G2 = inf: must be positive"),
+    ("controller.G2=null", "controller.G2 = null: must be positive"),
+    ("controller.network.lower=", "controller.network.lower = null: must be a list"),
     ("controller.G2=auto", "controller.G2 = 'auto': must be a number or a matrix"),
-    ("controller.G2=[1]", "controller.G2 = [1]: must be a number or a matrix"),
-    ("controller.P=true", "controller.P = true: must be a number or a matrix"),
     ("controller.adaptation_rate=-1", "controller.adaptation_rate = -1.0: must be a"),
     ("controller.leakage=-0.1", "controller.leakage = -0.1: must be a finite number"),
     ("controller.supervision=1.01", "controller.supervision = 1.01: must be a finite "),
-    ("controller.supervision=-0.01", "controller.supervision = -0.01: must be a fin"),
     ("controller.minimum_psi=0", "controller.minimum_psi = 0.0: must be a finite num"),
     ("controller.minimum_psi=5", "controller.initial_psi = 4.3: must be auto, a posi"),
     ("controller.initial_psi=-4", "controller.initial_psi = -4.0: must be auto"),
-    ("controller.initial_psi=best", "controller.initial_psi = 'best': must be a numb"),
     ("controller.network.count=[0]", "controller.network.count = [0]: must be a list"),
-    ("controller.network.count=[1.5]", "controller.network.count = [1.5]: must be a "),
-    ("controller.network.count=[true]", "controller.network.count = true: must be a "),
     ("controller.network.count=[99999]", "controller.network.count = [99999]: must b"),
     ("controller.network.lower=[0.015]", "controller.network.upper = [0.015]: must be"),
     ("controller.network.upper=[1, 2]", "controller.network.upper = [1.0, 2.0]: must"),
     ("controller.network.width=0", "controller.network.width = 0.0: must be a finite"),
     ("duration=0", "duration = 0.0: must be a finite number > 0 (s)"),
-    ("duration=.inf", "duration = inf: must be a finite number > 0 (s)"),
-    ("duration=10**3", "duration = '10**3': must be a number"),
     ("divergence_speed_ratio=1", "divergence_speed_ratio = 1.0: must be a finite num"),
     ("simulator.accuracy=0", "simulator.accuracy = 0.0: must be a finite number >= 1"),
     ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be a finite"),
@@ -595,17 +472,13 @@ BAD_ONE_DOF = [
     ("simulator.target_realtime_rate=-1", "simulator.target_realtime_rate = -1.0: mu"),
     ("simulator.publish_every_time_step=true", "simulator.publish_every_time_step = "),
     ("name=../escape", "name = '../escape': must be one line of text without / and"),
-    ("name=", "name = null: must be text"),
     ("description=3", "description = 3: must be text"),
     ("forward_chanel.delay=1", "forward_chanel.delay = 1: unknown key 'forward_chanel"),
     ("forward_channel.dely=1", "forward_channel.dely = 1: unknown key 'dely', must be"),
     ("duration.x=1", "duration.x = 1: unknown key 'x', there is nothing below"),
     ("duration", "override 'duration': must be PATH=VALUE"),
-    ("=1", "override '=1': must be PATH=VALUE"),
-    ("duration=[", "override of 'duration' at line 1, column 2: must be valid YAML"),
     ("duration=2020-13-01", "override of 'duration': must be valid YAML (month"),
     ("duration=!!python/name:os.system x", "override of 'duration' at line 1"),
-    ("duration=&a [*a]", "duration = [[["),
     ('description="\\ud800"', "description = '\\ud800': must be text"),
 ]
 
@@ -623,30 +496,17 @@ def test_bad_values(override, message):
     [
         (["robot.start=[0.85]"], "robot.start: [0.85] must be a list of 2 finite"),
         (["robot.start=[1.2, 1.2]"], "robot.start: [1.2, 1.2] is 1.69706 m from the"),
-        (["robot.start=[1.5, 0]"], "robot.start: [1.5, 0.0] is 1.5 m from the"),
-        (["robot.start=[0, 0]"], "robot.start: [0.0, 0.0] is 0 m from the"),
         (["robot.elbow=null"], "robot.elbow: None must be up or down"),
         (["robot.mass=1"], "robot.mass = 1.0: must be null for a two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.G1=[[1, 2], [2, 1]]"], "controller.G1 = [[1.0, 2.0], [2.0, 1.0]"),
-        (["controller.Lambda=[[1]]"], "controller.Lambda = [[1.0]]: must be positive,"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
         # Each is positive definite, the symmetric part of their product is not.
         (
             ["controller.G1=[[40, 0], [0, 1]]", "controller.P=[[1, 0.9], [0.9, 1]]"],
             "controller.P = [[1.0, 0.9], [0.9, 1.0]]: must be such that",
         ),
-        (
-            ["controller.G1=[[1e308, 0], [0, 1]]", "controller.P=1e9"],
-            "controller.P = 1000000000.0: must be such that",
-        ),
         (["controller.initial_psi=[[0, 1], [1, 0]]"], "controller.initial_psi = [[0.0"),
-        (["controller.initial_psi=[[1, 1], [1, 1]]"], "controller.initial_psi = [[1.0"),
-        (
-            ["controller.initial_psi=[[.nan, 1], [1, 1]]"],
-            "controller.initial_psi = [[n",
-        ),
-        (["controller.initial_psi=[[4]]"], "controller.initial_psi = [[4.0]]: must be"),
         (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),
         (
             ["controller.network.count=[1000, 1000]"],
@@ -655,18 +515,6 @@ def test_bad_values(override, message):
         (
             ["forward_channel.kind=sampled", "forward_channel.sample_period=0.11"],
             "forward_channel.sample_period = 0.11: must be at most the delay, 0.1 (s)",
-        ),
-        (
-            ["forward_channel.kind=sampled", "forward_channel.sample_period=0"],
-            "forward_channel.sample_period = 0.0: must be a finite number >= 1e-06 (s)",
-        ),
-        (
-            [
-                "forward_channel.kind=sampled",
-                "forward_channel.sample_period=1e-4",
-                "forward_channel.delay=1000",
-            ],
-            "forward_channel.sample_period = 0.0001: must be a finite number >= 0.01",
         ),
         # In this order: what comes later does not matter if it is bad earlier on.
         (["duration=-1", "environment.layers=x"], "environment.layers = 'x': must be"),
@@ -682,82 +530,28 @@ def test_bad_values_of_the_arm(overrides, message):
 @pytest.mark.parametrize(
     "override, message",
     [
-        (
-            "controller.kind=direct_force",
-            "controller.kind = 'direct_force': must be one",
-        ),
+        ("controller.kind=direct_force", "controller.kind = 'direct_force': must be o"),
         ("controller.Lambda=-1", "controller.Lambda = -1.0: must be positive"),
         ("controller.G1=null", "controller.G1 = null: must be positive"),
-        (
-            "controller.adaptation_rate=-1",
-            "controller.adaptation_rate = -1.0: must be ",
-        ),
         ("controller.adaptation_rate=", "controller.adaptation_rate = null: must be "),
-        (
-            "controller.leakage=.nan",
-            "controller.leakage = nan: must be a finite number",
-        ),
-        (
-            "controller.network.count=[5]",
-            "controller.network.count = [5]: must be a li",
-        ),
-        (
-            "controller.G2=20",
-            "controller.G2 = 20: unknown key 'G2', must be one of kind",
-        ),
-        (
-            "forward_channel.delay=0.1",
-            "forward_channel.delay = 0.1: unknown key 'forwa",
-        ),
+        ("controller.leakage=.nan", "controller.leakage = nan: must be a finite"),
+        ("controller.network.count=[5]", "controller.network.count = [5]: must be a"),
+        ("controller.G2=20", "controller.G2 = 20: unknown key 'G2', must be one of"),
         ("surgeon={}", "surgeon = {}: unknown key 'surgeon', must be one of name"),
-        (
-            "robot={model: slider, start: [0]}",
-            "robot.model = 'slider': must be one of two_link_arm",
-        ),
-        ("robot.start=[2, 0]", "robot.start: [2.0, 0.0] is 2 m from the shoulder"),
-        (
-            "gravity=9.81",
-            "gravity = [9.81]: must be a list of 2 finite numbers (m/s^2)",
-        ),
-        (
-            "trajectory=null",
-            "trajectory = null: must be a mapping with the keys centre",
-        ),
+        ("robot={model: slider, start: [0]}", "robot.model = 'slider': must be one of"),
+        ("gravity=9.81", "gravity = [9.81]: must be a list of 2 finite numbers"),
+        ("trajectory=null", "trajectory = null: must be a mapping with the keys"),
         ("trajectory.centre=[1]", "trajectory.centre = [1.0]: must be a list of 2"),
-        (
-            "trajectory.amplitude=[.inf, 0]",
-            "trajectory.amplitude = [inf, 0.0]: must be",
-        ),
-        ("trajectory.amplitude=[1, 0]", "trajectory.amplitude = [1.0, 0.0]: must keep"),
         # Both ends are in reach, the shoulder in between is not.
         (
             "trajectory={centre: [0.1, 0], amplitude: [0.9, 0]}",
             "trajectory.amplitude = [0.9, 0.0]: must keep the trajectory in reach ([0",
         ),
-        (
-            "trajectory.frequency=-1",
-            "trajectory.frequency = -1.0: must be a finite num",
-        ),
-        (
-            "trajectory.frequency=1e4",
-            "trajectory.frequency = 10000.0: must be a finite",
-        ),
+        ("trajectory.frequency=-1", "trajectory.frequency = -1.0: must be a finite"),
         ("trajectory.phase=.inf", "trajectory.phase = inf: must be a finite number"),
-        (
-            "disturbance.kind=cubic",
-            "disturbance.kind = 'cubic': must be one of linear,",
-        ),
-        (
-            "disturbance.gain=null",
-            "disturbance.gain = null: must be a finite number or",
-        ),
+        ("disturbance.kind=cubic", "disturbance.kind = 'cubic': must be one of"),
         ("disturbance.gain=.inf", "disturbance.gain = inf: must be a finite number or"),
-        (
-            "disturbance.gain=[[1]]",
-            "disturbance.gain = [[1.0]]: must be a finite number",
-        ),
         ("divergence_speed=0", "divergence_speed = 0.0: must be a finite number > 0 ("),
-        ("simulator.start_time=1", "simulator.start_time = 1.0: must be 0 s"),
     ],
 )
 def test_bad_values_of_tracking(override, message):
@@ -812,20 +606,14 @@ def test_suggestions(override, suggestion):
     "text, message",
     [
         (b"", "must hold a mapping of scenario fields, not null"),
-        (b"# nothing\n", "must hold a mapping of scenario fields, not null"),
         (b"[1, 2]", r"must hold a mapping of scenario fields, not \[1, 2\]"),
         (b"robot: [", "at line 1, column 9: must be valid YAML"),
         (b"a: 1\nduration: 1\nduration: 2", r"column 1: .*duplicate key 'duration'"),
         (b"robot: {model: slider, model: slider}", "duplicate key 'model'"),
         (b"\xff\xfe\x00", "must be readable as UTF-8 text"),
         (b"\x00", "must be valid YAML"),
-        (b"? [a]\n: 1", "must be valid YAML"),
         (b"? {a: b}\n: 1", "must be valid YAML"),
-        (b"--- 1\n--- 2", "must be valid YAML"),
-        (b"x: !!bool y", "must be valid YAML"),
-        (b"x: " + b"[" * 1000, "must be valid YAML"),
         (b"1: 2", "^1 = 2: unknown key 1, must be one of name"),
-        (b"? 'a\n\n  b'\n: 2", r"^'a\\nb' = 2: unknown key"),
         (b"robot: 1", "^robot = 1: must be a mapping"),
         (b"simulator: {accuracy: high}", "^simulator.accuracy = 'high': must be a num"),
     ],
@@ -844,12 +632,7 @@ def test_bad_files(text, message, tmp_path):
     "name, message",
     [
         ("one_dot", r"scenario = 'one_dot': must be .* \(did you mean 'one_dof'\?\)"),
-        ("", "scenario = '': must be one of .*one_dof, .* or a YAML file"),
         ("nowhere.yaml", "scenario file 'nowhere.yaml': must be readable"),
-        ("no/where", "scenario file 'no/where': must be readable"),
-        ("no\nwhere.yaml", r"scenario file 'no\\nwhere.yaml': must be readable"),
-        ("no\0where.yaml", "scenario file 'no.x00where.yaml': must be readable"),
-        ("x" * 5000, "scenario = 'xxx"),
     ],
 )
 def test_bad_names(name, message, tmp_path, monkeypatch):
@@ -857,20 +640,6 @@ def test_bad_names(name, message, tmp_path, monkeypatch):
     with pytest.raises(ScenarioError, match=f"^{message}") as info:
         LoadScenario(name)
     assert str(info.value).isprintable()
-
-
-def test_bad_text():
-    with pytest.raises(
-        ScenarioError, match=r"^scenario at line 1, column 5: must be v"
-    ):
-        ScenarioFromYaml("a: [")
-    with pytest.raises(ScenarioError, match=r"^scenario = 3: must be a mapping with"):
-        ScenarioFromYaml("3")
-
-
-def test_folder(tmp_path):
-    with pytest.raises(ScenarioError, match="must be readable"):
-        LoadScenario(tmp_path)
 
 
 def test_local_file_without_extension(minimal, monkeypatch):
@@ -923,19 +692,6 @@ def test_scenario_made_in_python(minimal):
     )
     scenario.Validate()
     assert scenario == LoadScenario(minimal)
-
-
-def test_validated_again_after_each_edit():
-    scenario = LoadScenario("one_dof")
-    scenario.Validate()
-    scenario.surgeon.velocity[0] = np.nan
-    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
-        scenario.Validate()
-    scenario.surgeon.velocity[0] = 1.0
-    scenario.Validate()
-    scenario.surgeon.velocity = [True]
-    with pytest.raises(ScenarioError, match=r"surgeon\.velocity"):
-        scenario.Validate()
 
 
 def test_what_an_override_leaves_out_of_a_mapping_can_be_set_too():
