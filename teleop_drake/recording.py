@@ -3,7 +3,7 @@
 import importlib
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,11 @@ import numpy as np
 from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.environments import FindSurface, Surface
 from teleop_drake.files import Replacing
-from teleop_drake.numerics.interpolation import interpolate
+from teleop_drake.numerics.step_polynomials import (
+    interpolate,
+    part,
+    straight_steps,
+)
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -37,7 +41,7 @@ class UnknownSignal(KeyError):
         return str(self.args[0])
 
 
-FORMAT = 2
+FORMAT = 3
 """Of the files that Recording.Save() writes."""
 
 
@@ -96,9 +100,14 @@ class Recording:
     Attributes:
         scenario: What was simulated, a Scenario or a TrackingScenario; None for a
             Diagram of one's own, of which Save(), to_xarray() and Animate() want more.
-        time: (N,) the ends of the integrator's steps in s. A time that stands twice
-            marks a jump: the first row is before it, the second one after.
+        time: (N,) in s: the ends of the integrator's steps, and instants in between. A
+            time that stands twice marks a jump: the first row is before it, the second
+            one after.
         signals: (N, k) samples by name; see simulation.simulate().
+        steps: (S, d + 1) the rows of each step, at equal distances in time. Within a
+            step a signal is the polynomial of degree d through them; see
+            numerics.step_polynomials. A recording that is made without is of straight
+            lines from row to row.
         events: In the order of their times.
         surfaces: Of the environment, as its block told them.
         solver: Solver statistics.
@@ -122,6 +131,12 @@ class Recording:
     reason: str = ""
     notes: list[str] = field(default_factory=list)
     has_constant_command: bool = True
+    steps: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+
+    def __post_init__(self) -> None:
+        """Makes the steps of a recording without."""
+        if self.steps.shape[1] == 0:
+            self.steps = straight_steps(self.time)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal.
@@ -293,23 +308,28 @@ class Recording:
         """
         return FindSurface(self.surfaces, name)
 
-    def Interpolate(
-        self, name: str, times: np.ndarray, *, is_cautious: bool = True
-    ) -> np.ndarray:
+    def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
         """Returns a signal between its samples.
 
         Args:
             name: Name of the signal.
-            times: (M,) ascending times in s, clamped to the span of the recording.
-            is_cautious: See numerics.interpolation.interpolate().
+            times: (M,) in s, clamped to the span of the recording.
 
         Returns:
-            (M, k) values, as accurate as the solver's steps; before a jump at the
-            very instant of the jump.
+            (M, k) values, to 1e-4 of the signal's range in a run of simulate(); before
+            a jump at the very instant of the jump.
         """
-        return interpolate(
-            self.time, self[name], np.asarray(times), is_cautious=is_cautious
-        )
+        return interpolate(self.time, self[name], self.steps, np.asarray(times))
+
+    def Part(self, begin: float, end: float) -> "Recording":
+        """Returns the recording between two times, without what it says of its end.
+
+        Args:
+            begin: In s.
+            end: In s, later.
+        """
+        time, signals, steps = part((self.time, self.signals, self.steps), begin, end)
+        return replace(self, time=time, signals=signals, steps=steps)
 
     def EventTimes(self, name: str) -> list[float]:
         """Returns the times in s of all events with that name."""
@@ -342,7 +362,7 @@ class Recording:
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
         arrays["description"] = np.array(json.dumps(description))
         with Replacing(path) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(file, time=self.time, **arrays)  # type: ignore[arg-type]
+            np.savez_compressed(file, time=self.time, steps=self.steps, **arrays)  # type: ignore[arg-type]
 
 
 def _Extra(name: str) -> Any:
@@ -398,6 +418,7 @@ def _FromDescription(
     return Recording(
         scenario=ScenarioFromYaml(description["scenario"]),
         time=arrays["time"],
+        steps=arrays["steps"],
         signals={
             name.removeprefix("signal."): samples
             for name, samples in arrays.items()

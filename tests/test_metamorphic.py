@@ -119,8 +119,6 @@ def test_random_scenarios_against_tight_settings(seed):
     expected = dict(leaves(exact))
     assert dict(leaves(plain)).keys() == expected.keys()
     for name, value in leaves(plain):
-        if name == "control_force_variation_error":
-            continue  # It is small at tight settings, as it should be.
         if value is None or isinstance(value, bool):
             assert value == expected[name], name
         else:

@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Demultiplexer
 
-from teleop_drake.numerics.newton_polynomials import NUM_STENCIL_POINTS
+from teleop_drake.numerics.step_polynomials import integrate_product
 from teleop_drake.recording import Recording
 from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
-
-# The product of two of the recording's polynomials is integrated exactly.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NUM_STENCIL_POINTS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,9 +59,7 @@ def ChannelEnergyBalance(
     """Balances the energy of the channels of a recorded run.
 
     systems.ChannelEnergy computes the same energy in the diagram, during the run. Here
-    the recording's own interpolation between two samples is integrated exactly. What a
-    sampled or network channel delivers jumps between two samples, and is known to a
-    step only.
+    the product of the recording's polynomials is integrated exactly.
 
     Args:
         recording: A run of a teleoperation.
@@ -141,27 +136,18 @@ def _Balance(
     recording: Recording, signals: Sequence[tuple[str, slice]]
 ) -> EnergyBalance:
     """Returns the balance of force and velocity at the master and at the slave."""
-    time = recording.time
-    begin, end = time[:-1], time[1:]
-    middle, half = (begin + end) / 2, (end - begin) / 2
-    is_piece = half > 0
-    nodes = (middle[is_piece, None] + half[is_piece, None] * _NODES).ravel()
-
-    def Powers(values: Sequence[Array]) -> list[Array]:
-        F_m, v_m, F_s, v_s = (
-            value[:, part] for value, (_, part) in zip(values, signals, strict=True)
-        )
-        return [np.sum(F_m * v_m, axis=1), np.sum(F_s * v_s, axis=1)]
-
-    power_in, power_out = Powers([recording[name] for name, _ in signals])
-    inner_in, inner_out = Powers(
-        [recording.Interpolate(name, nodes) for name, _ in signals]
-    )
+    time, steps = recording.time, recording.steps
+    F_m, v_m, F_s, v_s = (recording[name][:, part] for name, part in signals)
     work = np.zeros(len(time))
-    pieces = (inner_in - inner_out).reshape(-1, len(_NODES)) @ _WEIGHTS
-    work[1:][is_piece] = pieces * half[is_piece]
+    shares = integrate_product(F_m[steps], v_m[steps])
+    shares -= integrate_product(F_s[steps], v_s[steps])
+    length = time[steps[:, -1:]] - time[steps[:, :1]]
+    work[steps[:, 1:]] = length * shares.sum(axis=2)
     return EnergyBalance(
-        time=time, power_in=power_in, power_out=power_out, energy=np.cumsum(work)
+        time=time,
+        power_in=np.sum(F_m * v_m, axis=1),
+        power_out=np.sum(F_s * v_s, axis=1),
+        energy=np.cumsum(work),
     )
 
 

@@ -74,7 +74,7 @@ def CheckRun(system: System) -> list[str]:
         jumps = pieces[-1][0][:-1][np.diff(pieces[-1][0]) == 0]
         if np.abs(time - jumps).min(initial=np.inf) > _NEAR_A_JUMP:
             _Compare(system, run, pieces[-1][1][-1], own)
-    rows = np.concatenate([rows for _, rows in pieces])
+    rows = np.concatenate([rows for _, rows, _ in pieces])
     return _NotHappened(system, run, rows)
 
 

@@ -34,8 +34,10 @@ from teleop_drake.integrator.problem import (
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
+from teleop_drake.numerics.step_polynomials import DEGREE
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 
@@ -156,16 +158,17 @@ class CompiledRun:
         """How many evaluations of the time derivatives it has taken."""
         return int(self._memory.counts[EVALUATIONS])
 
-    def Advance(self, end: float) -> tuple[Array, Array]:
+    def Advance(self, end: float) -> tuple[Array, Array, Indices]:
         """Integrates for a while.
 
         Args:
             end: Where to stop at the latest, s.
 
         Returns:
-            The times (k) and the signals y (k, num_y) at the ends of the steps. A time
-            that stands twice marks a jump. The run has ended if its time is `end` or
-            there is a failure or an error.
+            The times (k) and the signals y (k, num_y) of the rows, and those of each
+            step (s, 5). A time that stands twice marks a jump. The first step may begin
+            with the last row of the call before, -1. The run has ended if its time is
+            `end` or there is a failure or an error.
         """
         arguments = (
             self._problem,
@@ -189,6 +192,8 @@ class CompiledRun:
         num = counts[ROWS]
         times = self._memory.row_times[:num].copy()
         rows = self._memory.rows[:num].copy()
+        ends = np.flatnonzero(self._memory.row_ends[:num])
+        steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
         counts[ROWS] = 0
         if num:
             memory = self._memory
@@ -205,7 +210,7 @@ class CompiledRun:
                 self._LimitRows(_CHUNK)
             else:
                 self._MakeRoom()
-        return times, rows
+        return times, rows, steps
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
         """Sets an input that is not connected; nothing may jump thereby.
@@ -235,7 +240,9 @@ class CompiledRun:
     def _LimitRows(self, num: int) -> None:
         memory = self._memory
         self._memory = memory._replace(
-            row_times=np.zeros(num), rows=np.zeros((num, memory.rows.shape[1]))
+            row_times=np.zeros(num),
+            row_ends=np.zeros(num, np.int64),
+            rows=np.zeros((num, memory.rows.shape[1])),
         )
 
     def _MakeRoom(self) -> None:

@@ -3,8 +3,6 @@
 import dataclasses
 from collections.abc import Sequence
 
-import numpy as np
-
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, UnitOf
 from teleop_drake.tasks.panels import AxisPanels, SignalRow
@@ -97,21 +95,11 @@ def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Reco
     begin, end = window
     if not 0 <= begin < end:
         Refuse("time", list(window), "from a time >= 0 to a later one (s)")
-    times = recording.time
-    last = float(times[-1])
+    last = float(recording.time[-1])
     if begin >= last:
         Refuse("time", list(window), f"before {Show(last)} s, when the run has ended")
-    inside = (times >= begin) & (times <= end)
-    edges = np.array([t for t in (begin, end) if t not in times and t < last])
-    all_times = np.concatenate([times[inside], edges])
-    order = np.argsort(all_times, kind="stable")
     return dataclasses.replace(
-        recording,
-        time=all_times[order],
-        signals={
-            name: np.concatenate([x[inside], recording.Interpolate(name, edges)])[order]
-            for name, x in recording.signals.items()
-        },
+        recording.Part(begin, end),
         events=[event for event in recording.events if begin <= event.time <= end],
         termination=recording.termination if end >= last else "completed",
     )

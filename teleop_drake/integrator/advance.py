@@ -48,7 +48,7 @@ from teleop_drake.integrator.transitions import (
 Array = NDArray[np.float64]
 Evaluate = Callable[..., None]
 
-# Points of a step at which a delayed signal is kept, as shares of the step.
+# Points of a step at which signals are recorded, as shares of the step.
 _NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 
 # Each passage through an integrator makes a jump smoother by one derivative: echoes of
@@ -260,22 +260,33 @@ def _keep_node(node: int, delays: Delays, memory: Memory) -> None:
         column += delays.sizes[d]
 
 
-def _keep_step(
+def _record_step(
     evaluate: Evaluate,
     length: float,
     h: float,
+    end: float,
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Completes the polynomial of the first part of the step, whose ends are kept."""
-    t, num = memory.clock[0], memory.counts[POLYNOMIALS]
+    """Records the first part of the step, whose end is in y: three rows, and the end.
+
+    Completes the polynomials of the delayed signals.
+    """
+    t, row, delays = memory.clock[0], memory.counts[ROWS], problem.delays
+    _write(row + 3, end, memory)
+    _keep_node(4, delays, memory)
     for node in range(1, 4):
         s = _NODES[node] * length
         _interpolate(s / h, h, memory)
-        _evaluate(evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
-        _keep_node(node, problem.delays, memory)
-    memory.steps[num, 0], memory.steps[num, 1] = t, t + length
-    memory.counts[POLYNOMIALS] = num + 1
+        _evaluate_all(evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
+        _write(row + node - 1, t + s, memory)
+        _keep_node(node, delays, memory)
+    memory.row_ends[row + 3] = 1
+    memory.counts[ROWS] = row + 4
+    if len(delays.times) > 0:
+        num = memory.counts[POLYNOMIALS]
+        memory.steps[num, 0], memory.steps[num, 1] = t, t + length
+        memory.counts[POLYNOMIALS] = num + 1
 
 
 def _copy(source: Array, target: Array) -> None:
@@ -283,12 +294,16 @@ def _copy(source: Array, target: Array) -> None:
         target[i] = source[i]
 
 
+def _write(row: int, t: float, memory: Memory) -> None:
+    """Writes the signals as they are at a time to a row."""
+    memory.row_times[row], memory.row_ends[row] = t, 0
+    _copy(memory.y, memory.rows[row])
+
+
 def _record(t: float, memory: Memory) -> None:
-    row = memory.counts[ROWS]
-    memory.row_times[row] = t
-    for i in range(len(memory.y)):
-        memory.rows[row, i] = memory.y[i]
-    memory.counts[ROWS] = row + 1
+    """Records a row that ends no step."""
+    _write(memory.counts[ROWS], t, memory)
+    memory.counts[ROWS] += 1
 
 
 def _add_break(t: float, order: int, memory: Memory) -> None:
@@ -494,7 +509,7 @@ def _is_full(delays: Delays, memory: Memory) -> bool:
     """Returns whether there is no room for what another step records."""
     counts = memory.counts
     return bool(
-        counts[ROWS] + 2 > len(memory.row_times)
+        counts[ROWS] + 5 > len(memory.row_times)
         or counts[POLYNOMIALS] + 2 > len(memory.steps)
         or counts[BREAKS] + len(delays.times) > len(memory.breaks)
     )
@@ -531,8 +546,8 @@ def advance(
     Args:
         evaluate: The system.
         problem: What belongs to it.
-        memory: The state, and room for what is recorded: a row at the end of each step,
-            and another one at the same time after a break.
+        memory: The state, and room for what is recorded: of each step three rows within
+            it and one at its end, and another one at the same time after a break.
         t_end: In s. What happens at this very time has not happened yet.
         accuracy: What a step may be wrong by, in the largest of all states.
         max_step: In s.
@@ -582,10 +597,7 @@ def advance(
             )
         note_guards(False, problem.transitions, memory)
         end = stop if is_at_stop else t + length
-        _record(end, memory)
-        if len(delays.times) > 0:
-            _keep_node(4, delays, memory)
-            _keep_step(evaluate, length, h, problem, memory)
+        _record_step(evaluate, length, h, end, problem, memory)
         _copy(memory.x_next, memory.x)
         if not is_at_stop or h * factor > clock[1]:
             clock[1] = h * factor

@@ -112,6 +112,8 @@ class Memory(NamedTuple):
         values: Delayed signals at the nodes (c, 5, w).
         first_values: Delayed signals before anything has happened (w).
         row_times: Times of the recorded rows (r).
+        row_ends: 1 for those with which a step ends (r); before one there are the three
+            rows within the step, and before these the one with which it begins.
         rows: Signals of the recorded rows (r, y).
     """
 
@@ -133,6 +135,7 @@ class Memory(NamedTuple):
     values: Array
     first_values: Array
     row_times: Array
+    row_ends: Indices
     rows: Array
 
 
@@ -186,5 +189,6 @@ def make_memory(
         values=np.zeros((room, 5, width)),
         first_values=np.zeros(width),
         row_times=np.zeros(room),
+        row_ends=np.zeros(room, np.int64),
         rows=np.zeros((room, len(y))),
     )

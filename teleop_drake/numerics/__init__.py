@@ -1,1 +1,1 @@
-"""Numerical methods: interpolation, sample history, roots, margins, state space."""
+"""Numerical methods: step polynomials, sample history, roots, margins, state space."""

@@ -1,14 +1,39 @@
-"""Samples of a signal on their way through a delay."""
+"""Samples of a signal on their way through a delay.
+
+Between two samples the signal is an essentially non-oscillatory (ENO) polynomial, as
+accurate as the integrator's steps that made the samples. Its stencil never reaches
+across a jump, and grows towards the side on which the divided differences are smaller:
+away from a non-smooth point, of which nothing is known here. Its Newton series ends
+where its terms fall no longer. Where they are not small there, the polynomial is drawn
+towards the chord until it stays between the two samples.
+
+Sources: A. Harten, B. Engquist, S. Osher, S. R. Chakravarthy, "Uniformly high order
+accurate essentially non-oscillatory schemes, III", J. Comput. Phys. 71 (1987); for
+drawing a polynomial towards values that are safe X. Zhang, C.-W. Shu, "On
+maximum-principle-satisfying high order schemes for scalar conservation laws",
+J. Comput. Phys. 229 (2010).
+"""
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.numerics.interpolation import IntervalPolynomial
+Array = NDArray[np.float64]
+
+# Points of a stencil: its error is O(step^8), well below the integrator's.
+_NUM_POINTS = 8
+
+# How many samples on either side of an interval its polynomial may use.
+_REACH = _NUM_POINTS - 2
+
+# The last two terms of a series that converges are at most this share of the largest.
+# Twelve samples in a period of a sine reach it even if all lie on one side.
+_CONVERGED = 1 / 32
 
 # How many samples stay in the history after they were delivered.
 _NUM_KEPT = 32
@@ -37,7 +62,7 @@ class SampleHistory:
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 1)))
     jumps: tuple[float, ...] = ()
     now: float = -math.inf
-    polynomials: dict[int, IntervalPolynomial] = field(default_factory=dict)
+    polynomials: dict[int, "EnoPolynomial"] = field(default_factory=dict)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
@@ -132,14 +157,106 @@ class SampleHistory:
         """
         return self._polynomial(i).eval(time)
 
-    def _polynomial(self, i: int) -> IntervalPolynomial:
+    def _polynomial(self, i: int) -> "EnoPolynomial":
         """Returns the polynomial between the samples i and i + 1."""
         polynomial = self.polynomials.get(i)
         if polynomial is None:
-            polynomial = IntervalPolynomial(np.array(self.times), self.values, i)
+            polynomial = EnoPolynomial(self.times, self.values, i)
             self.polynomials[i] = polynomial
         return polynomial
 
     def _interval(self, time: float) -> int:
         """Returns the index of the sample before a time, -1 if there is none."""
         return bisect_left(self.times, time) - 1
+
+
+class EnoPolynomial:
+    """The ENO polynomials of a vector signal between two samples.
+
+    They have the Newton form c0 + (t - n0) (c1 + (t - n1) (c2 + ...)).
+
+    Args:
+        times: (N,) ascending; two equal ones mark a jump.
+        values: (N, k) samples.
+        i: The first of the two samples, older than the second.
+    """
+
+    def __init__(self, times: Sequence[float], values: Array, i: int):
+        window = stencil_window(times, i)
+        t, columns = np.array([times[j] for j in window]), np.arange(values.shape[1])
+        left = np.full(len(columns), window.index(i))
+        nodes, coefficients = [t[left]], [values[i]]
+        differences = values[window]
+        for order in range(1, min(len(window), _NUM_POINTS)):
+            gaps = (t[order:] - t[:-order])[:, np.newaxis]
+            differences = (differences[1:] - differences[:-1]) / gaps
+            last = len(differences) - 1
+            # The first one makes the line through both samples.
+            grows = np.zeros(len(columns), bool)
+            if order > 1:
+                on_left = np.abs(differences[np.maximum(left - 1, 0), columns])
+                on_right = np.abs(differences[np.minimum(left, last), columns])
+                grows = (left > 0) & ((left > last) | (on_left < on_right))
+                left = left - grows
+            nodes.append(t[np.where(grows, left, left + order)])
+            coefficients.append(differences[left, columns])
+        self._nodes, self._coefficients = nodes, np.array(coefficients)
+        self._limit(times[i], times[i + 1], np.abs(values[i + 1] - values[i]))
+
+    def eval(self, t: float) -> Array:
+        """Returns the signal (k) at a time."""
+        value: Array = self._coefficients[-1]
+        for c, n in zip(self._coefficients[-2::-1], self._nodes[-2::-1], strict=True):
+            value = c + (t - n) * value
+        return value
+
+    def _limit(self, begin: float, end: float, change: Array) -> None:
+        """Leaves of the series as much as can be trusted.
+
+        With T_m a bound of the m-th term, the series ends with M where
+        max(T_(M-1), T_M) falls no longer (two terms, because one may vanish by
+        symmetry). Unless that is small against the largest term, the terms from the
+        second order on are scaled by change / (4 sum T_m) where that is less than 1.
+        """
+        terms = np.zeros((max(len(self._nodes), 4), len(change)))
+        # |(t - begin) (t - end)| and each further factor are largest at an end or in
+        # the middle.
+        factor: Array | float = (end - begin) ** 2 / 4
+        for m in range(2, len(self._nodes)):
+            terms[m] = np.abs(self._coefficients[m]) * factor
+            node = self._nodes[m]
+            factor = factor * np.maximum(np.abs(begin - node), np.abs(end - node))
+        pairs = np.maximum(terms[2:-1], terms[3:])
+        falls = np.minimum.accumulate(pairs[1:] <= pairs[:-1], axis=0)
+        remainder = np.take_along_axis(pairs, falls.sum(axis=0)[None], axis=0)[0]
+        terms[4:] *= falls
+        self._coefficients[4:] *= falls
+        deviation = 4 * terms.sum(axis=0)
+        is_unsure = (remainder > _CONVERGED * terms.max(axis=0)) & (change < deviation)
+        share = change[is_unsure] / deviation[is_unsure]
+        self._coefficients[2:, is_unsure] *= share
+
+
+def stencil_window(times: Sequence[float], i: int) -> list[int]:
+    """Returns the samples from which the polynomial behind sample i may be built.
+
+    They lie between the jumps on either side, and not closer together than a quarter of
+    the interval: polynomials through denser samples would amplify rounding errors.
+
+    Args:
+        times: Ascending; two equal ones mark a jump.
+        i: A sample that is older than the next.
+    """
+    spacing = (times[i + 1] - times[i]) / 4
+    window = [i, i + 1]
+    j = i - 1
+    while j >= 0 and len(window) < _REACH + 2 and times[j] < times[j + 1]:
+        if times[window[0]] - times[j] >= spacing:
+            window.insert(0, j)
+        j -= 1
+    j, most = i + 2, len(window) + _REACH
+    while j < len(times) and len(window) < most and times[j - 1] < times[j]:
+        if times[j] - times[window[-1]] >= spacing:
+            window.append(j)
+        j += 1
+    return window

@@ -14,6 +14,7 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
 from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
@@ -29,6 +30,7 @@ from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 # Instants closer together than this, in s, are one to the integrator.
 _SAME = 1e-12
@@ -87,7 +89,7 @@ def RunCompiled(
     outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
     visited = run.visited[-1:] if is_known else run.visited
     CheckVisited(run.evaluator, diagram, context, visited)
-    context.SetTime(outcome.times[-1])
+    context.SetTime(outcome.series[0][-1])
     outcome.channels = {
         system.get_name(): system.Statistics(
             diagram.GetSubsystemContext(system, context)
@@ -158,7 +160,8 @@ class _Stepper:
         self._places = _Signals(run, diagram)
         # Without a tool, whatever is computed has to stay finite.
         self._watched = self._places.get("tool_velocity", slice(None))
-        self._pieces: list[tuple[Array, Array]] = []
+        self._pieces: list[tuple[Array, Array, Indices]] = []
+        self._num_rows = 0
         self.termination, self.reason, self.is_too_fast = "completed", "", False
 
     @property
@@ -183,27 +186,26 @@ class _Stepper:
             and self.termination == "completed"
             and not (self._interruption.has_come and self._pieces)
         ):
-            times, rows = run.Advance(end)
+            times, rows, steps = run.Advance(end)
             self._pace.Check(run.num_tries, run.time)
             speeds = np.linalg.norm(rows[:, self._watched], axis=1)
             too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
             if too_fast.size > 0:
-                last = int(too_fast[0])
-                self.is_too_fast = bool(np.isfinite(speeds[last]))
+                speed = speeds[too_fast[0]]
+                self.is_too_fast = bool(np.isfinite(speed))
                 self.termination = "diverged"
-                self.reason = self._speed_limit.Reason(speeds[last])
-                times = times[: last + self.is_too_fast]
-                rows = rows[: last + self.is_too_fast]
+                self.reason = self._speed_limit.Reason(speed)
             elif run.failure or run.error is not None:
                 self.termination, self.reason = "diverged", _ReasonOf(run)
             if len(times) > 0:
-                self._pieces.append((times, rows))
+                self._pieces.append((times, rows, steps + self._num_rows))
+                self._num_rows += len(times)
             if self._progress is not None:
                 self._progress(run.time)
 
     def Signals(self) -> dict[str, Array]:
         """Returns all signals as they are now, by name; see simulate()."""
-        _, rows = self._pieces[-1]
+        _, rows, _ = self._pieces[-1]
         return {name: rows[-1, place] for name, place in self._places.items()}
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
@@ -216,12 +218,13 @@ class _Stepper:
         """
         self._run.Feed(system, port, values)
 
-    def Recorded(self) -> tuple[Array, dict[str, Array]]:
-        """Returns the times (N,) and the signals (N, k) so far."""
-        times, rows = self._pieces[0]
-        if len(self._pieces) > 1:
-            times, rows = (np.concatenate(x) for x in zip(*self._pieces, strict=True))
-        return times, {name: rows[:, place] for name, place in self._places.items()}
+    def Recorded(self) -> Series:
+        """Returns the times (N,), the signals (N, k) and the steps so far."""
+        times, rows, steps = (
+            np.concatenate(x) for x in zip(*self._pieces, strict=True)
+        )
+        signals = {name: rows[:, place] for name, place in self._places.items()}
+        return times, signals, steps
 
 
 def _Run(
@@ -249,11 +252,9 @@ def _Run(
     termination, reason = stepper.termination, stepper.reason
     if interruption.has_come:  # However it ended, as in Drake's Simulator.
         termination, reason = "interrupted", "interrupted by the user"
-    times, signals = stepper.Recorded()
     return Outcome(
         engine="compiled",
-        times=times,
-        signals=signals,
+        series=stepper.Recorded(),
         steps=run.num_steps,
         derivative_evaluations=run.num_evaluations,
         wall_time=clock.monotonic() - start,

@@ -1,10 +1,12 @@
 """Where a run leaves the range of a joint."""
 
+import math
+
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.numerics.interpolation import find_crossing, interpolate
+from teleop_drake.numerics.step_polynomials import first_crossing, part
 from teleop_drake.simulation.outcome import Outcome
 
 # How far a joint may be past its limit, rad or m: rounding errors of a pose at it.
@@ -24,29 +26,18 @@ def EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     robot = diagram.GetSubsystemByName("robot")
     if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
         return
-    plant, q = robot.GetSubsystemByName("plant"), run.signals.get("joint_position")
-    if not isinstance(plant, MultibodyPlant) or q is None or len(q) < 2:
+    times, signals, steps = run.series
+    plant, q = robot.GetSubsystemByName("plant"), signals.get("joint_position")
+    if not isinstance(plant, MultibodyPlant) or q is None or len(steps) == 0:
         return
     lower = plant.GetPositionLowerLimits() - _TOLERANCE
     upper = plant.GetPositionUpperLimits() + _TOLERANCE
-    outside = np.argwhere((q < lower) | (q > upper))
-    if len(outside) == 0 or outside[0, 0] == 0:
+    beyond = np.maximum(lower - q, q - upper)[steps]
+    ends = [first_crossing(times, y, steps) for y in np.moveaxis(beyond, 2, 0)]
+    joint = int(np.argmin(ends))
+    if ends[joint] == math.inf:
         return
-    last, joint = (int(i) for i in outside[0])
-    end = find_crossing(
-        run.times,
-        q[:, joint : joint + 1],
-        last - 1,
-        lambda x: not lower[joint] <= x[0] <= upper[joint],
-    )
-    values = {
-        name: interpolate(run.times, x, np.array([end]))
-        for name, x in run.signals.items()
-    }
-    run.times = np.append(run.times[:last], end)
-    run.signals = {
-        name: np.vstack([x[:last], values[name]]) for name, x in run.signals.items()
-    }
+    run.series = part(run.series, times[0], ends[joint])
     name = plant.GetPositionNames(
         add_model_instance_prefix=False, always_add_suffix=False
     )[joint]

@@ -91,7 +91,9 @@ class DrakeRun:
             port: Its input port.
             values: What comes in from now on.
         """
-        context = system.GetMyMutableContextFromRoot(
-            self._simulator.get_mutable_context()
-        )
-        system.GetInputPort(port).FixValue(context, np.asarray(values, dtype=float))
+        for root in (
+            self._simulator.get_mutable_context(),
+            self._monitor.recorder.inner_context,
+        ):
+            context = system.GetMyMutableContextFromRoot(root)
+            system.GetInputPort(port).FixValue(context, np.asarray(values, dtype=float))

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from teleop_drake.channels.packet_statistics import PacketStatistics
+from teleop_drake.numerics.step_polynomials import Series
 
 
 @dataclass(kw_only=True)
@@ -13,8 +12,7 @@ class Outcome:
 
     Attributes:
         engine: As in SolverStatistics.
-        times: The ends of the steps in s (N,).
-        signals: By name (N, k).
+        series: The times (N,), the signals by name (N, k), and the steps.
         steps: Number of steps taken.
         derivative_evaluations: Number of evaluations of the time derivatives.
         wall_time: Real time that it took, in s.
@@ -25,8 +23,7 @@ class Outcome:
     """
 
     engine: str
-    times: np.ndarray
-    signals: dict[str, np.ndarray]
+    series: Series
     steps: int
     derivative_evaluations: int
     wall_time: float

@@ -14,6 +14,7 @@ from pydrake.systems.framework import (
     EventStatus,
 )
 
+from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.scenario.scenario import MAX_STEPS
 from teleop_drake.signals import SignalsOf
 from teleop_drake.tasks.base import SpeedLimit
@@ -101,39 +102,72 @@ class Interruption:
 
 
 class Recorder:
-    """Samples every vector output of the systems of a diagram.
+    """Samples every vector output of the systems of a diagram, step by step.
+
+    Drake tells the states at the ends of a step only. Within it they are the cubic
+    polynomials that have their rates there, and the outputs are evaluated at these
+    states, in a Context of its own.
 
     Attributes:
         names: Of the signals, in the order of a sample's values.
+        inner_context: In which the outputs within a step are evaluated.
     """
 
     def __init__(self, diagram: Diagram, root_context: Context):
         signals = SignalsOf(diagram)
         self.names = list(signals)
-        self._evaluators = [
-            (port.Eval, port.get_system().GetMyContextFromRoot(root_context))
-            for port in signals.values()
-        ]
+        self.inner_context = root_context.Clone()
+        self._at_end, self._inside = (
+            [
+                (port.Eval, port.get_system().GetMyContextFromRoot(root))
+                for port in signals.values()
+            ]
+            for root in (root_context, self.inner_context)
+        )
+        self._diagram = diagram
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
+        self._step_ends: list[int] = []
+        self._state = self._rate = np.empty(0)
 
     def Sample(self) -> list[np.ndarray]:
-        """Takes a sample now and returns its values."""
-        values = [evaluate(context) for evaluate, context in self._evaluators]
-        self._rows.append((self._root_context.get_time(), values))
+        """Takes a sample now, and those in the step that ends; returns its values."""
+        time, root = self._root_context.get_time(), self._root_context
+        values = [evaluate(context) for evaluate, context in self._at_end]
+        state = root.get_continuous_state_vector().CopyToVector()
+        rate = self._diagram.EvalTimeDerivatives(
+            self._diagram.GetMyContextFromRoot(root)
+        ).CopyToVector()
+        if self._rows and time > self._rows[-1][0]:
+            self._SampleInside(time, state, rate)
+            self._step_ends.append(len(self._rows))
+        self._rows.append((time, values))
+        self._state, self._rate = state, rate
         return values
 
-    def DropLast(self) -> None:
-        """Forgets the last sample."""
-        self._rows.pop()
+    def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
+        """Takes the samples between the last one and a time."""
+        inner, begin = self.inner_context, self._rows[-1][0]
+        inner.SetTimeStateAndParametersFrom(self._root_context)
+        h = end - begin
+        for s in shares(DEGREE)[1:-1].tolist():
+            inner.SetTime(begin + s * h)
+            inner.SetContinuousState(
+                (1 - s) ** 2 * ((1 + 2 * s) * self._state + s * h * self._rate)
+                + s**2 * ((3 - 2 * s) * state - (1 - s) * h * rate)
+            )
+            values = [evaluate(context) for evaluate, context in self._inside]
+            self._rows.append((begin + s * h, values))
 
-    def Finish(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Returns the times (N,) and the signals (N, k)."""
+    def Finish(self) -> Series:
+        """Returns the times (N,), the signals (N, k) and the steps."""
         times = np.array([time for time, _ in self._rows])
-        return times, {
+        signals = {
             name: np.array([values[i] for _, values in self._rows])
             for i, name in enumerate(self.names)
         }
+        ends = np.array(self._step_ends, int)
+        return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
 
 
 class RunMonitor:
@@ -179,8 +213,6 @@ class RunMonitor:
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= self._speed_limit.speed:
             self.failure = self._speed_limit.Reason(speed)
-            if not math.isfinite(speed):
-                self.recorder.DropLast()
             return EventStatus.ReachedTermination(self._diagram, self.failure)
         if (
             self._progress is not None

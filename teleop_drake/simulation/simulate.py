@@ -14,9 +14,11 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.machine_code.compiled import Interpreted
-from teleop_drake.numerics.interpolation import (
-    find_crossing,
-    interpolate,
+from teleop_drake.numerics.step_polynomials import (
+    Series,
+    finite_part,
+    first_crossing,
+    part,
 )
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
@@ -76,7 +78,7 @@ def simulate(
 
         recording = simulate(diagram, duration=10.0)
 
-    The signals of a scenario, with n task axes and one row for each step of the
+    The signals of a scenario, with n task axes and four rows for each step of the
     integrator:
 
     | name                                          | size | unit            |
@@ -163,9 +165,7 @@ def simulate(
     run, notes = _Run(*what, advance, engine)
     EndAtJointLimit(diagram, run)
     if run.is_too_fast:
-        _EndAtSpeed(speed_limit.speed, run.times, run.signals)
-        # Between two samples, numbers near the largest one leave the finite.
-        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
+        run.series = _EndAtSpeed(speed_limit.speed, run.series)
     recording = _MakeRecording(scenario, scenario.simulator, diagram, run, notes)
     with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
@@ -218,7 +218,9 @@ def _Run(
             notes = [f"Run in Drake's Simulator: {error}."]
     run = run or _RunInDrake(*what)
     if run.termination == "diverged":
-        run.times, run.signals = _WithFiniteEnd(run.times, run.signals, run.reason)
+        run.series = finite_part(run.series)
+        if len(run.series[0]) == 0:
+            raise ValueError(f"the run has no start: {run.reason}")
     return run, notes
 
 
@@ -284,12 +286,10 @@ def _RunInDrake(
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
-    times, signals = monitor.recorder.Finish()
     root_context = simulator.get_context()
     return Outcome(
         engine="drake",
-        times=times,
-        signals=signals,
+        series=monitor.recorder.Finish(),
         steps=simulator.CountSteps(),
         derivative_evaluations=simulator.CountEvaluations(),
         wall_time=wall_time,
@@ -319,8 +319,9 @@ def _MakeRecording(
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
     return Recording(
         scenario=cast(AnyScenario, scenario),
-        time=run.times,
-        signals=run.signals,
+        time=run.series[0],
+        signals=run.series[1],
+        steps=run.series[2],
         events=[],
         surfaces=surfaces or (),
         solver=SolverStatistics(
@@ -330,7 +331,7 @@ def _MakeRecording(
             steps=run.steps,
             derivative_evaluations=run.derivative_evaluations,
             wall_time_s=run.wall_time,
-            real_time_factor=float(run.times[-1]) / run.wall_time,
+            real_time_factor=float(run.series[0][-1]) / run.wall_time,
         ),
         channels=run.channels,
         termination=run.termination,
@@ -349,7 +350,7 @@ def _NotesOfBlocks(diagram: Diagram, run: Outcome) -> list[str]:
     notes: list[str] = []
     for system in SystemsIn(diagram):
         if hasattr(system, "RunNotes"):
-            notes += system.RunNotes(run.times, run.signals)
+            notes += system.RunNotes(*run.series[:2])
     return notes
 
 
@@ -364,32 +365,10 @@ def _HasConstantCommand(diagram: Diagram) -> bool:
     return bool(getattr(surgeon, "has_constant_command", False))
 
 
-def _WithFiniteEnd(
-    times: np.ndarray, signals: dict[str, np.ndarray], reason: str
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Returns what was recorded, up to the last sample that is a number in all."""
-    end = len(times)
-    while end > 0 and not all(np.isfinite(x[end - 1]).all() for x in signals.values()):
-        end -= 1
-    if end == 0:
-        raise ValueError(f"the run has no start: {reason}")
-    return times[:end], {name: x[:end] for name, x in signals.items()}
-
-
-def _EndAtSpeed(
-    limit: float, times: np.ndarray, signals: dict[str, np.ndarray]
-) -> None:
-    """Moves the last sample, in place, to where the speed of the tool has its limit."""
-    velocity = signals["tool_velocity"]
-    if len(times) < 2 or not np.linalg.norm(velocity[-1]) > limit:
-        return
-    end = find_crossing(
-        times,
-        velocity,
-        len(times) - 2,
-        lambda v: float(np.linalg.norm(v)) >= limit,
-    )
-    last = {name: interpolate(times, x, np.array([end])) for name, x in signals.items()}
-    times[-1] = end
-    for name, value in last.items():
-        signals[name][-1] = value[0]
+def _EndAtSpeed(limit: float, series: Series) -> Series:
+    """Ends a run where the speed of the tool has its limit."""
+    times, signals, steps = series
+    # Less may be an overflow's.
+    excess = np.linalg.norm(signals["tool_velocity"] / limit, axis=1) - 1.0
+    end = first_crossing(times, excess[steps], steps)
+    return part(series, times[0], end)

@@ -7,13 +7,13 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import CONTACT, PUNCTURE
-from teleop_drake.numerics.interpolation import find_crossing
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.insertion_metrics import UNITS, InsertionMetrics
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.tasks.pieces import Split
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # What it is called to cross a surface into it and out of it.
@@ -72,21 +72,16 @@ class Insertion(Task[Scenario]):
         Args:
             recording: A run, its events not found yet.
         """
-        times = recording.time
-        events = []
+        times, pieces, events = recording.time, Split(recording), []
         for surface_name, names in _CROSSINGS.items():
             surface = recording.FindSurface(surface_name)
             if surface is None:
                 continue
-            depth = surface.Depth(recording["tool_position"])[:, np.newaxis]
-            for i in np.flatnonzero(np.diff(depth[:, 0] >= 0)):
-                is_forward = bool(depth[i + 1, 0] >= 0)
-
-                def IsBeyond(d: np.ndarray, forward: bool = is_forward) -> bool:
-                    return bool(d[0] >= 0) == forward
-
-                time = find_crossing(times, depth, int(i), IsBeyond)
-                events.append(Event(name=names[0 if is_forward else 1], time=time))
+            depth = surface.Depth(pieces.Sample(recording["tool_position"]))
+            events += [
+                Event(name=names[0 if is_inwards else 1], time=time)
+                for time, is_inwards in pieces.Crossings(depth)
+            ]
         mode = recording["surgeon_mode"][:, 0]
         for i in np.flatnonzero(np.diff(mode)):
             name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"

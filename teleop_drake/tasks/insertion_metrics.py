@@ -1,7 +1,6 @@
 """What counts in an insertion: overshoots, the puncture, the collision, the errors.
 
-Between two samples the environment's force is that of the material's own law, and every
-other signal is as in teleop_drake.tasks.pieces. Instants are located, not sampled.
+Instants are located, not sampled; see teleop_drake.tasks.pieces.
 """
 
 import math
@@ -11,24 +10,22 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
-from teleop_drake.environments.surface import StackNormal
+from teleop_drake.numerics.step_polynomials import shares
 from teleop_drake.recording import Recording
 from teleop_drake.tasks.pieces import (
-    Crossings,
     Maximum,
-    Motion,
-    NodeTimes,
-    RootMeanSquare,
-    Sample,
+    Pieces,
     Split,
-    Trace,
+    Traces,
     ValueBefore,
-    Variation,
 )
 
 # A command that is slower than this share of |v_d| points nowhere: it may be zero but
 # for rounding.
 _AT_REST = 1e-6
+
+# Longer than what instants are rounded by, s.
+_INSTANT = 1e-11
 
 SETTLING_RATIO = 0.05
 """Share of |v_d| under which the tool counts as settled."""
@@ -49,7 +46,6 @@ UNITS = {
     "force_rms_error.*": "N",
     "control_force_peak.*": "N",
     "control_force_variation.*": "N",
-    "control_force_variation_error.*": "N",
     "diverged": "",
     "diverged_at": "s",
 }
@@ -57,25 +53,22 @@ UNITS = {
 
 
 @dataclass(kw_only=True)
-class _Pieces:
-    """The signals between the samples and the crossings of the surfaces.
+class _Signals:
+    """The signals in pieces that end where a surface is crossed.
 
     Attributes:
-        begin, end: (M,) times in s, ascending.
-        v: (M, 8, n) tool velocity at the nodes of each piece, and so on.
-        bold_F_c: F_c that turns between samples where they leave that open.
-        excess: (M, 8) how far v exceeds the command, in the direction of the command.
+        pieces: M.
+        v: (M, d + 1, n) tool velocity in the pieces, and so on.
+        excess: (M, d + 1) how far v exceeds the command, in the direction of it.
         crossings: (time, number of the surface, whether into it), ascending.
         surfaces: Of the environment.
     """
 
-    begin: np.ndarray
-    end: np.ndarray
+    pieces: Pieces
     v: np.ndarray
     excess: np.ndarray
     F_e: np.ndarray
     F_c: np.ndarray
-    bold_F_c: np.ndarray
     v_dd: np.ndarray
     F_hd: np.ndarray
     crossings: list[tuple[float, int, bool]]
@@ -83,7 +76,8 @@ class _Pieces:
 
     def CountBefore(self, time: float) -> int:
         """Returns how many pieces lie before a time."""
-        return int(np.count_nonzero(self.begin + self.end < 2 * time))
+        begin, end = self.pieces.begin, self.pieces.end
+        return int(np.count_nonzero(begin + end < 2 * time))
 
     def FirstCrossing(
         self, surface: Surface | None, inwards: bool, after: float = -math.inf
@@ -94,10 +88,6 @@ class _Pieces:
             if is_it and is_inwards == inwards and time > after:
                 return time
         return None
-
-    def RootMeanSquare(self, error: np.ndarray) -> list[float]:
-        """Returns the rms over time of a signal (M, 8, n), per axis."""
-        return RootMeanSquare(self.begin, self.end, error)
 
 
 def InsertionMetrics(recording: Recording) -> dict[str, Any]:
@@ -138,85 +128,75 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
       haptic force as the slave receives it, or delayed by the same time.
     * control_force_peak (N per axis): max of |F_c|.
     * control_force_variation (N per axis): total variation of F_c, jumps included.
-    * control_force_variation_error (N per axis): an estimate of what it misses. Where
-      there are too few samples from one jump to the next, as between packets, F_c goes
-      from sample to sample without turning; this is how much more its variation would
-      be if it went along parabolas there.
     * diverged, diverged_at (s): whether the run ended early because the tool's speed
       grew out of bounds or the solver failed, and when; else None.
 
     Args:
-        recording: A run, all of its numbers finite. If the environment tells no stack
-            of materials, the recorded force is interpolated; a robot of one's own
-            without `tool_acceleration` has its position and velocity interpolated.
+        recording: A run, all of its numbers finite.
 
     Returns:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
         them with one entry per task axis, bool and None.
     """
     v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
-    pieces = _MakePieces(recording)
+    signals = _MakeSignals(recording)
+    pieces = signals.pieces
     pierced, surface = map(recording.FindSurface, (PUNCTURE, CONTACT))
-    t_puncture = pieces.FirstCrossing(pierced, True)
-    t_contact = pieces.FirstCrossing(surface, True)
+    t_puncture = signals.FirstCrossing(pierced, True)
+    t_contact = signals.FirstCrossing(surface, True)
     has_diverged = recording.termination == "diverged"
 
     start_ends = [time for time in (t_puncture, t_contact) if time is not None]
-    start_end = pieces.CountBefore(start_ends[0]) if start_ends else len(pieces.v)
+    start_end = signals.CountBefore(start_ends[0]) if start_ends else len(signals.v)
     puncture = collision = None
     if pierced is not None and t_puncture is not None:
-        t_next = pieces.FirstCrossing(surface, True, after=t_puncture)
-        puncture = _Puncture(pieces, pierced, t_puncture, t_next)
+        t_next = signals.FirstCrossing(surface, True, after=t_puncture)
+        puncture = _Puncture(signals, pierced, t_puncture, t_next)
     if surface is not None and t_contact is not None:
-        collision = _Collision(pieces, surface, t_contact, v_d)
+        collision = _Collision(signals, surface, t_contact, v_d)
         if has_diverged:
             collision["settling_time"] = None
-    variation = Variation(pieces.F_c)
+    F_c = Traces(signals.F_c)
     return {
-        "start_velocity_overshoot": max(Maximum(pieces.excess, 0, start_end), 0.0),
+        "start_velocity_overshoot": max(Maximum(signals.excess, 0, start_end), 0.0),
         "puncture": puncture,
         "collision": collision,
-        "velocity_rms_error": pieces.RootMeanSquare(pieces.v - pieces.v_dd),
-        "force_rms_error": pieces.RootMeanSquare(pieces.F_e - pieces.F_hd),
-        "control_force_peak": [
-            float(np.abs(Trace(axis)).max()) for axis in np.moveaxis(pieces.F_c, 2, 0)
-        ],
-        "control_force_variation": variation.tolist(),
-        "control_force_variation_error": np.abs(
-            Variation(pieces.bold_F_c) - variation
-        ).tolist(),
+        "velocity_rms_error": pieces.RootMeanSquare(signals.v - signals.v_dd),
+        "force_rms_error": pieces.RootMeanSquare(signals.F_e - signals.F_hd),
+        "control_force_peak": np.abs(F_c).max(axis=1).tolist(),
+        "control_force_variation": np.abs(np.diff(F_c)).sum(axis=1).tolist(),
         "diverged": has_diverged,
         "diverged_at": float(recording.time[-1]) if has_diverged else None,
     }
 
 
 def _Puncture(
-    pieces: _Pieces,
+    signals: _Signals,
     surface: Surface,
     time: float,
     t_next: float | None,
 ) -> dict[str, Any]:
     """Returns the metrics of a puncture; t_next is when the next contact is."""
-    v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
-    i = pieces.CountBefore(time)
-    j = len(v_x) if t_next is None else pieces.CountBefore(t_next)
+    v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
+    i = signals.CountBefore(time)
+    j = len(v_x) if t_next is None else signals.CountBefore(t_next)
     return {
         "time": time,
         "velocity": ValueBefore(v_x, i),
         "force": ValueBefore(F_x, i),
-        "velocity_overshoot": Maximum(pieces.excess, i, j),
+        "velocity_overshoot": Maximum(signals.excess, i, j),
     }
 
 
 def _Collision(
-    pieces: _Pieces, surface: Surface, time: float, v_d: np.ndarray
+    signals: _Signals, surface: Surface, time: float, v_d: np.ndarray
 ) -> dict[str, Any]:
     """Returns the metrics of a collision, of a run that does not diverge."""
-    v_x, F_x = surface.Along(pieces.v), surface.Along(pieces.F_e)
+    v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
     num_pieces = len(v_x)
-    i = pieces.CountBefore(time)
-    t_release = pieces.FirstCrossing(surface, False, after=time)
-    j = num_pieces if t_release is None else pieces.CountBefore(t_release)
+    i = signals.CountBefore(time)
+    t_release = signals.FirstCrossing(surface, False, after=time)
+    j = num_pieces if t_release is None else signals.CountBefore(t_release)
     settled = SETTLING_RATIO * float(np.linalg.norm(v_d))
     return {
         "time": time,
@@ -224,7 +204,7 @@ def _Collision(
         "initial_impact_force": Maximum(F_x, i, j),
         "peak_force": Maximum(F_x, i, num_pieces),
         "rebound_velocity": -Maximum(-v_x, i, num_pieces),
-        "settling_time": _SettlingTime(pieces, v_x, time, settled),
+        "settling_time": _SettlingTime(signals, v_x, time, settled),
     }
 
 
@@ -238,51 +218,44 @@ def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
     return direction
 
 
-def _MakePieces(recording: Recording) -> _Pieces:
-    time, surfaces = recording.time, recording.surfaces
+def _MakeSignals(recording: Recording) -> _Signals:
+    surfaces = recording.surfaces
     v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
     normal = _FirstNormal(surfaces, v_d)
     n = len(normal)
 
-    echoes: list[float] = []
-    if "velocity_command" in recording.signals:
-        # Where the commands jump once they are delayed.
-        jumps = np.append(time[0], time[1:][np.diff(time) == 0])
-        jumps += recording.teleoperation.forward_channel.delay
-        echoes = jumps[jumps < time[-1]].tolist()
-    begin, end = Split(time, echoes)
-    p, v = Motion(recording, begin, end)
+    echoes = _Echoes(recording)
+    pieces = Split(recording, echoes)
+    p = pieces.Sample(recording["tool_position"])
     crossings = sorted(
         (crossing, i, is_inwards)
         for i, surface in enumerate(surfaces)
-        for crossing, is_inwards in Crossings(begin, end, surface.Depth(p))
+        for crossing, is_inwards in pieces.Crossings(surface.Depth(p))
     )
     instants = [crossing for crossing, _, _ in crossings]
     slowest = _AT_REST * float(np.linalg.norm(v_d))
     if not recording.has_constant_command:
-        along = _ReceivedCommands(recording, begin, end)[:, :, n:] @ normal
-        instants += [reversal for reversal, _ in Crossings(begin, end, along + slowest)]
+        along = _ReceivedCommands(recording, pieces)[:, :, n:] @ normal
+        instants += [reversal for reversal, _ in pieces.Crossings(along + slowest)]
     if instants:
-        begin, end = Split(time, [*echoes, *instants])
-        p, v = Motion(recording, begin, end)
+        pieces = Split(recording, [*echoes, *instants])
 
-    F_e = _StackForce(surfaces, p, v)
-    if F_e is None:
-        F_e = Sample(recording, "environment_force", begin, end)
-    commands = _ReceivedCommands(recording, begin, end)
+    v, F_e, F_c = (
+        pieces.Sample(recording[name])
+        for name in ("tool_velocity", "environment_force", "control_force")
+    )
+    commands = _ReceivedCommands(recording, pieces)
     v_dd = commands[:, :, n:]
     command = np.broadcast_to(v_d, v.shape) if recording.has_constant_command else v_dd
     along = command @ normal
     # The command reverses only where a piece ends.
     is_back = along.mean(axis=1, keepdims=True) < -slowest
-    return _Pieces(
-        begin=begin,
-        end=end,
+    return _Signals(
+        pieces=pieces,
         v=v,
         excess=np.where(is_back, -1.0, 1.0) * (v @ normal - along),
         F_e=F_e,
-        F_c=Sample(recording, "control_force", begin, end),
-        bold_F_c=Sample(recording, "control_force", begin, end, is_cautious=False),
+        F_c=F_c,
         v_dd=v_dd,
         F_hd=commands[:, :, :n],
         crossings=crossings,
@@ -290,43 +263,26 @@ def _MakePieces(recording: Recording) -> _Pieces:
     )
 
 
-def _StackForce(
-    surfaces: tuple[Surface, ...], p: np.ndarray, v: np.ndarray
-) -> np.ndarray | None:
-    """Returns F_e (M, 8, n) in a stack of materials, None if they are no stack.
-
-    A crossing is an end of a piece, so each piece lies in one material.
-    """
-    normal = StackNormal(surfaces)
-    if normal is None:
-        return None
-    depth = np.array([surface.Depth(p.mean(axis=1)) for surface in surfaces])
-    is_passed = np.asarray(depth >= 0)
-    # The one that is nearest in front of the piece; one may be infinitely far away.
-    distance = np.where(is_passed, np.minimum(depth, np.finfo(float).max), np.inf)
-    nearest = np.argmin(distance, axis=0)
-    stiffness, damping, relaxed = (
-        np.array([getattr(surface.material, name) for surface in surfaces])[nearest]
-        for name in ("stiffness", "damping", "relaxed")
-    )
-    is_in_material = np.any(is_passed, axis=0)
-    force = stiffness[:, None] * (p @ normal - relaxed[:, None])
-    force += damping[:, None] * (v @ normal)
-    result: np.ndarray = (is_in_material[:, None] * force)[:, :, None] * normal
-    return result
-
-
-def _ReceivedCommands(
-    recording: Recording, begin: np.ndarray, end: np.ndarray
-) -> np.ndarray:
-    """Returns [F_hd; v_dd] (M, 8, 2n) at the nodes of the pieces."""
+def _Echoes(recording: Recording) -> list[float]:
+    """Returns when the jumps of a command that is not sent would arrive, in s."""
     if "velocity_command" not in recording.signals:
-        return Sample(recording, "forward_packet_received", begin, end)
-    delay = recording.teleoperation.forward_channel.delay
-    times = NodeTimes(begin, end)
-    # At a jump Interpolate() returns the value before it; the first node is after it.
-    times[:, 0] += 1e-9 * (end - begin)
-    times -= delay
+        return []
+    time, commands = recording.time, recording.commands
+    has_jumped = (np.diff(time) == 0) & np.any(np.diff(commands, axis=0), axis=1)
+    jumps = np.append(time[0], time[1:][has_jumped])
+    return list(jumps + recording.teleoperation.forward_channel.delay)
+
+
+def _ReceivedCommands(recording: Recording, pieces: Pieces) -> np.ndarray:
+    """Returns [F_hd; v_dd] (M, d + 1, 2n) in the pieces."""
+    if "velocity_command" not in recording.signals:
+        return pieces.Sample(recording["forward_packet_received"])
+    times = pieces.Times(shares(pieces.rows.shape[1] - 1))
+    # Within the piece, where a jump at its ends has happened, or has not.
+    inwards = np.minimum(_INSTANT, (pieces.end - pieces.begin) / 8)
+    times[:, 0] += inwards
+    times[:, -1] -= inwards
+    times -= recording.teleoperation.forward_channel.delay
     values = np.concatenate(
         [
             recording.Interpolate(name, times.ravel()).reshape(*times.shape, -1)
@@ -339,24 +295,25 @@ def _ReceivedCommands(
 
 
 def _SettlingTime(
-    pieces: _Pieces, v_x: np.ndarray, t_contact: float, threshold: float
+    signals: _Signals, v_x: np.ndarray, t_contact: float, threshold: float
 ) -> float | None:
     """Returns how long after contact |v_x| stays under a threshold, if it does."""
-    first = pieces.CountBefore(t_contact)
-    begin, end, v_x = pieces.begin[first:], pieces.end[first:], v_x[first:]
-    if len(begin) == 0:
+    first = signals.CountBefore(t_contact)
+    if first == len(v_x):
         return None
+    pieces = signals.pieces
     changes = sorted(
         (time, not exceeds)
         for direction in (1, -1)
-        for time, exceeds in Crossings(begin, end, direction * v_x - threshold)
+        for time, exceeds in pieces.Crossings(direction * v_x - threshold)
+        if time > t_contact
     )
-    slow_since = t_contact if abs(v_x[0, 0]) < threshold else None
+    slow_since = t_contact if abs(v_x[first, 0]) < threshold else None
     longest = 0.0
     for time, is_slow in changes:
         if slow_since is not None:
             longest = max(longest, time - slow_since)
         slow_since = time if is_slow else None
-    if slow_since is None or end[-1] - slow_since <= longest:
+    if slow_since is None or pieces.end[-1] - slow_since <= longest:
         return None
     return slow_since - t_contact

@@ -3,9 +3,10 @@
 import dataclasses
 from typing import Any
 
+from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.pieces import FinitePart
+from teleop_drake.validation import Refuse
 
 
 def RunMetrics(
@@ -28,7 +29,7 @@ def RunMetrics(
         ValueError: If the recording has no finite sample.
     """
     task = task or TaskOf(recording.scenario)
-    return task.Metrics(FinitePart(recording))
+    return task.Metrics(_FinitePart(recording))
 
 
 def RunSummary(
@@ -54,7 +55,7 @@ def RunSummary(
         ValueError: If the recording has no finite sample.
     """
     task = task or TaskOf(recording.scenario)
-    recording = FinitePart(recording)
+    recording = _FinitePart(recording)
     scenario = recording.scenario
     statistics: dict[str, Any] = {}
     if recording.notes:
@@ -78,3 +79,12 @@ def RunSummary(
         **statistics,
         "solver": dataclasses.asdict(recording.solver),
     }
+
+
+def _FinitePart(recording: Recording) -> Recording:
+    """Returns the recording up to its first step that is not finite."""
+    series = recording.time, recording.signals, recording.steps
+    time, signals, steps = finite_part(series)
+    if len(time) == 0:
+        Refuse("recording.time", [], "a list of one finite sample or more")
+    return dataclasses.replace(recording, time=time, signals=signals, steps=steps)

@@ -17,7 +17,7 @@ from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
-from teleop_drake.tasks.pieces import Motion, RootMeanSquare, Sample, Split, Trace
+from teleop_drake.tasks.pieces import Split, Traces
 
 UNITS = {
     "max_error.*": "m",
@@ -126,18 +126,18 @@ def TrackingMetrics(recording: Recording) -> dict[str, list[float]]:
     Args:
         recording: A run, all of its numbers finite.
     """
-    begin, end = Split(recording.time, [])
-    r, _ = Motion(recording, begin, end)
-    error = r - Sample(recording, "desired_position", begin, end)
-    unknown = Sample(recording, "disturbance_estimate", begin, end) - Sample(
-        recording, "environment_force", begin, end
+    pieces = Split(recording)
+    error, unknown = (
+        pieces.Sample(recording[first] - recording[second])
+        for first, second in (
+            ("tool_position", "desired_position"),
+            ("disturbance_estimate", "environment_force"),
+        )
     )
     return {
-        "max_error": [
-            float(np.abs(Trace(axis)).max()) for axis in np.moveaxis(error, 2, 0)
-        ],
-        "rms_error": RootMeanSquare(begin, end, error),
-        "disturbance_rms_error": RootMeanSquare(begin, end, unknown),
+        "max_error": np.abs(Traces(error)).max(axis=1).tolist(),
+        "rms_error": pieces.RootMeanSquare(error),
+        "disturbance_rms_error": pieces.RootMeanSquare(unknown),
     }
 
 

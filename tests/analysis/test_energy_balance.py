@@ -11,6 +11,7 @@ from teleop_drake.analysis.energy import (
     ChannelEnergyBalance,
     TwoPortEnergyBalance,
 )
+from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
@@ -85,7 +86,7 @@ def test_system_and_recording_agree(name, overrides):
 
 def Sinusoids(phi, forward, back, w=3.0):
     """A recording of sinusoids behind a raw delay, on two axes."""
-    t = np.arange(0, 12, 0.05)
+    t = np.linspace(0, 12, 2401)
 
     def F(t):
         return 2 * np.sin(w * t)
@@ -100,6 +101,7 @@ def Sinusoids(phi, forward, back, w=3.0):
     return Recording(
         scenario=None,
         time=t,
+        steps=np.arange(0, len(t) - 1, DEGREE)[:, None] + np.arange(DEGREE + 1),
         signals={
             "tool_velocity": np.zeros((len(t), 2)),
             "forward_packet_sent": Pack(F(t), 9 + 0 * t),

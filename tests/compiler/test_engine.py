@@ -59,7 +59,7 @@ def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):
         stop = min(end, (round(engine.time / every) + 1) * every)
         pieces.append(engine.Advance(stop))
     assert not engine.failure
-    times, rows = map(np.concatenate, zip(*pieces, strict=True))
+    times, rows, _ = map(np.concatenate, zip(*pieces, strict=True))
     return engine, times, rows
 
 

@@ -35,9 +35,6 @@ from teleop_drake.machine_code.compiled import (
     CompileLaw,
     Interpreted,
 )
-from teleop_drake.numerics.interpolation import (
-    limited_polynomial,
-)
 from teleop_drake.scenario import LayerConfig
 
 
@@ -107,20 +104,6 @@ def test_wall_force():
     plane = np.array([[0.6, 0.8], [0.1, -0.2]])
     constants = (np.array([900.0, 1.5, 0.3]), np.array([0.4, 1e-3]), plane)
     AssertSame(wall_force, constants, rng.uniform(-1, 1, size=(40, 2, 2)))
-
-
-@pytest.mark.parametrize("num_samples", [2, 3, 5, 14, 40])
-def test_interpolation(num_samples):
-    """Loops are the same to the last digit."""
-    rng = np.random.default_rng(0)
-    times = np.cumsum(rng.uniform(0.1, 1.5, num_samples))
-    times[num_samples // 2] = times[num_samples // 2 - 1]
-    values = rng.normal(size=(num_samples, 3))
-    for i in range(num_samples - 1):
-        result = limited_polynomial(times, values, i)
-        with Interpreted():
-            expected = limited_polynomial(times, values, i)
-        np.testing.assert_array_equal(result, expected)
 
 
 def halved(u):

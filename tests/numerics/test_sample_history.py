@@ -1,10 +1,15 @@
 """Tests of the samples on their way through a delay."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.numerics.sample_history import (
+    EnoPolynomial,
+    SampleHistory,
+    stencil_window,
+)
 
 DELAY = 0.1
 
@@ -33,3 +38,60 @@ def test_evaluating_it_changes_nothing():
             asked.eval(time + ahead)
     for time in (2.0, 2.03, 2.06):
         np.testing.assert_array_equal(asked.eval(time), left_alone.eval(time))
+
+
+def between(times, values, num=11):
+    """Returns times within the intervals of a signal, and its polynomials there."""
+    query, result = [], []
+    for i in np.flatnonzero(np.diff(times) > 0).tolist():
+        polynomial = EnoPolynomial(times.tolist(), values[:, np.newaxis], i)
+        t = np.linspace(times[i], times[i + 1], num)
+        query.append(t)
+        result.append([polynomial.eval(s)[0] for s in t.tolist()])
+    return np.array(query), np.array(result)
+
+
+def test_order_of_convergence():
+    errors = []
+    for count in (30, 60):
+        times = np.linspace(0, 3, count)
+        t, result = between(times, np.sin(5 * times))
+        errors.append(np.abs(result - np.sin(5 * t))[8:-8].max())
+    assert errors[0] / errors[1] > 2**7.5
+
+
+def test_a_jump_stays_a_jump():
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.3, 1.7, 2.0])
+    t, result = between(times, np.where(np.arange(9) < 5, times**2, 10 - times))
+    np.testing.assert_allclose(result[:4], t[:4] ** 2, atol=1e-8)
+    np.testing.assert_allclose(result[4:], 10 - t[4:], atol=1e-8)
+
+
+def test_a_nonsmooth_point_does_not_ring():
+    times = np.linspace(-1, 1, 21)
+    t, result = between(times, np.abs(times))
+    np.testing.assert_allclose(result, np.abs(t), atol=1e-12)
+
+
+def test_clustered_samples_do_not_amplify_rounding():
+    cluster = 1.0 + np.cumsum(np.full(30, 1e-7))
+    times = np.concatenate([np.linspace(0, 0.95, 20), cluster, np.arange(1.1, 2, 0.1)])
+    t, result = between(times, np.sin(times))
+    assert np.abs(result - np.sin(t))[:-2].max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("i", "indices"), [(3, [3, 4, 5]), (4, [3, 4, 5]), (0, [0, 1, 2])]
+)
+def test_a_stencil_stops_at_jumps(i, indices):
+    assert stencil_window([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0], i) == indices
+
+
+def test_a_nonsmooth_point_soon_after_a_jump_does_not_reach_back():
+    """A control force that is held behind a jump and then begins to fall."""
+    held = [0, 0.003, 0.0178, 0.0199, 0.0206, 0.0211, 0.0213, 0.0225, 0.0236, 0.0253]
+    times = np.array([-0.0022, 0.0, *held])
+    values = np.array([0.00436, 0.00348, *[0.2] * 7, 0.17756, 0.15753, 0.13281])
+    _, result = between(times, values)
+    assert result.max() < 0.2 + 1e-12
+    np.testing.assert_allclose(result[1:7], 0.2, rtol=1e-12)

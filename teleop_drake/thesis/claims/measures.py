@@ -19,22 +19,12 @@ from teleop_drake.thesis.claims.evidence import Run
 INSIDE_WORKSPACE = 1.4  # m
 
 
-def Cut(recording: Recording, end: float) -> Recording:
-    """Returns the recording up to a time."""
-    count = max(int(np.searchsorted(recording.time, end, side="right")), 2)
-    return dataclasses.replace(
-        recording,
-        time=recording.time[:count],
-        signals={name: x[:count] for name, x in recording.signals.items()},
-    )
-
-
 def WhileInside(run: Run) -> Run:
     """Returns a run of case I as long as the arm is far from being stretched."""
     x = run.recording["tool_position"][:, 0]
     outside = np.flatnonzero(x >= INSIDE_WORKSPACE)
     end = run.recording.time[outside[0]] if len(outside) else math.inf
-    recording = Cut(run.recording, float(end))
+    recording = run.recording.Part(0.0, float(end))
     return Run(recording, RunMetrics(recording))
 
 
@@ -194,7 +184,7 @@ def EarlyError(run: Run) -> float:
     """Returns the rms of v_x - v_d(t - T_f) in m/s up to puncture or contact."""
     recording = run.recording
     ends = [FirstEvent(recording, name) for name in ("puncture", "contact")]
-    early = Cut(recording, min(ends))
+    early = recording.Part(0.0, min(ends))
     n = recording.scenario.num_axes
     error = early["tool_velocity"] - early["forward_packet_received"][:, n:]
     return Rms(early, error[:, 0])

@@ -1,0 +1,267 @@
+"""Signals in steps: in each step a polynomial through points of that step.
+
+A step is d + 1 rows of a recording at equal distances in time, its ends among them: a
+row of `steps` (S, d + 1) has their indices. Two steps share the row between them, but
+where something jumps or bends: there each has a row of its own. So no polynomial
+reaches across such an instant. In a step a signal is the polynomial of degree d through
+its values (S, d + 1, k), `values[steps]`.
+"""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Series = tuple[Array, dict[str, Array], Indices]
+
+DEGREE = 4
+"""Of the polynomials of a run: three rows between the ends of a step."""
+
+# Newton's method takes some seven; bisection of a bracket alone as many as these.
+_MAX_ITERATIONS = 60
+
+
+@cache
+def shares(degree: int) -> Array:
+    """Returns where in a step its points are (d + 1), from 0 to 1."""
+    nodes: Array = np.linspace(0.0, 1.0, degree + 1)
+    return nodes
+
+
+@cache
+def _to_powers(degree: int) -> Array:
+    """Returns the matrix from values to coefficients of ascending powers."""
+    return np.linalg.inv(np.vander(shares(degree), increasing=True))
+
+
+@cache
+def _mass(degree: int) -> Array:
+    """Returns the integrals of the products of Lagrange's polynomials.
+
+    From each point of the step to the next one: (d, d + 1, d + 1).
+    """
+    powers = np.arange(degree + 1)
+    powers = powers[:, None] + powers + 1
+    nodes = shares(degree)[:, None, None]
+    hilbert = (nodes[1:] ** powers - nodes[:-1] ** powers) / powers
+    mass: Array = _to_powers(degree).T @ hilbert @ _to_powers(degree)
+    return mass
+
+
+def straight_steps(times: Array) -> Indices:
+    """Returns steps (S, 2) from each row to the next one, jumps left out.
+
+    Args:
+        times: (N,) of the rows; two equal ones mark a jump.
+    """
+    first = np.flatnonzero(np.diff(times) > 0)
+    return np.stack([first, first + 1], axis=1)
+
+
+def lagrange(at: Array, degree: int) -> Array:
+    """Returns the weights (..., d + 1) of a step's values in the value at a share.
+
+    At the points of the step they are exactly 0 and 1.
+
+    Args:
+        at: (...,) shares of a step, 0 at its begin and 1 at its end.
+        degree: d.
+    """
+    nodes = shares(degree)
+    result = np.ones((*at.shape, degree + 1))
+    for a in range(degree + 1):
+        for b in range(degree + 1):
+            if a != b:
+                result[..., a] *= (at - nodes[b]) / (nodes[a] - nodes[b])
+    return result
+
+
+def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Array:
+    """Returns a signal (M, k) at any times, before a jump at the instant of the jump.
+
+    Args:
+        times: (N,) of the rows.
+        values: (N, k) rows of the signal.
+        steps: (S, d + 1).
+        query: (M,) times, clamped to the span of the steps.
+    """
+    if len(steps) == 0:
+        return np.repeat(values[-1:], len(query), axis=0)
+    begin, end = times[steps[:, 0]], times[steps[:, -1]]
+    i = np.clip(np.searchsorted(begin, query) - 1, 0, None)
+    at = np.clip((query - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
+    weights = lagrange(at, steps.shape[1] - 1)
+    result: Array = np.einsum("ma,mak->mk", weights, values[steps[i]])
+    return result
+
+
+def part(series: Series, begin: float, end: float) -> Series:
+    """Returns times, signals and steps between two instants.
+
+    Args:
+        series: Times (N,), signals (N, k) by name, steps.
+        begin: From when on, s. A step that begins before is cut there.
+        end: Until when, s, later.
+    """
+    times, signals, steps = series
+    starts, ends = times[steps[:, 0]], times[steps[:, -1]]
+    kept = np.flatnonzero((ends > begin) & (starts < end))
+    if len(kept) == 0:
+        return times[:1], {name: x[:1] for name, x in signals.items()}, steps[:0]
+    i, j = kept[0], kept[-1]
+    # Both sides of a jump at an end are kept.
+    first = min(steps[i, 0], np.searchsorted(times, begin))
+    last = max(steps[j, -1], np.searchsorted(times, end, "right") - 1)
+    new_times = times[first : last + 1].copy()
+    new_signals = {name: x[first : last + 1].copy() for name, x in signals.items()}
+    for k in {i, j}:
+        nodes = np.clip([starts[k], ends[k]], begin, end)
+        if nodes[0] == starts[k] and nodes[1] == ends[k]:
+            continue
+        nodes = nodes[0] + shares(steps.shape[1] - 1) * (nodes[1] - nodes[0])
+        new_times[steps[k] - first] = nodes
+        for name, x in signals.items():
+            cut = interpolate(times, x, steps[k : k + 1], nodes)
+            new_signals[name][steps[k] - first] = cut
+    return new_times, new_signals, steps[kept] - first
+
+
+def finite_part(series: Series) -> Series:
+    """Returns the steps before the first row that is not finite; none if it is first.
+
+    Args:
+        series: Times (N,), signals (N, k) by name, steps.
+    """
+    times, signals, steps = series
+    columns = [times[:, np.newaxis], *signals.values()]
+    # A sum is quick, and finite unless one of its numbers is not, or it is absurd.
+    if np.isfinite([x.sum() for x in columns]).all():
+        return series
+    is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
+    count = len(times) if is_finite.all() else int(np.argmin(is_finite))
+    if count == len(times):
+        return series
+    steps = steps[steps[:, -1] < count]
+    if count > 0:
+        count = int(steps[-1, -1]) + 1 if len(steps) else 1
+    return times[:count], {name: x[:count] for name, x in signals.items()}, steps
+
+
+def crossings(y: Array) -> tuple[Indices, Array, NDArray[np.bool_]]:
+    """Returns where a signal crosses 0: the steps, the shares, and whether upwards.
+
+    Args:
+        y: (S, d + 1) the signal in its steps.
+    """
+    degree = y.shape[1] - 1
+    is_above = y >= 0
+    i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
+    nodes = shares(degree)
+    c = _to_powers(degree) @ y[i].T
+    at = _roots(c, nodes[j], nodes[j + 1], is_above[i, j], 2e-16)
+    return i, at, is_above[i, j + 1]
+
+
+def first_crossing(times: Array, y: Array, steps: Indices) -> float:
+    """Returns when a signal first crosses 0 upwards, infinity if it does not.
+
+    Args:
+        times: (N,) of the rows.
+        y: (S, d + 1) the signal in its steps.
+        steps: (S, d + 1).
+    """
+    i, at, is_upwards = crossings(y)
+    begin, end = times[steps[i, 0]], times[steps[i, -1]]
+    return float((begin + at * (end - begin))[is_upwards].min(initial=np.inf))
+
+
+def trace(y: Array) -> Array:
+    """Returns values of a signal between which it is monotonic.
+
+    Args:
+        y: (S, d + 1) the signal in its steps.
+
+    Returns:
+        (S, 2 d + 1): the values at the points and, between two of them, the extreme
+        that lies there (or the former value again).
+    """
+    degree = y.shape[1] - 1
+    nodes, powers = shares(degree), np.arange(1, degree + 1)
+    c = _to_powers(degree) @ y.T
+    slopes = c[1:] * powers[:, None]
+    slope = (np.vander(nodes, degree, increasing=True) @ slopes).T
+    i, j = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0)
+    # By the secant, and then by Newton's method. An extreme is flat: its value is more
+    # exact than its place.
+    at = nodes[j] + slope[i, j] / (slope[i, j] - slope[i, j + 1]) / degree
+    c, slopes = c[:, i], slopes[:, i]
+    for _ in range(2):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = at - _value(slopes, at) / _value(slopes[1:] * powers[:-1, None], at)
+        at = np.fmin(np.fmax(at, nodes[j]), nodes[j + 1])
+    values = np.repeat(y, 2, axis=1)[:, :-1]
+    values[i, 2 * j + 1] = _value(c, at)
+    return values
+
+
+def integrate_product(first: Array, second: Array) -> Array:
+    """Returns the integrals (S, d, k) of the product of two signals, exactly.
+
+    From each point of a step to the next one, over the share of the step.
+
+    Args:
+        first: (S, d + 1, k) a signal in its steps.
+        second: The same of another one.
+    """
+    mass = _mass(first.shape[1] - 1)
+    integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)
+    return integrals
+
+
+def mean_square(y: Array) -> Array:
+    """Returns the mean (S, k) of a signal's square over each step, exactly.
+
+    Args:
+        y: (S, d + 1, k) the signal in its steps.
+    """
+    mean: Array = (y * (_mass(y.shape[1] - 1).sum(axis=0) @ y)).sum(axis=1)
+    return mean
+
+
+def _roots(
+    c: Array,
+    low: Array,
+    high: Array,
+    is_positive_at_low: NDArray[np.bool_],
+    tolerance: float,
+) -> Array:
+    """Returns where polynomials c (d, K) change their sign, each in its bracket.
+
+    By Newton's method, and by bisection where that leaves the bracket.
+    """
+    x: Array = (low + high) / 2
+    if x.size == 0:
+        return x
+    slope = c[1:] * np.arange(1, len(c))[:, None]
+    for _ in range(_MAX_ITERATIONS):
+        y = _value(c, x)
+        is_low = (y >= 0) == is_positive_at_low
+        low, high = np.where(is_low, x, low), np.where(is_low, high, x)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = x - y / _value(slope, x)
+        is_there = np.abs(newton - x) <= tolerance
+        is_inside = (low < newton) & (newton < high)
+        x = np.where(is_there | is_inside, newton, (low + high) / 2)
+        if np.all(is_there | (high - low <= tolerance)):
+            break
+    return np.clip(x, low, high)
+
+
+def _value(c: Array, x: Array) -> Array:
+    """Returns the values (K,) of polynomials c (d, K) at x (K,)."""
+    value: Array = c[-1] if len(c) else np.zeros_like(x)
+    for coefficient in c[-2::-1]:
+        value = value * x + coefficient
+    return value
