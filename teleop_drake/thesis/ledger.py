@@ -1,7 +1,5 @@
 """The claims of chapters 3 to 6, each measured on runs and given a verdict.
 
-So are claims of our own on what section 6.3 leaves to future work.
-
 A claim with a number is `reproduced` if our number is within the tolerance, and
 `refuted` if not. It is `reproduced in kind` if what the number stands for holds
 although the number is another, or if fields of the scenario were fitted to it. A claim
@@ -13,44 +11,23 @@ linear models.
 
 from collections.abc import Sequence
 
-from teleop_drake.thesis.claims.alternatives import Alternatives
-from teleop_drake.thesis.claims.chapter3 import Chapter3
-from teleop_drake.thesis.claims.chapter4 import Chapter4
-from teleop_drake.thesis.claims.chapter5 import Chapter5
-from teleop_drake.thesis.claims.claim import Row
-from teleop_drake.thesis.claims.conclusions import Conclusions
-from teleop_drake.thesis.claims.evidence import Evidence
-from teleop_drake.thesis.claims.future_work import (
-    EXTENSION_REQUESTS,
-    LEARNING_REQUESTS,
-    Extensions,
-    Learning,
-)
-from teleop_drake.thesis.claims.requests import REQUESTS, Alike
+from teleop_drake.thesis.claims import chapter3, chapter4, chapter5, conclusions
+from teleop_drake.thesis.claims.claim import LoadClaims, Row
 from teleop_drake.thesis.runs import ThesisRuns
 
+MODULES = (chapter3, chapter4, chapter5, conclusions)
+"""What measures the claims, in the thesis's order."""
 
-def Ledger(runs: ThesisRuns) -> list[Row]:
-    """Returns a row for each claim of chapters 3 to 6, in the thesis's order.
 
-    The rows of plain alternatives come last; their keys begin with "A-".
+def Ledger(runs: ThesisRuns, only: str = "") -> list[Row]:
+    """Returns a row for each claim, in the thesis's order.
+
+    Args:
+        runs: What simulates.
+        only: The beginning of the keys of the claims, such as "4-"; empty: all.
     """
-    runs.Prefetch([*REQUESTS, *Alike()])
-    evidence = Evidence(runs)
-    return [
-        *Chapter3(evidence),
-        *Chapter4(evidence),
-        *Chapter5(evidence),
-        *Conclusions(evidence),
-        *Alternatives(evidence),
-    ]
-
-
-def FutureWork(runs: ThesisRuns) -> list[Row]:
-    """Returns a row for each claim on future work; their keys begin with "F-"."""
-    runs.Prefetch([*REQUESTS, *LEARNING_REQUESTS, *EXTENSION_REQUESTS])
-    evidence = Evidence(runs)
-    return [*Learning(evidence), *Extensions(evidence)]
+    claims = (claim for claim in LoadClaims() if claim.key.startswith(only))
+    return [claim.Judge(runs) for claim in claims]
 
 
 _SHORT_KEYS = (
@@ -63,19 +40,12 @@ _SHORT_KEYS = (
     "5-II-lower-first-impact",
     "5-III-lower-first-impact",
     "6-higher-delays",
-    "A-adaptation-matters",
+    "6-adaptation-matters",
 )
 
 
 def ShortLedger(rows: Sequence[Row]) -> str:
-    """Returns the ten most telling rows as a Markdown table.
-
-    Args:
-        rows: The whole ledger.
-
-    Raises:
-        KeyError: If one of the ten is missing.
-    """
+    """Returns the ten most telling rows of a whole ledger as a Markdown table."""
     by_key = {row.key: row for row in rows}
     lines = ["| thesis | claim | printed | here | verdict |", "|---|---|---|---|---|"]
     for key in _SHORT_KEYS:

@@ -1,165 +1,148 @@
-"""The simulations behind the figures and the ledger, each done once."""
+"""The runs behind the figures and the claims, each simulated once."""
 
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future
-from types import TracebackType
-from typing import Any, Self
+import functools
+import json
+import math
+import shlex
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.sweep.workers import WorkerProcesses
-from teleop_drake.validation import CheckNumber
+from teleop_drake.tasks.metrics import RunMetrics
 
-_Overrides = Mapping[str, Any]
-_Parts = dict[str, Any]
+Change = Mapping[str, Any]
+"""Values by dotted path."""
+
+DIRECT = {"controller.kind": "direct_force"}
+ADAPTIVE = {"controller.kind": "adaptive_backstepping"}
+TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+NETWORKS = ("network_tracking_linear", "network_tracking_coupled")
+LEARNING = "two_dof_learning"
+"""The scenario with settings with which the networks learn."""
+
+NO_ADAPTATION = {"controller.adaptation_rate": 0.0}
+
+
+def Delay(seconds: float) -> Change:
+    """Returns what makes both channels that late."""
+    return {"forward_channel.delay": seconds, "return_channel.delay": seconds}
+
+
+SHORT: dict[str, Change] = {
+    name: {
+        "duration": duration,
+        "simulator.max_step_size": 0.1,
+        "simulator.accuracy": 1e-9 if name == "one_dof" else 1e-7,
+    }
+    for name, duration in zip(TASKS, (18.0, 6.0, 5.0, 5.0), strict=True)
+}
+"""Settings of each task with which every metric agrees with its full run to 0.1 %."""
+
+
+_INSIDE_WORKSPACE = 1.4
+"""Where case I, which leaves its workspace of 1.5 m, is cut off, in m."""
+
+
+class Run:
+    """A run and its metrics."""
+
+    def __init__(self, recording: Recording):
+        self.recording = recording
+
+    @functools.cached_property
+    def metrics(self) -> dict[str, Any]:
+        """As RunMetrics() returns them."""
+        return RunMetrics(self.recording)
+
+    @functools.cached_property
+    def inside(self) -> "Run":
+        """The run up to where the arm is nearly stretched, case I's own end."""
+        is_outside = self.recording["tool_position"][:, 0] >= _INSIDE_WORKSPACE
+        outside = np.flatnonzero(is_outside)
+        end = self.recording.time[outside[0]] if len(outside) else math.inf
+        return Run(self.recording.Part(0.0, float(end)))
+
+    def __getitem__(self, path: str) -> Any:
+        """Returns a metric by its dotted name; None if the run lacks it."""
+        value: Any = self.metrics
+        for part in path.split("."):
+            value = None if value is None else value[part]
+        return value
+
+    def Number(self, path: str) -> float:
+        """Returns a metric as a number, NaN if the run lacks it."""
+        value = self[path]
+        return math.nan if value is None else float(value)
+
+
+class Both(NamedTuple):
+    """The same task with direct force and with the adaptive controller."""
+
+    direct: Run
+    adaptive: Run
+
+    def Numbers(self, path: str) -> tuple[float, float]:
+        """Returns a metric of both, see Run.Number."""
+        return self.direct.Number(path), self.adaptive.Number(path)
 
 
 class ThesisRuns:
-    """Simulates scenarios in worker processes and keeps what comes out.
+    """Simulates scenarios and keeps what comes out.
 
-    Two requests are one run if their resolved scenarios are equal, however they are
-    written. Calling from several threads is not supported.
-
-        with ThesisRuns() as runs:
-            runs.Prefetch([("one_dof", {"controller.kind": "direct_force"})])
-            recording = runs("one_dof", **{"controller.kind": "direct_force"})
-
-    A script that uses more than one process must keep its own work under
-    `if __name__ == "__main__":`, because Python imports it in each of them.
+    Attributes:
+        used: The commands of the runs asked for since somebody emptied it, in order.
 
     Args:
-        jobs: Number of worker processes, >= 1; 1 simulates in this process, on demand.
-        progress: Called with one line of text when a run is finished, possibly from
-            another thread.
-        engine: As simulate() takes it.
-
-    Raises:
-        ValueError: If jobs is less than 1.
+        progress: Called with one line of text when a run is finished.
     """
 
-    def __init__(
-        self,
-        jobs: int = 2,
-        progress: Callable[[str], None] | None = None,
-        *,
-        engine: str = "auto",
-    ):
-        CheckNumber("jobs", jobs, minimum=1)
-        self._engine = engine
+    def __init__(self, progress: Callable[[str], None] = lambda line: None):
         self._progress = progress
-        self._executor = WorkerProcesses(jobs) if jobs > 1 else None
-        self._requests: dict[tuple[str, str], tuple[str, AnyScenario]] = {}
-        self._futures: dict[str, Future[_Parts]] = {}
-        self._recordings: dict[str, Recording] = {}
+        self._runs: dict[str, Run] = {}
+        self.used: dict[str, None] = {}
 
-    def __enter__(self) -> Self:
-        """Returns this object."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Ends the worker processes, see Close."""
-        self.Close()
-
-    @property
-    def num_simulated(self) -> int:
-        """Number of runs that were handed out so far, each simulated once."""
-        return len(self._recordings)
-
-    def __call__(self, name: str, /, **overrides: Any) -> Recording:
-        """Returns a run, simulated now unless it is there already or under way.
+    def __call__(self, name: str, *changes: Change) -> Run:
+        """Returns a run, simulated now unless it is there already.
 
         Args:
             name: A built-in scenario or a YAML file.
-            overrides: Values by dotted path, so usually `**{"path": value}`.
+            changes: What to change in it, the last first.
 
         Raises:
             ScenarioError: If the scenario is not valid.
-            RuntimeError: If the simulation fails, which says in which run and why.
             KeyboardInterrupt: If the run was interrupted.
         """
-        key, scenario = self._Resolve(name, overrides)
-        if key not in self._recordings:
-            self._Start(key, name, overrides)
-            try:
-                if self._executor is None:
-                    recording = simulate(scenario, engine=self._engine)
-                    self._Report(name, overrides, recording)
-                else:
-                    parts = self._futures.pop(key).result()
-                    recording = Recording(scenario=scenario, **parts)
-            except Exception as error:
-                raise RuntimeError(
-                    f"the run {_Title(name, overrides)} failed: {error}"
-                ) from error
+        overrides = {path: x for change in changes for path, x in change.items()}
+        values = {
+            path: x if isinstance(x, str) else json.dumps(x)
+            for path, x in overrides.items()
+        }
+        settings = [
+            word for item in values.items() for word in ("--set", "=".join(item))
+        ]
+        command = shlex.join(["teleop-drake", "run", name, *settings])
+        if command not in self._runs:
+            recording = simulate(LoadScenario(name, overrides))
             if recording.termination == "interrupted":
                 raise KeyboardInterrupt
-            self._recordings[key] = recording
-        return self._recordings[key]
+            self._runs[command] = Run(recording)
+            seconds = recording.solver.wall_time_s
+            self._progress(f"{command}: {recording.termination}, {seconds:.1f} s")
+        self.used[command] = None
+        return self._runs[command]
 
-    def Prefetch(self, requests: Iterable[tuple[str, _Overrides]]) -> None:
-        """Starts runs that will be asked for, in this order.
+    def Short(self, name: str, *changes: Change) -> Run:
+        """Returns a run of a task with the settings of SHORT."""
+        return self(name, SHORT[name], *changes)
 
-        With one job there is nothing to gain: each is simulated when it is asked for.
+    def OfBoth(self, name: str) -> Both:
+        """Returns the runs of both controllers."""
+        return Both(self(name, DIRECT), self(name, ADAPTIVE))
 
-        Args:
-            requests: Names and overrides as __call__ takes them.
-
-        Raises:
-            ScenarioError: If a scenario is not valid.
-        """
-        for name, overrides in requests:
-            key, _ = self._Resolve(name, overrides)
-            if key not in self._recordings:
-                self._Start(key, name, overrides)
-
-    def Close(self) -> None:
-        """Ends the worker processes, and with them the runs that nobody waits for."""
-        if self._executor is not None:
-            self._executor.shutdown(cancel_futures=True)
-
-    def _Resolve(self, name: str, overrides: _Overrides) -> tuple[str, AnyScenario]:
-        request = (name, repr(sorted(overrides.items())))
-        if request not in self._requests:
-            scenario = LoadScenario(name, overrides)
-            self._requests[request] = (ScenarioToYaml(scenario), scenario)
-        return self._requests[request]
-
-    def _Start(self, key: str, name: str, overrides: _Overrides) -> None:
-        if self._executor is None or key in self._futures:
-            return
-        future = self._executor.submit(
-            _SimulateForTransport, name, dict(overrides), self._engine
-        )
-        self._futures[key] = future
-        _, scenario = self._Resolve(name, overrides)
-
-        def Report(done: Future[_Parts]) -> None:
-            if not done.cancelled() and done.exception() is None:
-                recording = Recording(scenario=scenario, **done.result())
-                self._Report(name, overrides, recording)
-
-        future.add_done_callback(Report)
-
-    def _Report(self, name: str, overrides: _Overrides, recording: Recording) -> None:
-        if self._progress is not None:
-            self._progress(
-                f"{_Title(name, overrides)}: {recording.termination}, "
-                f"{recording.solver.wall_time_s:.1f} s"
-            )
-
-
-def _Title(name: str, overrides: _Overrides) -> str:
-    return ", ".join([name, *(f"{path}={x}" for path, x in overrides.items())])
-
-
-def _SimulateForTransport(name: str, overrides: _Overrides, engine: str) -> _Parts:
-    """Returns the fields of a recording but its scenario, which does not pickle."""
-    parts = vars(simulate(LoadScenario(name, overrides), engine=engine)).copy()
-    del parts["scenario"]
-    return parts
+    def ShortOfBoth(self, name: str, change: Change) -> Both:
+        """Returns short runs of both controllers."""
+        return Both(*(self.Short(name, x, change) for x in (DIRECT, ADAPTIVE)))

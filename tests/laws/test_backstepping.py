@@ -179,8 +179,11 @@ def test_lyapunov_identity_at_random_points(n, seed):
     assert _violation(backstepping, seed, n, nu1=0.0, nu3=0.0, Upsilon=0.0) < 1e-9
 
 
-@pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
-def test_lyapunov_identity_along_a_trajectory(n):
+def _Trajectory(n, sign=1.0):
+    """V2 along the closed loop, and what the identity says that it has lost.
+
+    The third network learns with a sign of -1 as (4.43), (4.52), (5.42), (5.51) print.
+    """
     rng = np.random.default_rng(n)
     network = GaussianNetwork(lower=[-1] * n, upper=[1] * n, count=[3] * n, width=1.0)
     N = network.num_functions
@@ -207,6 +210,7 @@ def test_lyapunov_identity_along_a_trajectory(n):
         rate = backstepping_rate(
             gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
         )
+        rate = rate._replace(W3=sign * rate.W3)
         s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
         z = _z(gains, state, Phi, s, F_e)
         V2_dot = -s @ gains.P @ gains.G1 @ s - z @ gains.G2 @ z
@@ -228,9 +232,20 @@ def test_lyapunov_identity_along_a_trajectory(n):
     V2 = np.array([V2_of(x) for x in solution.y.T])
     sigma = [np.linalg.svd(split(x)[3].Psi)[1][-1] for x in solution.y.T]
     assert min(sigma) > 2 * gains.Psi_min  # the projection had no part in it
-    integral = solution.y[-1]
+    return V2, solution.y[-1]
+
+
+@pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
+def test_lyapunov_identity_along_a_trajectory(n):
+    V2, integral = _Trajectory(n)
     assert integral[-1] < -0.02 * V2[0]  # something happened
+    assert (np.diff(V2) < 0).all()
     np.testing.assert_allclose(V2 - V2[0], integral, rtol=0, atol=1e-9 * V2[0])
+
+
+def test_printed_sign_makes_V2_grow():
+    V2, _ = _Trajectory(1, sign=-1.0)
+    assert V2.max() > 1.05 * V2[0]
 
 
 LAW_FUNCTIONS = (

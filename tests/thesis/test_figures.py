@@ -3,12 +3,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from grids import Slow
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.figures.figure import WritePicture
-from teleop_drake.thesis.runs import ThesisRuns
+from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -17,12 +18,12 @@ NUMBERS = [
     *(f"3.{i}" for i in range(2, 6)),
     *(f"4.{i}" for i in range(1, 7)),
     *(f"5.{i}" for i in range(1, 21)),
-    "6.1",
-    "6.2",
 ]
-COMPARISONS = ["4.1", "4.2", "4.3", "5.1", "5.2", "5.3", "5.7", "5.8", "5.9", "5.10"]
+COMPARISONS = ["4.1", "5.9", "4.2", "4.3", "5.1", "5.2", "5.3", "5.7", "5.8", "5.10"]
 COMPARISONS += ["5.14", "5.15", "5.16", "5.17"]
 TIME_ONLY = ["5.9", "5.16"]
+# One of each kind.
+KINDS = ["2.4", "3.2", "4.1", "4.6", "5.5", "5.9"]
 
 
 def Curves(ax):
@@ -49,11 +50,7 @@ def test_every_figure_of_the_thesis_is_there():
 
 @pytest.mark.parametrize(
     "number",
-    [
-        *(n for n in NUMBERS if n not in ("2.1", "6.2")),
-        # Many diagrams to compile.
-        pytest.param("6.2", marks=pytest.mark.slow),
-    ],
+    Slow(NUMBERS[1:], but=[NUMBERS.index(number) - 1 for number in KINDS]),
 )
 def test_axes_have_data_labels_and_units(thesis_runs, number):
     figure = Made(number, thesis_runs)
@@ -76,7 +73,7 @@ def test_axes_have_data_labels_and_units(thesis_runs, number):
             assert "[" in ax.get_ylabel() and ax.get_ylabel().endswith("]")
 
 
-@pytest.mark.parametrize("number", COMPARISONS)
+@pytest.mark.parametrize("number", Slow(COMPARISONS, but=[0, 1]))
 def test_comparisons_show_both_controllers(thesis_runs, number):
     figure = Made(number, thesis_runs)
     legend = Legend(figure)
@@ -92,7 +89,7 @@ def test_comparisons_show_both_controllers(thesis_runs, number):
 
 
 def test_curves_are_those_of_the_runs(thesis_runs):
-    recording = thesis_runs("one_dof", **{"controller.kind": "adaptive_backstepping"})
+    recording = thesis_runs("one_dof", ADAPTIVE).recording
     (ax,) = Made("4.6", thesis_runs).axes
     curves = Curves(ax)
     assert len(curves) == recording["weights_3"].shape[1]
@@ -100,15 +97,13 @@ def test_curves_are_those_of_the_runs(thesis_runs):
         np.testing.assert_array_equal(curve.get_xdata(), recording.time)
         np.testing.assert_array_equal(curve.get_ydata(), recording["weights_3"][:, k])
     position, _ = Made("5.9", thesis_runs).axes
-    recording = thesis_runs("two_dof_collision", **{"controller.kind": "direct_force"})
+    recording = thesis_runs("two_dof_collision", DIRECT).recording
     x = Curves(position)[0].get_ydata()
     assert x.max() == pytest.approx(recording["tool_position"][:, 0].max(), rel=1e-4)
 
 
 def test_weights_of_the_planar_arm_are_told_apart_by_axis_and_centre(thesis_runs):
-    recording = thesis_runs(
-        "two_dof_combined", **{"controller.kind": "adaptive_backstepping"}
-    )
+    recording = thesis_runs("two_dof_combined", ADAPTIVE).recording
     num_functions = recording["weights_1"].shape[1] // 2
     for k, ax in enumerate(Made("5.18", thesis_runs).axes):
         for i, curve in enumerate(Curves(ax)):
@@ -118,7 +113,7 @@ def test_weights_of_the_planar_arm_are_told_apart_by_axis_and_centre(thesis_runs
 
 
 def test_stiffness_profile():
-    tissue, bone = FIGURES["2.4"].make(ThesisRuns(jobs=1)).axes
+    tissue, bone = FIGURES["2.4"].make(ThesisRuns()).axes
     # k x at the end of the tissue: 0.01 N/m times 7.5 mm.
     assert Curves(tissue)[0].get_ydata().max() == pytest.approx(0.075)
     x, force = Curves(bone)[0].get_xydata()[-1]
@@ -126,7 +121,7 @@ def test_stiffness_profile():
 
 
 def test_the_loop_is_a_diagram(tmp_path):
-    picture = FIGURES["2.1"].make(ThesisRuns(jobs=1))
+    picture = FIGURES["2.1"].make(ThesisRuns())
     assert isinstance(picture, Diagram)
     png, svg = WritePicture(picture, tmp_path / FIGURES["2.1"].stem)
     assert (png.name, svg.name) == ("figure_2_1.png", "figure_2_1.svg")

@@ -1,21 +1,21 @@
-"""The ledger: its verdicts follow from the runs."""
+"""The ledger: its verdicts follow from the runs, and ten rows are documented."""
 
 import dataclasses
+import re
+import shlex
 from importlib import resources
 
 import numpy as np
 import pytest
+from documentation import ROOT
 
 from teleop_drake.laws.backstepping import BacksteppingGains, unpack_state
 from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis.claims.chapter4 import Chapter4
-from teleop_drake.thesis.claims.chapter5 import CaseI, CaseII
-from teleop_drake.thesis.claims.claim import VERDICTS, PrintedNumber, Row, Statement
-from teleop_drake.thesis.claims.evidence import Evidence
-from teleop_drake.thesis.claims.requests import SHORT
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Found
 from teleop_drake.thesis.claims.separate_updates import SeparateRate
-from teleop_drake.thesis.ledger import ShortLedger
+from teleop_drake.thesis.ledger import Ledger, ShortLedger
+from teleop_drake.thesis.runs import ADAPTIVE, SHORT, Run, ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -48,11 +48,7 @@ REFUTED = {
     "6-adds-robustness",
     "6-tuning-functions-learn",
     "6-tuning-functions-filter",
-    "A-adaptation-matters",
-    "A-I-retuned",
-    "A-II-retuned",
-    "A-III-retuned",
-    "A-rest-on-bone",
+    "6-adaptation-matters",
 }
 IN_KIND = {
     *(f"3-I-{name}" for name in ("max-x", "max-z", "rms-x", "rms-z")),
@@ -72,26 +68,26 @@ def rows(ledger):
     return {row.key: row for row in ledger}
 
 
-class Changed:
-    """Runs of which some recordings are tampered with."""
+class Changed(ThesisRuns):
+    """Runs of which the adaptive one of a task is tampered with."""
 
-    def __init__(self, runs, name, kind, change):
-        self._runs = runs
-        self._which = (name, kind)
-        self._change = change
+    def __init__(self, runs, name, change):
+        super().__init__()
+        self._intact, self._name, self._change = runs, name, change
 
-    def __call__(self, name, /, **overrides):
-        recording = self._runs(name, **overrides)
-        if (name, overrides.get("controller.kind")) != self._which:
-            return recording
-        signals = {key: x.copy() for key, x in recording.signals.items()}
-        changed = dataclasses.replace(recording, signals=signals)
+    def __call__(self, name, *changes):
+        run = self._intact(name, *changes)
+        if name != self._name or ADAPTIVE not in changes:
+            return run
+        signals = {key: x.copy() for key, x in run.recording.signals.items()}
+        changed = dataclasses.replace(run.recording, signals=signals)
         self._change(changed)
-        return changed
+        return Run(changed)
 
 
-def Verdicts(section, runs):
-    return {row.key: row.verdict for row in section(Evidence(runs))}
+def Verdicts(key, runs):
+    """The verdicts of the claims whose keys begin so."""
+    return {row.key: row.verdict for row in Ledger(runs, key)}
 
 
 def test_every_row_is_complete(rows, ledger):
@@ -99,7 +95,9 @@ def test_every_row_is_complete(rows, ledger):
     for row in rows.values():
         fields = dataclasses.asdict(row)
         assert all(isinstance(value, str) for value in fields.values())
-        assert all(value for name, value in fields.items() if name != "reason")
+        assert all(
+            value for name, value in fields.items() if name not in ("reason", "runs")
+        )
         assert row.verdict in VERDICTS
         assert "nan" not in row.ours.split()
 
@@ -135,13 +133,24 @@ def test_numbers_of_chapter_4(rows, key, ours):
     assert float(rows[key].ours.split()[0]) == pytest.approx(ours, rel=2e-3)
 
 
+def test_commands_are_those_of_the_runs(rows):
+    """Each can be typed, and what was fitted or proved needs none."""
+    commands = {command for row in rows.values() for command in row.runs.splitlines()}
+    assert len(commands) > 40
+    for command in commands:
+        program, run, name, *options = shlex.split(command)
+        assert (program, run) == ("teleop-drake", "run")
+        assert set(options[::2]) <= {"--set"}
+        LoadScenario(name, options[1::2])
+    assert [key for key, row in rows.items() if not row.runs] == ["4-delay-of-channels"]
+
+
 def test_short_runs_have_the_metrics_of_the_full_ones(thesis_runs):
-    for name, short in SHORT.items():
+    for name in SHORT:
         if name == "two_dof_puncture":
             continue
-        kind = {"controller.kind": "adaptive_backstepping"}
-        full = RunMetrics(thesis_runs(name, **kind))
-        metrics = RunMetrics(thesis_runs(name, **kind, **short))
+        full = thesis_runs(name, ADAPTIVE).metrics
+        metrics = thesis_runs.Short(name, ADAPTIVE).metrics
         for part in ("puncture", "collision"):
             if full[part] is not None:
                 assert metrics[part] == pytest.approx(full[part], rel=1e-3)
@@ -153,8 +162,7 @@ def test_a_quicker_tool_changes_the_verdicts_of_chapter_4(thesis_runs):
         free = recording["environment_layer"][:, 0] == 1
         recording["tool_velocity"][free] += 0.5e-3
 
-    runs = Changed(thesis_runs, "one_dof", "adaptive_backstepping", Hurry)
-    verdicts = Verdicts(Chapter4, runs)
+    verdicts = Verdicts("4-", Changed(thesis_runs, "one_dof", Hurry))
     assert verdicts["4-adaptive-overshoot"] == "refuted"
     assert verdicts["4-overshoot-reduction"] == "refuted"
     assert verdicts["4-direct-overshoot"] == "reproduced"
@@ -169,8 +177,9 @@ def test_a_tool_without_overshoot_turns_a_refuted_claim(thesis_runs):
         recording["tool_velocity"][:] = v
         recording["tool_acceleration"][:] = 0.0
 
-    runs = Changed(thesis_runs, "two_dof_puncture", "adaptive_backstepping", Limit)
-    verdicts = Verdicts(CaseI, runs)
+    verdicts = Verdicts(
+        "5-I-no-overshoot", Changed(thesis_runs, "two_dof_puncture", Limit)
+    )
     assert verdicts["5-I-no-overshoot"] == "reproduced"
 
 
@@ -179,35 +188,32 @@ def test_a_jump_of_the_control_force_is_seen(thesis_runs):
         i = int(np.flatnonzero(np.diff(recording.time) == 0)[-1])
         recording["control_force"][i + 1 :] += 1.0
 
-    name = "two_dof_collision"
-    runs = Changed(thesis_runs, name, "adaptive_backstepping", Jump)
-    assert Verdicts(CaseII, runs)["5-II-no-jumps"] == "refuted"
-    verdicts = Verdicts(CaseII, thesis_runs)
-    assert verdicts["5-II-no-jumps"] == "reproduced"
+    key = "5-II-no-jumps"
+    runs = Changed(thesis_runs, "two_dof_collision", Jump)
+    assert Verdicts(key, runs) == {key: "refuted"}
+    assert Verdicts(key, thesis_runs) == {key: "reproduced"}
 
 
 def test_tolerances():
-    place = {"key": "key", "place": "", "claim": ""}
-
-    def Verdict(ours, holds, is_fitted=False):
-        return PrintedNumber(
-            **place,
-            printed=2.0,
-            ours=ours,
-            unit=(1.0, "m"),
-            tolerance=0.1,
-            in_kind="",
-            is_in_kind=holds,
-            is_fitted=is_fitted,
-        ).verdict
+    def Verdict(ours, holds, printed=2000.0, **options):
+        claim = Claim(
+            key="",
+            place="",
+            claim="",
+            measure=lambda runs: Found(holds, ours),
+            printed=printed,
+            unit="mm",
+            **{"tolerance": "10 %", **options},
+        )
+        return claim.Judge(ThesisRuns()).verdict
 
     assert Verdict(2.199, False) == "reproduced"
     assert Verdict(2.201, True) == "reproduced in kind"
     assert Verdict(2.201, False) == "refuted"
-    assert Verdict(2.0, True, is_fitted=True) == "reproduced in kind"
+    assert Verdict(2.0, True, fitted=True) == "reproduced in kind"
     assert Verdict(float("nan"), False) == "refuted"
-    undecided = Statement(**place, criterion="", holds=None, ours="")
-    assert undecided.verdict == "not determinable"
+    assert Verdict(2.101, False, tolerance="100 points") == "refuted"
+    assert Verdict("", None, printed=None) == "not determinable"
 
 
 def test_as_many_fields_are_fitted_as_the_rows_say(rows):
@@ -255,16 +261,13 @@ def test_separate_updates_follow_the_errors_of_their_stages():
     np.testing.assert_allclose(rate.F_c, alpha_dot - Psi.T @ g - 30 * z)
 
 
-def test_short_ledger(rows):
-    lines = ShortLedger(list(rows.values())).splitlines()
-    assert len(lines) == 12
-    assert all(line.count("|") == 6 for line in lines)
-    assert "refuted" in lines[5]
-    with pytest.raises(KeyError):
-        ShortLedger([])
-
-
-def test_row_fields():
-    names = [field.name for field in dataclasses.fields(Row)]
-    assert names[0] == "key"
-    assert {"place", "thesis", "ours", "tolerance", "verdict", "reason"} <= set(names)
+def test_short_ledger_stands_in_the_documentation(ledger):
+    """Word for word, and each number within one per cent."""
+    number = re.compile(r"\d+(?:\.\d+)?")
+    now = ShortLedger(ledger).strip()
+    text = (ROOT / "teleop_drake/docs/thesis.md").read_text("utf-8")
+    begin = text.index(now.splitlines()[0])
+    committed = text[begin:].split("\n\n")[0]
+    assert number.sub("#", committed) == number.sub("#", now)
+    for old, new in zip(number.findall(committed), number.findall(now), strict=True):
+        assert float(old) == pytest.approx(float(new), rel=0.01)

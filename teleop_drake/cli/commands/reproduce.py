@@ -24,20 +24,11 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="A,B,...",
         help="only these figures, for example 4.1,5.7: no ledger and no report",
     )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=2,
-        metavar="N",
-        help="processes that simulate (default: 2)",
-    )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates and writes what the thesis shows."""
-    if args.jobs < 1:
-        raise BadInput(f"--jobs = {args.jobs}: must be 1 or more")
     formats = FormatsOf(args)
 
     from teleop_drake.thesis.report import Reproduce, SelectFigures
@@ -52,15 +43,15 @@ def Execute(args: argparse.Namespace) -> int:
     PrepareFolder(args.out, "report.html")
 
     def Report(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
+        if not args.quiet:
+            print(line, file=sys.stderr, flush=True)
 
     try:
         paths = Reproduce(
             Path(args.out),
             only=only,
-            jobs=args.jobs,
             formats=formats,
-            progress=None if args.quiet else Report,
+            progress=Report,
         )
     except RuntimeError as e:
         # Nothing here can lay out a diagram; the message says what to install.

@@ -1,174 +1,88 @@
 """Chapter 3: a network that learns a disturbance."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_drake.thesis.claims.claim import PrintedNumber, Row, Statement
-from teleop_drake.thesis.claims.evidence import Evidence, Run
+from teleop_drake.thesis.claims.claim import Found, Measures, Shares
 from teleop_drake.thesis.claims.measures import Late, Rms
-from teleop_drake.thesis.claims.requests import NETWORKS, NO_ADAPTATION, TRACKING_GAIN
-from teleop_drake.thesis.claims.wording import Shares
+from teleop_drake.thesis.runs import NETWORKS, NO_ADAPTATION, Run, ThesisRuns
 
-# Section 3.4, by case and metric: along x and along z, in m.
-_PRINTED = {
-    "I": {"max_error": (0.0578, 0.0894), "rms_error": (0.0145, 0.025)},
-    "II": {"max_error": (0.13, 0.0902), "rms_error": (0.033, 0.027)},
-}
+_CASES = dict(zip(("I", "II"), NETWORKS, strict=True))
 
 
-def Chapter3(evidence: Evidence) -> list[Row]:
-    """Returns the rows of chapter 3."""
-    one, two = (evidence(name) for name in NETWORKS)
-    silent = evidence(NETWORKS[0], NO_ADAPTATION)
-    return [
-        *_Errors("I", one),
-        *_Errors("II", two),
-        *_Learning("I", one, "Fig. 3.2", "Fig. 3.3"),
-        *_Learning("II", two, "Fig. 3.4", "Fig. 3.5"),
-        _CoarseEstimate(one, silent),
-        *_Cases(one, two),
-        _LargerGain([(evidence(x), evidence(x, TRACKING_GAIN)) for x in NETWORKS]),
-        _EffectsOfDelay(one),
-    ]
+@Measures("3-{case}-{which}-{axis}")
+def _Error(runs: ThesisRuns, case: str, which: str, axis: str, printed: float) -> Found:
+    ours = runs(_CASES[case])[f"{which}_error"]["xz".index(axis)]
+    return Found(printed / 2 <= 1e3 * ours <= 2 * printed, ours)
 
 
-def _Errors(case: str, run: Run) -> list[Row]:
-    return [
-        PrintedNumber(
-            key=f"3-{case}-{metric.split('_')[0]}-{axis}",
-            place=f"section 3.4, case {case}",
-            claim=f"The {'largest' if metric == 'max_error' else 'rms'} tracking error "
-            f"along {axis}.",
-            printed=printed,
-            ours=ours,
-            unit=(1e3, "mm"),
-            tolerance=0.25,
-            in_kind="within a factor of two",
-            is_in_kind=printed / 2 <= ours <= 2 * printed,
-            is_fitted=True,
-            reason="The printed trajectory leaves the workspace. Eight fields, one set "
-            "for both cases, are fitted to the eight errors.",
-        )
-        for metric, numbers in _PRINTED[case].items()
-        for axis, printed, ours in zip("xz", numbers, run[metric], strict=True)
-    ]
-
-
-def _Learning(case: str, run: Run, error_figure: str, force_figure: str) -> list[Row]:
-    recording = run.recording
+@Measures("3-{case}-error-vanishes")
+def _ErrorVanishes(runs: ThesisRuns, case: str) -> Found:
+    recording = runs(_CASES[case]).recording
     error = recording["tool_position"] - recording["desired_position"]
     late = Late(recording, error) / np.abs(error).max(axis=0)
+    return Found((late < 0.1).all(), Shares(late, "xz"))
+
+
+@Measures("3-{case}-network-adapts")
+def _NetworkAdapts(runs: ThesisRuns, case: str) -> Found:
+    recording = runs(_CASES[case]).recording
     F_e = recording["environment_force"]
     unlearned = Late(recording, F_e - recording["disturbance_estimate"])
     rest = float(np.linalg.norm(unlearned) / np.linalg.norm(Late(recording, F_e)))
-    return [
-        Statement(
-            key=f"3-{case}-error-vanishes",
-            place=f"section 3.4, case {case}, {error_figure}",
-            claim="The tracking error goes to zero with time."
-            if case == "I"
-            else "The tracking error stays close to zero with time.",
-            criterion="its rms over the last quarter is below 10 % of its largest "
-            "value, on both axes",
-            holds=bool((late < 0.1).all()),
-            ours=Shares(late, "xz"),
-        ),
-        Statement(
-            key=f"3-{case}-network-adapts",
-            place=f"section 3.4, case {case}, {force_figure}",
-            claim="The network adapts quickly to the unknown disturbance.",
-            criterion="the rms of |W Phi - F_e| over the last quarter is below a tenth "
-            "of that of |F_e|",
-            holds=rest < 0.1,
-            ours=f"{rest:.1%}",
-        ),
-    ]
+    return Found(rest < 0.1, f"{rest:.1%}")
 
 
-def _CoarseEstimate(one: Run, silent: Run) -> Row:
-    """The claim that tracking is good although the estimate is not."""
-    force = np.linalg.norm(one.recording["environment_force"], axis=1)
-    off = math.hypot(*one["disturbance_rms_error"]) / Rms(one.recording, force)
-    gains = [
-        without / learned
-        for without, learned in zip(silent["rms_error"], one["rms_error"], strict=True)
-    ]
-    return Statement(
-        key="3-coarse-estimate",
-        place="section 3.5",
-        claim="A coarse estimate of the disturbance is enough for good tracking.",
-        criterion="in case I the network is off by 10 % (rms over the run) or more, "
-        "and yet without it the rms tracking error is twice as large or more on both "
-        "axes",
-        holds=off >= 0.1 and min(gains) >= 2,
-        ours=f"off by {off:.0%}; without it x {gains[0]:.2f} times, z {gains[1]:.2f} "
-        "times the error",
+@Measures("3-coarse-estimate")
+def _CoarseEstimate(runs: ThesisRuns) -> Found:
+    run, silent = runs(NETWORKS[0]), runs(NETWORKS[0], NO_ADAPTATION)
+    force = np.linalg.norm(run.recording["environment_force"], axis=1)
+    off = math.hypot(*run["disturbance_rms_error"]) / Rms(run.recording, force)
+    x, z = _Ratios("rms_error", run, silent)
+    return Found(
+        off >= 0.1 and min(x, z) >= 2,
+        f"off by {off:.0%}; without it x {x:.2f} times, z {z:.2f} times the error",
     )
 
 
-def _Cases(one: Run, two: Run) -> list[Row]:
-    """The claims that compare case II with case I."""
-    growth = [
-        b / a
-        for metric in ("max_error", "rms_error")
-        for a, b in zip(one[metric], two[metric], strict=True)
-    ]
-    off_one, off_two = (run["disturbance_rms_error"] for run in (one, two))
-    return [
-        Statement(
-            key="3-slightly-more",
-            place="section 3.5",
-            claim="The errors of case II are only slightly larger than those of case "
-            "I.",
-            criterion="each of the four errors grows by less than one half",
-            holds=max(growth) < 1.5,
-            ours="growth by the factors " + ", ".join(f"{x:.2f}" for x in growth),
-            reason="The thesis's own numbers grow by the factors 2.25 and 2.28 along "
-            "x.",
-        ),
-        Statement(
-            key="3-less-accurate",
-            place="section 3.4, case II, Fig. 3.5",
-            claim="The coupled disturbance is learned less accurately than the linear "
-            "one.",
-            criterion="larger rms error of the estimated disturbance on both axes",
-            holds=all(b > a for a, b in zip(off_one, off_two, strict=True)),
-            ours="; ".join(
-                f"{case}: x {off[0]:.3g}, z {off[1]:.3g} N"
-                for case, off in (("I", off_one), ("II", off_two))
-            ),
-        ),
-    ]
+@Measures("3-slightly-more")
+def _SlightlyMore(runs: ThesisRuns) -> Found:
+    pair = [runs(name) for name in NETWORKS]
+    growth = [x for name in ("max_error", "rms_error") for x in _Ratios(name, *pair)]
+    factors = ", ".join(f"{x:.2f}" for x in growth)
+    return Found(max(growth) < 1.5, f"growth by the factors {factors}")
 
 
-def _LargerGain(pairs: Sequence[tuple[Run, Run]]) -> Row:
+@Measures("3-less-accurate")
+def _LessAccurate(runs: ThesisRuns) -> Found:
+    errors = {
+        case: runs(name)["disturbance_rms_error"] for case, name in _CASES.items()
+    }
+    return Found(
+        all(b > a for a, b in zip(*errors.values(), strict=True)),
+        "; ".join(f"{case}: x {x:.3g}, z {z:.3g} N" for case, (x, z) in errors.items()),
+    )
+
+
+@Measures("3-larger-gain")
+def _LargerGain(runs: ThesisRuns) -> Found:
     ratios = [
-        b / a
-        for thesis, larger in pairs
-        for a, b in zip(thesis["rms_error"], larger["rms_error"], strict=True)
+        x
+        for name in NETWORKS
+        for x in _Ratios("rms_error", runs(name), runs(name, {"controller.G1": 4.0}))
     ]
-    return Statement(
-        key="3-larger-gain",
-        place="(3.26)",
-        claim="A larger G1 makes the tracking error smaller.",
-        criterion="with four times the gain all four rms errors fall",
-        holds=max(ratios) < 1,
-        ours="by the factors " + ", ".join(f"{x:.2f}" for x in ratios),
-        reason="There is neither a delay nor a contact here; see 5-II-larger-gains.",
-    )
+    factors = ", ".join(f"{x:.2f}" for x in ratios)
+    return Found(max(ratios) < 1, f"by the factors {factors}")
 
 
-def _EffectsOfDelay(one: Run) -> Row:
-    channels = [x for x in vars(one.recording.scenario) if x.endswith("_channel")]
-    return Statement(
-        key="3-effects-of-delay",
-        place="section 1.5",
-        claim="Chapter 3 shows how the networks capture the effects of time delays.",
-        criterion="the task of chapter 3 has a delay",
-        holds=bool(channels),
-        ours=f"{len(channels)} channels",
-        reason="The controller of chapter 3 stands at the arm. Where there is a delay "
-        "the networks hardly matter; see A-adaptation-matters.",
-    )
+def _Ratios(metric: str, one: Run, other: Run) -> list[float]:
+    """Returns how many times as large the other's metric is on each axis."""
+    return [b / a for a, b in zip(one[metric], other[metric], strict=True)]
+
+
+@Measures("3-effects-of-delay")
+def _EffectsOfDelay(runs: ThesisRuns) -> Found:
+    scenario = runs(NETWORKS[0]).recording.scenario
+    channels = [x for x in vars(scenario) if x.endswith("_channel")]
+    return Found(bool(channels), f"{len(channels)} channels")

@@ -1,9 +1,21 @@
-"""A claim of the thesis, what was measured, and the verdict."""
+"""Claims of the thesis: what each says, how it is measured, and the verdict.
 
+Their texts stand in claims.yaml, their measures in the modules of the chapters.
+"""
+
+import inspect
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from functools import partial
+from importlib import resources
+from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
+
+from teleop_drake.thesis.claims.measures import LargestJump
+from teleop_drake.thesis.runs import Both, Run, ThesisRuns
 
 REPRODUCED = "reproduced"
 IN_KIND = "reproduced in kind"
@@ -15,7 +27,7 @@ VERDICTS = (REPRODUCED, IN_KIND, REFUTED, NOT_DETERMINABLE)
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One claim. Every field is text.
+    """One claim and its verdict. Every field is text.
 
     Attributes:
         key: Short name, unique.
@@ -27,6 +39,7 @@ class Row:
         tolerance: By how much ours may differ; for a criterion "as stated".
         verdict: One of VERDICTS.
         reason: Why, where the numbers alone do not tell.
+        runs: The commands of the runs that were measured, a line each.
     """
 
     key: str
@@ -38,76 +51,182 @@ class Row:
     tolerance: str
     verdict: str
     reason: str
+    runs: str
 
 
-def Statement(
-    *,
-    key: str,
-    place: str,
-    claim: str,
-    criterion: str,
-    holds: bool | np.bool_ | None,
-    ours: str,
-    reason: str = "",
-) -> Row:
-    """Returns the row of a claim without a number.
+class Found(NamedTuple):
+    """What a measure finds.
 
-    `holds` says whether our runs meet the criterion; None: no run can decide.
+    Attributes:
+        holds: Whether the criterion holds, or what a number stands for; None: no run
+            can decide.
+        ours: Our value: text, or a number in SI units where the thesis prints one.
+        reason: What to say beside the claim's own reason.
     """
-    verdict = REPRODUCED if holds else REFUTED
-    if holds is None:
-        verdict = NOT_DETERMINABLE
-    return Row(
-        key=key,
-        place=place,
-        claim=claim,
-        criterion=criterion,
-        thesis="no number",
-        ours=ours,
-        tolerance="as stated",
-        verdict=verdict,
-        reason=reason,
-    )
+
+    holds: bool | np.bool_ | None
+    ours: str | float
+    reason: str = ""
 
 
-def PrintedNumber(
-    *,
-    key: str,
-    place: str,
-    claim: str,
-    printed: float,
-    ours: float,
-    unit: tuple[float, str],
-    tolerance: float,
-    in_kind: str,
-    is_in_kind: bool | np.bool_,
-    reason: str = "",
-    is_absolute: bool = False,
-    is_fitted: bool = False,
-) -> Row:
-    """Returns the row of a number that the thesis prints.
+Measure = Callable[..., Found]
 
-    `printed` and `ours` are in SI units; `unit` is how many of the unit shown there are
-    in one SI unit, and its symbol. The tolerance is relative, or absolute in the unit
-    shown. `in_kind` is the statement that the number stands for, and `is_in_kind`
-    whether it holds. A number to which fields of the scenario were fitted is
-    reproduced in kind at best.
+MEASURES: dict[str, Measure] = {}
+"""By the key in claims.yaml, or by the name that its entry has under `measure`."""
+
+
+def Measures(*keys: str) -> Callable[[Measure], Measure]:
+    """Registers a measure: a function of the runs and of fields of the entry."""
+
+    def Register(measure: Measure) -> Measure:
+        MEASURES.update(dict.fromkeys(keys, measure))
+        return measure
+
+    return Register
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A claim as claims.yaml has it, see Row.
+
+    Attributes:
+        measure: Measures it on runs.
+        printed: The thesis's number, in `unit`; None: there is a criterion instead.
+        tolerance: Of the number: "5 %" of it, or "5 points" of the unit.
+        in_kind: What the number stands for.
+        fitted: Whether fields of the scenario were fitted to it, so that it is
+            reproduced in kind at best.
     """
-    scale, symbol = unit
-    width = tolerance / scale if is_absolute else tolerance * abs(printed)
-    verdict = IN_KIND if is_in_kind else REFUTED
-    if abs(ours - printed) <= width:
-        verdict = IN_KIND if is_fitted else REPRODUCED
-    return Row(
-        key=key,
-        place=place,
-        claim=claim,
-        criterion="the number within the tolerance"
-        + (", to which fields were fitted" if is_fitted else "")
-        + f"; in kind: {in_kind}",
-        thesis=f"{scale * printed:.4g} {symbol}",
-        ours=f"{scale * ours:.4g} {symbol}" if math.isfinite(ours) else "none",
-        tolerance=f"{tolerance:g} points" if is_absolute else f"{100 * tolerance:g} %",
-        verdict=verdict,
-        reason=reason,
+
+    key: str
+    place: str
+    claim: str
+    measure: Callable[[ThesisRuns], Found]
+    criterion: str = ""
+    reason: str = ""
+    printed: float | None = None
+    unit: str = ""
+    tolerance: str = "as stated"
+    in_kind: str = ""
+    fitted: bool = False
+
+    def Judge(self, runs: ThesisRuns) -> Row:
+        """Measures, and returns the row of the ledger."""
+        runs.used.clear()
+        found = self.measure(runs)
+        verdict = REPRODUCED if found.holds else REFUTED
+        if found.holds is None:
+            verdict = NOT_DETERMINABLE
+        criterion, thesis, ours = self.criterion, "no number", str(found.ours)
+        if self.printed is not None:
+            number = _SCALES[self.unit] * float(found.ours)
+            verdict = self._VerdictOf(number, bool(found.holds))
+            criterion = "the number within the tolerance"
+            criterion += ", to which fields were fitted" if self.fitted else ""
+            criterion += f"; in kind: {self.in_kind}"
+            thesis = f"{self.printed:.4g} {self.unit}"
+            ours = f"{number:.4g} {self.unit}" if math.isfinite(number) else "none"
+        return Row(
+            key=self.key,
+            place=self.place,
+            claim=self.claim,
+            criterion=criterion,
+            thesis=thesis,
+            ours=ours,
+            tolerance=self.tolerance,
+            verdict=verdict,
+            reason=" ".join(filter(None, (self.reason, found.reason))),
+            runs="\n".join(runs.used),
+        )
+
+    def _VerdictOf(self, number: float, is_in_kind: bool) -> str:
+        assert self.printed is not None
+        size, kind = self.tolerance.split()
+        width = float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
+        if abs(number - self.printed) <= width:
+            return IN_KIND if self.fitted else REPRODUCED
+        return IN_KIND if is_in_kind else REFUTED
+
+
+_SCALES = {"mm": 1e3, "mm/s": 1e3, "mN": 1e3, "%": 1e2}
+"""How many of a unit there are in one SI unit; 1 for all others."""
+
+
+def LoadClaims() -> list[Claim]:
+    """Returns the claims of claims.yaml; the modules of the chapters are imported."""
+    text = (resources.files(__package__) / "claims.yaml").read_text("utf-8")
+    known = {field.name for field in fields(Claim)}
+    claims = []
+    for entry in yaml.safe_load(text):
+        for item in entry.get("each", [{}]):
+            values = {**entry, **item}
+            if "less" in values:
+                measure = partial(_IsLess, **values["less"])
+            else:
+                function = MEASURES[values.get("measure", entry["key"])]
+                names = values.keys() & inspect.signature(function).parameters
+                measure = partial(function, **{name: values[name] for name in names})
+            texts: dict[str, Any] = {
+                name: x.format(**values) if isinstance(x, str) else x
+                for name, x in values.items()
+                if name in known - {"measure"}
+            }
+            claims.append(Claim(**texts, measure=measure))
+    return claims
+
+
+def Compared(runs: ThesisRuns, task: str) -> Both:
+    """Returns both runs of a task; those of case I as long as the arm is inside."""
+    both = runs.OfBoth(task)
+    if task != "two_dof_puncture":
+        return both
+    return Both(both.direct.inside, both.adaptive.inside)
+
+
+_QUANTITIES: dict[str, Callable[[Run], float]] = {
+    "largest jump": LargestJump,
+    "contacts": lambda run: len(run.recording.EventTimes("contact")),
+}
+
+
+def _IsLess(
+    runs: ThesisRuns, *, task: str, of: str, unit: str, than: float = 1.0
+) -> Found:
+    """Tells whether `of`, a metric or one of _QUANTITIES, is less on every axis."""
+    direct, adaptive = (
+        np.atleast_1d(_QUANTITIES[of](run) if of in _QUANTITIES else run[of])
+        for run in Compared(runs, task)
     )
+    holds = (adaptive < than * direct).all()
+    if len(direct) == 1:
+        return Found(holds, Pair(float(direct[0]), float(adaptive[0]), unit))
+    return Found(holds, f"direct {Axes(direct)}; adaptive {Axes(adaptive)} {unit}")
+
+
+# Numbers as the rows write them.
+
+
+def Pair(direct: float, adaptive: float, unit: str = "") -> str:
+    """Returns the values of direct force and of the adaptive controller."""
+    scale = _SCALES.get(unit, 1.0)
+    return f"direct {scale * direct:.4g}, adaptive {scale * adaptive:.4g} {unit}"
+
+
+def Axes(values: Iterable[float]) -> str:
+    """Returns one value per axis, such as "x 0.1, y 0.2"."""
+    return ", ".join(f"{axis} {x:.3g}" for axis, x in zip("xyz", values, strict=False))
+
+
+def Shares(values: np.ndarray, axes: str = "xy") -> str:
+    """Returns one share per axis in per cent."""
+    return ", ".join(f"{axis} {x:.1%}" for axis, x in zip(axes, values, strict=True))
+
+
+def Seconds(time: float | None) -> str:
+    """Returns a time in seconds, "never" if there is none."""
+    return "never" if time is None else f"{time:.3g} s"
+
+
+def Listed(values: Iterable[float]) -> str:
+    """Returns numbers with commas between them."""
+    return ", ".join(f"{value:.3g}" for value in values)

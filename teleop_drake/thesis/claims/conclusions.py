@@ -1,14 +1,15 @@
 """Chapter 6 and the abstract: what the thesis concludes."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.thesis.claims.claim import Row, Statement
-from teleop_drake.thesis.claims.evidence import Both, Evidence, Run
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBacksteppingConfig
+from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.thesis.claims.claim import Axes, Found, Measures, Pair, Seconds
 from teleop_drake.thesis.claims.learning import (
     INSIDE,
     PathDistance,
@@ -16,240 +17,164 @@ from teleop_drake.thesis.claims.learning import (
     WeightDrift,
 )
 from teleop_drake.thesis.claims.measures import Rms
-from teleop_drake.thesis.claims.requests import (
+from teleop_drake.thesis.claims.separate_updates import SeparateUpdatesConfig
+from teleop_drake.thesis.runs import (
     ADAPTIVE,
     DIRECT,
-    DOUBLE_DELAY,
-    ENVIRONMENTS,
-    FOURFOLD_DELAY,
     LEARNING,
-    NEVER_SWITCHING,
     NO_ADAPTATION,
-    NO_DELAY,
-    RETUNED,
     TASKS,
-    Separate,
+    Change,
+    Delay,
+    Run,
+    ThesisRuns,
 )
-from teleop_drake.thesis.claims.wording import Axes, Pair, Seconds
 
-COMPARED = (
-    "start_velocity_overshoot",
-    "puncture.velocity_overshoot",
-    "collision.initial_impact_force",
-    "collision.peak_force",
-)
+_THIRD = "two_dof_combined"
+_OVERSHOOT = "puncture.velocity_overshoot"
+_FIRST = "collision.initial_impact_force"
+_LARGEST = "collision.peak_force"
+_SETTLING = "collision.settling_time"
+_COMPARED = ("start_velocity_overshoot", _OVERSHOOT, _FIRST, _LARGEST)
 """The metrics that the thesis compares and in which lower is better."""
 
-
-def Conclusions(evidence: Evidence) -> list[Row]:
-    """Returns the rows of chapter 6 and of the abstract."""
-    by_task = {name: evidence.Both(name) for name in TASKS}
-    name = "two_dof_combined"
-    no_delay = evidence.Both(name, NO_DELAY)
-    double = evidence.Both(name, DOUBLE_DELAY)
-    fourfold = evidence(name, ADAPTIVE, FOURFOLD_DELAY)
-    return [
-        *_WithoutDelay(no_delay),
-        _DelayCausesOvershoot(
-            by_task["one_dof"].direct, evidence("one_dof", DIRECT, NO_DELAY)
-        ),
-        _Outperforms(by_task),
-        _HigherDelays(double, fourfold),
-        _TuningTheHapticDevice(
-            by_task[name].adaptive, evidence(name, ADAPTIVE, RETUNED)
-        ),
-        _SlowsDown(by_task),
-        _GuaranteesStability(
-            fourfold,
-            [evidence(x, {**ADAPTIVE, **NEVER_SWITCHING}) for x in TASKS[2:]],
-        ),
-        _AddsRobustness(evidence),
-        *_TuningFunctions(evidence),
-    ]
+_BONE = "environment.layers.bone.stiffness"
+_TISSUE = "environment.layers.tissue.damping"
+_ENVIRONMENTS: dict[str, tuple[str, Change]] = {
+    "case II, bone of 1500 N/m": ("two_dof_collision", {_BONE: 1500.0}),
+    "case II, Psi0 = 2": ("two_dof_collision", {"controller.initial_psi": 2.0}),
+    "case III, bone of 15 N/m": (_THIRD, {_BONE: 15.0}),
+    "case III, bone of 1500 N/m": (_THIRD, {_BONE: 1500.0}),
+    "case III, tissue of 0.1 N s/m": (_THIRD, {_TISSUE: 0.1}),
+    "case III, tissue of 2.5 N s/m": (_THIRD, {_TISSUE: 2.5}),
+    "case III, Psi0 = 8": (_THIRD, {"controller.initial_psi": 8.0}),
+}
+"""Environments and estimates that the design of chapter 5 does not know."""
 
 
-def _WithoutDelay(both: Both) -> list[Row]:
-    overshoot = both.Numbers("puncture.velocity_overshoot")
-    peak = both.Numbers("collision.peak_force")
-    settled = [run["collision.settling_time"] for run in both]
-    return [
-        Statement(
-            key="6-comparable-without-delay",
-            place="section 6.2",
-            claim="Without delay both are comparable (case III): motion and forces.",
-            criterion="puncture overshoot and largest force of one are less than twice "
-            "those of the other",
-            holds=all(0.5 < d / a < 2.0 for d, a in (overshoot, peak)),
-            ours=f"overshoot: {Pair(*overshoot, unit='m/s')}; "
-            f"force: {Pair(*peak, unit='N')}",
-        ),
-        Statement(
-            key="6-rest-without-delay",
-            place="section 6.2",
-            claim="Without delay both are comparable (case III): rest on the bone.",
-            criterion="both come to rest (5 % of v_d)",
-            holds=all(time is not None for time in settled),
-            ours=f"direct {Seconds(settled[0])}, adaptive {Seconds(settled[1])}",
-            reason="The bouncing of direct force is no effect of the delay.",
-        ),
-    ]
-
-
-def _DelayCausesOvershoot(delayed: Run, no_delay: Run) -> Row:
-    runs = (delayed, no_delay)
-    overshoots = [run.Number("puncture.velocity_overshoot") for run in runs]
-    hits = [run.Number("collision.initial_impact_force") for run in runs]
-    return Statement(
-        key="6-delay-causes-overshoot",
-        place="section 6.2",
-        claim="Overshoot and collision force of direct force are effects of the delay "
-        "(one axis).",
-        criterion="without delay both fall to less than half",
-        holds=overshoots[1] < overshoots[0] / 2 and hits[1] < hits[0] / 2,
-        ours=f"overshoot {1e3 * overshoots[0]:.3g} to {1e3 * overshoots[1]:.3g} mm/s, "
-        f"first impact {1e3 * hits[0]:.3g} to {1e3 * hits[1]:.3g} mN",
-        reason="Most of the overshoot is the haptic device's integrator, which still "
-        "pushes against tissue that is no longer there. Without delay the constant "
-        "force arrives during the first impact and adds to it.",
+@Measures("6-comparable-without-delay")
+def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
+    both = runs.ShortOfBoth(_THIRD, Delay(0.0))
+    overshoot, largest = both.Numbers(_OVERSHOOT), both.Numbers(_LARGEST)
+    return Found(
+        all(0.5 < d / a < 2.0 for d, a in (overshoot, largest)),
+        f"overshoot: {Pair(*overshoot, 'm/s')}; force: {Pair(*largest, 'N')}",
     )
 
 
-def _Outperforms(by_task: Mapping[str, Both]) -> Row:
+@Measures("6-rest-without-delay")
+def _RestWithoutDelay(runs: ThesisRuns) -> Found:
+    direct, adaptive = (run[_SETTLING] for run in runs.ShortOfBoth(_THIRD, Delay(0.0)))
+    return Found(
+        direct is not None and adaptive is not None,
+        f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}",
+    )
+
+
+@Measures("6-delay-causes-overshoot")
+def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
+    tried = (runs("one_dof", DIRECT), runs.Short("one_dof", DIRECT, Delay(0.0)))
+    overshoots = [1e3 * run.Number(_OVERSHOOT) for run in tried]
+    hits = [1e3 * run.Number(_FIRST) for run in tried]
+    return Found(
+        overshoots[1] < overshoots[0] / 2 and hits[1] < hits[0] / 2,
+        f"overshoot {overshoots[0]:.3g} to {overshoots[1]:.3g} mm/s, "
+        f"first impact {hits[0]:.3g} to {hits[1]:.3g} mN",
+    )
+
+
+@Measures("6-outperforms")
+def _Outperforms(runs: ThesisRuns) -> Found:
     worse = [
         f"{task} {metric.split('.')[-1]}"
-        for task, (direct, adaptive) in by_task.items()
-        for metric in COMPARED
-        if adaptive.Number(metric) > direct.Number(metric)
+        for task in TASKS
+        for metric in _COMPARED
+        if np.diff(runs.OfBoth(task).Numbers(metric)) > 0
     ]
-    return Statement(
-        key="6-outperforms",
-        place="section 6.2",
-        claim="At 0.1 s each way the adaptive controller outperforms direct force "
-        "completely.",
-        criterion="start overshoot, puncture overshoot, first impact and largest force "
-        "are not larger in any of the four tasks",
-        holds=not worse,
-        ours="larger: " + (", ".join(worse) or "none"),
-        reason="See also the plain alternatives.",
-    )
+    return Found(not worse, "larger: " + (", ".join(worse) or "none"))
 
 
-def _HigherDelays(double: Both, fourfold: Run) -> Row:
-    direct, adaptive = double
-    v_d = 0.1
-    overshoots = [
-        run.Number("puncture.velocity_overshoot") / v_d for run in (adaptive, fourfold)
-    ]
-    settling = adaptive["collision.settling_time"]
-    return Statement(
-        key="6-higher-delays",
-        place="abstract",
-        claim="At higher delays the adaptive controller still performs reasonably, "
-        "while direct force is destabilised (case III, 0.2 s each way).",
-        criterion="direct force diverges; adaptive ends, settles, and overshoots by "
-        "less than v_d",
-        holds=direct["diverged"]
+@Measures("6-higher-delays")
+def _HigherDelays(runs: ThesisRuns) -> Found:
+    direct, adaptive = runs.ShortOfBoth(_THIRD, Delay(0.2))
+    fourfold = runs.Short(_THIRD, ADAPTIVE, Delay(0.4), {"duration": 6.0})
+    overshoots = [run.Number(_OVERSHOOT) / 0.1 for run in (adaptive, fourfold)]
+    settling = adaptive[_SETTLING]
+    return Found(
+        direct["diverged"]
         and not adaptive["diverged"]
         and settling is not None
         and overshoots[0] < 1.0,
-        ours=f"direct diverged at {Seconds(direct['diverged_at'])}; adaptive settled "
-        f"after {Seconds(settling)}, overshoot {overshoots[0]:.0%} of v_d",
-        reason="At 0.4 s each way adaptive still settles, with an overshoot of "
+        f"direct diverged at {Seconds(direct['diverged_at'])}; adaptive settled after "
+        f"{Seconds(settling)}, overshoot {overshoots[0]:.0%} of v_d",
+        "At 0.4 s each way adaptive still settles, with an overshoot of "
         f"{overshoots[1]:.0%} of v_d and a first impact of "
-        f"{fourfold.Number('collision.initial_impact_force'):.3g} N.",
+        f"{fourfold.Number(_FIRST):.3g} N.",
     )
 
 
-def _TuningTheHapticDevice(adaptive: Run, retuned: Run) -> Row:
+@Measures("6-tuning-the-haptic-device")
+def _TuningTheHapticDevice(runs: ThesisRuns) -> Found:
+    change = {"haptic_device.numerator": [25.0, 5.0]}
+    tried = (runs(_THIRD, ADAPTIVE), runs.Short(_THIRD, ADAPTIVE, change))
     overshoots = {
-        metric.split(".")[0]: (adaptive.Number(metric), retuned.Number(metric))
-        for metric in COMPARED[:2]
+        metric.split(".")[0]: [run.Number(metric) for run in tried]
+        for metric in _COMPARED[:2]
     }
-    return Statement(
-        key="6-tuning-the-haptic-device",
-        place="section 6.2",
-        claim="Tuning the gains of the haptic device makes the adaptive controller "
-        "more robust (case III).",
-        criterion="with the integral gain at a tenth, start and puncture overshoot "
-        "fall to less than half",
-        holds=all(after < before / 2 for before, after in overshoots.values()),
-        ours="; ".join(
-            f"{name} {before:.3g} to {after:.3g} m/s"
-            for name, (before, after) in overshoots.items()
+    return Found(
+        all(after < before / 2 for before, after in overshoots.values()),
+        "; ".join(
+            f"{name} {a:.3g} to {b:.3g} m/s" for name, (a, b) in overshoots.items()
         ),
     )
 
 
-def _SlowsDown(by_task: Mapping[str, Both]) -> Row:
-    not_slower = [
-        f"{metric.split('.')[0]} in {task}"
-        for task, (direct, adaptive) in by_task.items()
-        for metric in ("puncture.velocity", "collision.velocity")
-        if adaptive.Number(metric) >= 0.999 * direct.Number(metric)
-    ]
-    return Statement(
-        key="6-slows-down",
-        place="section 6.2",
-        claim="The auxiliary error slows the tool down at puncture and collision.",
-        criterion="slower than with direct force, by 0.1 % or more, at every puncture "
-        "and every first contact",
-        holds=not not_slower,
-        ours="not slower at: " + (", ".join(not_slower) or "none"),
-        reason="Before the contact there is no force error to speak of in s, and free "
-        "motion is a matter of the surgeon's loop.",
-    )
+@Measures("6-slows-down")
+def _SlowsDown(runs: ThesisRuns) -> Found:
+    not_slower = []
+    for task in TASKS:
+        for metric in ("puncture.velocity", "collision.velocity"):
+            direct, adaptive = runs.OfBoth(task).Numbers(metric)
+            if adaptive >= 0.999 * direct:
+                not_slower.append(f"{metric.split('.')[0]} in {task}")
+    return Found(not not_slower, "not slower at: " + (", ".join(not_slower) or "none"))
 
 
-def _GuaranteesStability(fourfold: Run, never_switching: Sequence[Run]) -> Row:
-    scenario = fourfold.recording.teleoperation
+@Measures("6-guarantees-stability")
+def _GuaranteesStability(runs: ThesisRuns) -> Found:
+    scenario = AsTeleoperation(LoadScenario(_THIRD, {**ADAPTIVE, **Delay(0.4)}))
     (moving,) = (x for x in OperatingPoints(scenario) if x.name == "free")
     at_rest = replace(moving, velocity=np.zeros_like(moving.velocity))
     loop = AnalyzeStability(scenario, points=[at_rest])["free"]
     root = loop.RightmostRoot(loop.delay)
     assert root is not None
-    ends = [run["diverged_at"] for run in never_switching]
-    return Statement(
-        key="6-guarantees-stability",
-        place="abstract; (4.44), (5.43)",
-        claim="The design guarantees stability.",
-        criterion="no root of the loop of case III, linearised at rest in free space "
-        "with 0.4 s each way, lies right of the imaginary axis; and with 0.5 s each "
-        "way neither case II nor III diverges if the operator never switches to force",
-        holds=root.real < 0 and not any(run["diverged"] for run in never_switching),
-        ours=f"root {root.real:.3f} +- {abs(root.imag):.2f}j 1/s; case II diverged at "
+    never = {"surgeon.contact_force": None, "duration": 16.0}
+    ends = [
+        runs(name, ADAPTIVE, Delay(0.5), never)["diverged_at"] for name in TASKS[2:]
+    ]
+    return Found(
+        root.real < 0 and not any(ends),
+        f"root {root.real:.3f} +- {abs(root.imag):.2f}j 1/s; case II diverged at "
         f"{Seconds(ends[0])}, case III at {Seconds(ends[1])}",
-        reason="The proof takes F_h and v_d as given signals that do not jump. The "
-        "loop that the delay closes through the surgeon is not part of it.",
     )
 
 
-def _AddsRobustness(evidence: Evidence) -> Row:
-    metrics = (*COMPARED, "collision.settling_time")
+@Measures("6-adds-robustness")
+def _AddsRobustness(runs: ThesisRuns) -> Found:
     ratios = {}
-    for title, (name, change) in ENVIRONMENTS.items():
-        with_, without = (
-            evidence(name, {**ADAPTIVE, **change, **learning})
-            for learning in ({}, NO_ADAPTATION)
-        )
-        for metric in metrics:
+    for title, (name, change) in _ENVIRONMENTS.items():
+        tried = [runs(name, ADAPTIVE, change, x) for x in ({}, NO_ADAPTATION)]
+        for metric in (*_COMPARED, _SETTLING):
             # NaN where neither has the metric, infinity where only one is 0 or never.
-            values = [_OrNever(run, metric) for run in (with_, without)]
+            values = [_OrNever(run, metric) for run in tried]
             if max(values) > 0 and min(values) < np.inf:
                 label = f"{title}: {metric.split('.')[-1].replace('_', ' ')}"
                 ratios[label] = values[0] / max(values[1], 1e-300)
     best, worst = (choose(ratios, key=lambda x: ratios[x]) for choose in (min, max))
-    return Statement(
-        key="6-adds-robustness",
-        place="abstract",
-        claim="The neural networks inherently add robustness to an unknown "
-        "environment.",
-        criterion="in some of seven variations of bone, tissue and Psi0 an overshoot, "
-        "a force on the bone or the settling time is lower by 10 % than without "
-        "adaptation",
-        holds=ratios[best] <= 0.9,
-        ours=f"best {ratios[best] - 1:+.1%} ({best}), worst {ratios[worst] - 1:+.1%} "
+    return Found(
+        ratios[best] <= 0.9,
+        f"best {ratios[best] - 1:+.1%} ({best}), worst {ratios[worst] - 1:+.1%} "
         f"({worst})",
-        reason="What the law bears, it bears with fixed gains.",
     )
 
 
@@ -260,38 +185,54 @@ def _OrNever(run: Run, metric: str) -> float:
     return np.inf if is_never else value
 
 
-def _TuningFunctions(evidence: Evidence) -> list[Row]:
-    name = TASKS[-1]
-    tuned, separate, silent = (
-        evidence(name, change)["control_force_variation"]
-        for change in (ADAPTIVE, Separate(name), {**ADAPTIVE, **NO_ADAPTATION})
+@Measures("6-adaptation-matters")
+def _AdaptationMatters(runs: ThesisRuns) -> Found:
+    changes = {}
+    for name in TASKS:
+        silent, run = runs.Short(name, ADAPTIVE, NO_ADAPTATION), runs(name, ADAPTIVE)
+        for metric in (*_COMPARED, "collision.rebound_velocity", _SETTLING):
+            if silent[metric] is not None:
+                ratio = silent.Number(metric) / run.Number(metric)
+                changes[f"{name} {metric.split('.')[-1]}"] = ratio - 1
+    largest = max(changes, key=lambda key: abs(changes[key]))
+    return Found(
+        max(changes.values()) >= 0.1,
+        f"largest change {changes[largest]:+.1%} ({largest})",
     )
-    learned = [evidence(LEARNING, x).recording for x in ({}, Separate(LEARNING))]
-    drift = WeightDrift(learned[0].teleoperation, INSIDE)
-    left = [UnlearnedWeight(recording, INSIDE, drift) for recording in learned]
-    beside = [1e3 * Rms(x, PathDistance(x)) for x in learned]
-    return [
-        Statement(
-            key="6-tuning-functions-learn",
-            place="section 2.6",
-            claim="The tuning functions reduce the networks' approximation error.",
-            criterion=f"in {LEARNING}, where the networks learn, less is unlearned, by "
-            "10 %, than where W1 and Psi adapt by s and W3 by z alone",
-            holds=left[0] <= 0.9 * left[1],
-            ours=f"{left[0]:.1%} with, {left[1]:.1%} without",
-            reason="The tool is nearer to its path with them, though: "
-            f"{beside[0]:.3g} against {beside[1]:.3g} mm (rms).",
-        ),
-        Statement(
-            key="6-tuning-functions-filter",
-            place="abstract",
-            claim="The tuning functions filter high frequencies and smooth the control "
-            "force.",
-            criterion="in case III its total variation is lower on both axes than "
-            "where W1 and Psi adapt by s and W3 by z alone",
-            holds=all(a < b for a, b in zip(tuned, separate, strict=True)),
-            ours=f"with {Axes(tuned)}; without {Axes(separate)} N",
-            reason=f"It is lowest without any adaptation: {Axes(silent)} N. The force "
-            "is smooth because it is a state.",
-        ),
-    ]
+
+
+def _Separate(name: str) -> Change:
+    """Returns what takes the tuning functions out of a task's controller."""
+    scenario = AsTeleoperation(LoadScenario(name))
+    config = AdaptiveBacksteppingConfig.Of(scenario.controller)
+    return {
+        "controller.kind": SeparateUpdatesConfig.kind,
+        "controller.parameters": dict(ToTree(config)),
+    }
+
+
+@Measures("6-tuning-functions-learn")
+def _TuningFunctionsLearn(runs: ThesisRuns) -> Found:
+    tried = [runs(LEARNING, x).recording for x in ({}, _Separate(LEARNING))]
+    drift = WeightDrift(tried[0].teleoperation, INSIDE)
+    left = [UnlearnedWeight(recording, INSIDE, drift) for recording in tried]
+    beside = [1e3 * Rms(x, PathDistance(x)) for x in tried]
+    return Found(
+        left[0] <= 0.9 * left[1],
+        f"{left[0]:.1%} with, {left[1]:.1%} without",
+        "The tool is nearer to its path with them, though: "
+        f"{beside[0]:.3g} against {beside[1]:.3g} mm (rms).",
+    )
+
+
+@Measures("6-tuning-functions-filter")
+def _TuningFunctionsFilter(runs: ThesisRuns) -> Found:
+    tuned, separate, silent = (
+        runs(_THIRD, *changes)["control_force_variation"]
+        for changes in ([ADAPTIVE], [_Separate(_THIRD)], [ADAPTIVE, NO_ADAPTATION])
+    )
+    return Found(
+        all(a < b for a, b in zip(tuned, separate, strict=True)),
+        f"with {Axes(tuned)}; without {Axes(separate)} N",
+        f"It is lowest without any adaptation: {Axes(silent)} N.",
+    )

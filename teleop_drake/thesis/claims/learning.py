@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import Recording
 from teleop_drake.robots.base import PlantRobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.scenario import Scenario
-from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate, Rms
+from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
 from teleop_drake.validation import GainMatrix
 
 # Square of the smallest singular value of a least-squares problem that counts, as a
@@ -80,44 +79,6 @@ def UnrepresentedShare(
     return float(np.linalg.norm(b - A @ weights) / np.linalg.norm(b))
 
 
-def WithVelocities(recording: Recording) -> np.ndarray:
-    """Returns basis functions (T, N) of position and velocity at the samples of a run.
-
-    The lattice is that of the run, with five means per axis over its speeds.
-    """
-    network = recording.teleoperation.controller.network
-    v = recording["tool_velocity"]
-    lattice = GaussianNetwork(
-        lower=[*network.lower, *v.min(axis=0)],
-        upper=[*network.upper, *v.max(axis=0)],
-        count=[*network.count, *(5 for _ in v.T)],
-        width=network.width,
-    )
-    inputs = np.hstack([recording["tool_position"], v])
-    return np.array([lattice.evaluate(u) for u in inputs])
-
-
-def ReplayedShare(recording: Recording, Phi: np.ndarray) -> float:
-    """Returns what the third network leaves of dF_e/dt along x with other inputs.
-
-    Its update law runs over the recorded z; it learns too little to change that.
-
-    Args:
-        recording: A run of the adaptive controller in layers, see ForceRate.
-        Phi: Basis functions at the samples (T, N).
-    """
-    controller = recording.teleoperation.controller
-    beta, nu = controller.adaptation_rate, controller.leakage
-    drive = -beta * recording["control_force_error"][:, :1] * Phi
-    weights = np.zeros_like(Phi)
-    for i, h in enumerate(np.diff(recording.time)):
-        grown = weights[i] + h * (drive[i] + drive[i + 1]) / 2
-        weights[i + 1] = grown * math.exp(-beta * nu * h)
-    rate = ForceRate(recording)
-    estimate = np.einsum("tn,tn->t", weights, Phi)
-    return Rms(recording, rate - estimate) / Rms(recording, rate)
-
-
 def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     """Returns what gravity adds to ds/dt at points, in m/s^2 (M, n).
 
@@ -150,30 +111,20 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     return np.array(drifts) @ (np.eye(n) + Lambda @ D_e).T
 
 
-def LearnedDrift(recording: Recording, points: ArrayLike) -> np.ndarray:
-    """Returns what the first network says at points, in m/s^2 (M, n).
+def UnlearnedWeight(
+    recording: Recording, points: ArrayLike, drift: np.ndarray
+) -> float:
+    """Returns what the first network has not learned of the weight, as rms share.
 
     Its weights are those at the end of the run.
 
     Args:
         recording: A run of the adaptive controller.
         points: Positions of the tool in m (M, n).
+        drift: WeightDrift() of the run's scenario there (M, n).
     """
     scenario = recording.teleoperation
     network = scenario.controller.network.MakeNetwork()
     weights = recording["weights_1"][-1].reshape(scenario.num_axes, -1)
-    return np.array([weights @ network.evaluate(p) for p in np.asarray(points)])
-
-
-def UnlearnedWeight(
-    recording: Recording, points: ArrayLike, drift: np.ndarray
-) -> float:
-    """Returns the rms of WeightDrift() less LearnedDrift() over that of WeightDrift().
-
-    Args:
-        recording: A run of the adaptive controller.
-        points: Positions of the tool in m (M, n).
-        drift: WeightDrift() of the run's scenario there (M, n).
-    """
-    error = LearnedDrift(recording, points) - drift
-    return math.sqrt(float((error**2).sum() / (drift**2).sum()))
+    learned = np.array([weights @ network.evaluate(p) for p in np.asarray(points)])
+    return math.sqrt(float(((learned - drift) ** 2).sum() / (drift**2).sum()))

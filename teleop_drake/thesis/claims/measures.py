@@ -8,28 +8,15 @@ import math
 
 import numpy as np
 
-from teleop_drake.environments import CONTACT, Material
+from teleop_drake.environments import CONTACT
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import Scenario
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.thesis.claims.evidence import Run
-
-# Case I runs out of its workspace, a circle of 1.5 m, within the time that is shown.
-INSIDE_WORKSPACE = 1.4  # m
+from teleop_drake.thesis.runs import Run
 
 
-def WhileInside(run: Run) -> Run:
-    """Returns a run of case I as long as the arm is far from being stretched."""
-    x = run.recording["tool_position"][:, 0]
-    outside = np.flatnonzero(x >= INSIDE_WORKSPACE)
-    end = run.recording.time[outside[0]] if len(outside) else math.inf
-    recording = run.recording.Part(0.0, float(end))
-    return Run(recording, RunMetrics(recording))
-
-
-def LargestJump(recording: Recording) -> float:
+def LargestJump(run: Run) -> float:
     """Returns the largest jump of the control force in N."""
+    recording = run.recording
     F_c = recording["control_force"]
     is_jump = np.diff(recording.time) == 0
     jumps = np.abs(np.diff(F_c, axis=0))[is_jump]
@@ -85,13 +72,6 @@ def PathError(recording: Recording) -> np.ndarray:
     asked = scenario.robot.start + np.outer(arrived, scenario.surgeon.velocity)
     error = np.abs(recording["tool_position"][before] - asked).max(axis=0)
     return np.asarray(error) / -float(surface.Depth(scenario.robot.start))
-
-
-def HardMaterial(scenario: Scenario) -> Material:
-    """Returns what is behind the contact surface: the bone."""
-    surface = scenario.FindSurface(CONTACT)
-    assert surface is not None and surface.material is not None
-    return surface.material
 
 
 def ForceRate(recording: Recording) -> np.ndarray:
@@ -150,12 +130,6 @@ def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
     return np.array([Rms(last, values[kept, i]) for i in range(values.shape[1])])
 
 
-def LargestRemainder(recording: Recording) -> float:
-    """Returns the largest |dF_e/dt - W3 Phi| along x in N/s."""
-    unlearned = ForceRate(recording) - NetworkOutput(recording, "weights_3")[:, 0]
-    return float(np.abs(unlearned).max())
-
-
 def UnlearnedShare(recording: Recording) -> float:
     """Returns the rms of dF_e/dt - W3 Phi over that of dF_e/dt, along x."""
     rate = ForceRate(recording)
@@ -178,13 +152,3 @@ def FarShare(recording: Recording) -> float:
         far = np.where(is_far[:, np.newaxis, :], parts, 0.0).sum()
         shares.append(float(far / parts.sum()))
     return max(shares)
-
-
-def EarlyError(run: Run) -> float:
-    """Returns the rms of v_x - v_d(t - T_f) in m/s up to puncture or contact."""
-    recording = run.recording
-    ends = [FirstEvent(recording, name) for name in ("puncture", "contact")]
-    early = recording.Part(0.0, min(ends))
-    n = recording.scenario.num_axes
-    error = early["tool_velocity"] - early["forward_packet_received"][:, n:]
-    return Rms(early, error[:, 0])

@@ -92,7 +92,6 @@ FIGURES = [
         title="The loop",
         caption="Surgeon and haptic device, the two channels, controller, robot "
         "and environment, drawn from the very diagram that is simulated.",
-        requests=[],
         make=_MakeLoop,
     ),
     ThesisFigure(
@@ -101,7 +100,6 @@ FIGURES = [
         caption="Force of the environment's springs against the position of the "
         "tool: on the left at the scale of the tissue, on the right at that of the "
         "bone. Damping is left out.",
-        requests=[],
         make=_PlotStiffness,
     ),
 ]

@@ -14,7 +14,7 @@ def _PlotAgainstReference(
     runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
 ) -> Figure:
     """Plots signals, by their names in the legend, on each axis against time."""
-    recording = runs(task)
+    recording = runs(task).recording
     figure, axes = TimeFigure(recording, 2)
     for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
         for i, (name, signal) in enumerate(signals.items()):
@@ -45,7 +45,6 @@ def _TrackingFigures(
             title="Tracking",
             caption=f"{described} Position of the tool and the trajectory that it is "
             "to follow.",
-            requests=[(task, {})],
             make=lambda runs: _PlotAgainstReference(
                 runs,
                 task,
@@ -58,7 +57,6 @@ def _TrackingFigures(
             number=disturbance,
             title="Disturbance and its estimate",
             caption=f"{described} The force and what the network makes of it.",
-            requests=[(task, {})],
             make=lambda runs: _PlotAgainstReference(
                 runs,
                 task,

@@ -1,51 +1,24 @@
 """Figures of chapters 4 and 5 that show both controllers together."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
 from teleop_drake.figures.runs import PlotRows
 from teleop_drake.figures.style import WIDTH
 from teleop_drake.tasks.panels import AxisName, SignalRow
-from teleop_drake.thesis.claims.requests import ADAPTIVE, DIRECT
 from teleop_drake.thesis.figures.figure import LEGEND_HEIGHT, ROW_HEIGHT, ThesisFigure
 from teleop_drake.thesis.runs import ThesisRuns
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Quantity:
-    """What is compared.
-
-    Attributes:
-        title: In a few words.
-        caption: What the curves are.
-        signal: Name of the recorded signal.
-        label: Of a panel, with the axis left open.
-        unit: Of the signal.
-        has_command: Whether the surgeon's command is shown with it.
-        is_position: Whether it is the position, which is shown against time only.
-    """
+class _Quantity(NamedTuple):
+    """What is compared; the label of a panel has a place for the axis."""
 
     title: str
     caption: str
     signal: str
     label: str
     unit: str
-    has_command: bool = False
-    is_position: bool = False
-
-    def Rows(self, n: int) -> list[SignalRow]:
-        """Returns a row of panels for each of n axes."""
-        return [
-            SignalRow(
-                label=self.label.format(axis=AxisName(k)),
-                unit=self.unit,
-                signal=self.signal,
-                components=[k],
-                command=n + k if self.has_command else None,
-            )
-            for k in range(n)
-        ]
 
 
 _BOTH = (
@@ -54,67 +27,76 @@ _BOTH = (
     "is ended."
 )
 
-_QUANTITIES = {
+QUANTITIES = {
     "velocity": _Quantity(
-        title="Velocity of the tool",
-        caption="Velocity of the tool with either controller, and in grey what the "
-        "surgeon commands." + _BOTH,
-        signal="tool_velocity",
-        label="velocity $v_{axis}$",
-        unit="m/s",
-        has_command=True,
+        "Velocity of the tool",
+        "Velocity of the tool with either controller, and in grey what the surgeon "
+        "commands." + _BOTH,
+        "tool_velocity",
+        "velocity $v_{axis}$",
+        "m/s",
     ),
     "sensed_force": _Quantity(
-        title="Sensed force",
-        caption="Force of the robot on its environment, as the sensor at the tool "
-        "reads it." + _BOTH,
-        signal="environment_force",
-        label="sensed force $F_{{e,{axis}}}$",
-        unit="N",
+        "Sensed force",
+        "Force of the robot on its environment, as the sensor at the tool reads it."
+        + _BOTH,
+        "environment_force",
+        "sensed force $F_{{e,{axis}}}$",
+        "N",
     ),
     "position": _Quantity(
-        title="Position of the tool",
-        caption="Position of the tool with either controller against time; dotted "
-        "lines mark the end of the tissue and the surface of the bone.",
-        signal="tool_position",
-        label="position ${axis}$",
-        unit="m",
-        is_position=True,
+        "Position of the tool",
+        "Position of the tool with either controller against time; dotted lines mark "
+        "the end of the tissue and the surface of the bone.",
+        "tool_position",
+        "position ${axis}$",
+        "m",
     ),
     "control_force": _Quantity(
-        title="Control force",
-        caption="Force that the controller asks of the robot: the delayed haptic force "
-        "under direct force, the state of the backstepping law otherwise." + _BOTH,
-        signal="control_force",
-        label="control force $F_{{c,{axis}}}$",
-        unit="N",
+        "Control force",
+        "Force that the controller asks of the robot: the delayed haptic force under "
+        "direct force, the state of the backstepping law otherwise." + _BOTH,
+        "control_force",
+        "control force $F_{{c,{axis}}}$",
+        "N",
     ),
 }
+"""In the order of the thesis's figures."""
 
 
 def ComparisonFigure(
     *, number: str, task: str, about: str, quantity: str
 ) -> ThesisFigure:
     """Returns a figure that shows a quantity with direct force and adaptive."""
-    shown = _QUANTITIES[quantity]
+    shown = QUANTITIES[quantity]
     return ThesisFigure(
         number=number,
         title=shown.title,
         caption=f"{about} {shown.caption}",
-        requests=[(task, DIRECT), (task, ADAPTIVE)],
         make=lambda runs: _Compare(runs, task, shown),
     )
 
 
 def _Compare(runs: ThesisRuns, task: str, quantity: _Quantity) -> Figure:
+    both = runs.OfBoth(task)
+    n = both.adaptive.recording.scenario.num_axes
+    rows = [
+        SignalRow(
+            label=quantity.label.format(axis=AxisName(k)),
+            unit=quantity.unit,
+            signal=quantity.signal,
+            components=[k],
+            command=n + k if quantity.signal == "tool_velocity" else None,
+        )
+        for k in range(n)
+    ]
     recordings = {
-        "direct force": runs(task, **DIRECT),
-        "adaptive": runs(task, **ADAPTIVE),
+        "direct force": both.direct.recording,
+        "adaptive": both.adaptive.recording,
     }
-    num_axes = recordings["adaptive"].scenario.num_axes
-    figure = PlotRows(recordings, quantity.Rows(num_axes))
-    figure.set_size_inches(WIDTH, ROW_HEIGHT * num_axes + LEGEND_HEIGHT)
-    if quantity.is_position:
+    figure = PlotRows(recordings, rows)
+    figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
+    if quantity.signal == "tool_position":
         # The panels against x go; those against time take their place.
         for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
             cell = left.get_subplotspec()

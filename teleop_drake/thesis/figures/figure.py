@@ -1,9 +1,8 @@
 """A figure of the thesis, its two files, and the panels that several share."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,9 +21,6 @@ from teleop_drake.figures.style import (
 from teleop_drake.recording import Recording
 from teleop_drake.thesis.runs import ThesisRuns
 
-Request = tuple[str, Mapping[str, Any]]
-"""A scenario and its overrides, as ThesisRuns.Prefetch takes them."""
-
 ROW_HEIGHT = 1.9  # inches
 LEGEND_HEIGHT = 0.7  # inches
 
@@ -37,14 +33,12 @@ class ThesisFigure:
         number: As in the thesis, for instance "4.1".
         title: What it shows, in a few words.
         caption: How to read it.
-        requests: The runs that it is made from.
         make: Makes it: a matplotlib Figure, or the Diagram to be drawn.
     """
 
     number: str
     title: str
     caption: str
-    requests: Sequence[Request]
     make: Callable[[ThesisRuns], Figure | Diagram]
 
     @property
@@ -89,12 +83,7 @@ def WritePicture(
 
 
 def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
-    """Returns empty panels against time, with first puncture and contact marked.
-
-    Args:
-        recording: The run whose time and events the panels have.
-        num_rows: How many panels there are, one below the other.
-    """
+    """Returns empty panels against time, with first puncture and contact marked."""
     figure = Figure(
         figsize=(WIDTH, ROW_HEIGHT * num_rows + LEGEND_HEIGHT), layout="constrained"
     )
@@ -122,13 +111,7 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]
 def AddLegendAbove(
     figure: Figure, handles: Sequence[Line2D], title: str | None = None
 ) -> None:
-    """Adds a legend above all panels.
-
-    Args:
-        figure: The figure.
-        handles: What the legend explains.
-        title: What its entries have in common.
-    """
+    """Adds a legend above all panels; the title is what its entries have in common."""
     figure.legend(
         handles=handles,
         title=title,

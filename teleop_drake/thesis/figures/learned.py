@@ -10,9 +10,8 @@ from matplotlib.lines import Line2D
 from teleop_drake.figures.style import COLORS, FONT_SIZE, LINES
 from teleop_drake.laws.gaussian_network import equidistant_lattice
 from teleop_drake.tasks.panels import AxisName
-from teleop_drake.thesis.claims.requests import ADAPTIVE
 from teleop_drake.thesis.figures.figure import AddLegendAbove, ThesisFigure, TimeFigure
-from teleop_drake.thesis.runs import ThesisRuns
+from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
 
 _LEARNED: dict[str, tuple[str, str]] = {
     "weights_1": (
@@ -40,7 +39,6 @@ def LearnedFigure(*, number: str, task: str, about: str, quantity: str) -> Thesi
         number=number,
         title=title,
         caption=f"{about} {caption}",
-        requests=[(task, ADAPTIVE)],
         make=(
             (lambda runs: _PlotPsi(runs, task))
             if quantity == "psi"
@@ -51,7 +49,7 @@ def LearnedFigure(*, number: str, task: str, about: str, quantity: str) -> Thesi
 
 def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     """Plots the entries of Psi, and below how far each is from its initial value."""
-    recording = runs(task, **ADAPTIVE)
+    recording = runs(task, ADAPTIVE).recording
     n = recording.scenario.num_axes
     figure, (above, below) = TimeFigure(recording, 2)
     # Psi hardly moves; the second panel magnifies by how much.
@@ -73,7 +71,7 @@ def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
 
 def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     """Plots weights in the colour of their centre's x, the style of its distance."""
-    recording = runs(task, **ADAPTIVE)
+    recording = runs(task, ADAPTIVE).recording
     scenario = recording.scenario
     n = scenario.num_axes
     network = scenario.controller.network

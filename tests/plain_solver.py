@@ -7,25 +7,16 @@ from scipy.integrate import RK45
 
 from teleop_drake.environments import CONTACT, FindSurface
 from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import Scenario
 
 
 class _PlainLoop:
-    """The loop with direct force, and the log of the steps that it remembers.
-
-    Args:
-        scenario: As for SolvePlainly.
-    """
+    """The loop with direct force, and the log of the steps that it remembers."""
 
     def __init__(self, scenario: Scenario):
-        assert isinstance(scenario.robot, SliderConfig)
-        mass, damping = scenario.robot.mass, scenario.robot.damping
-        assert mass is not None and damping is not None
-        self._mass, self._damping = mass, damping
+        self._mass, self._damping = scenario.robot.mass, scenario.robot.damping
         surfaces = scenario.Surfaces()
         contact, force = FindSurface(surfaces, CONTACT), scenario.surgeon.contact_force
-        assert contact is not None and force is not None
         self._surface, self._force = float(contact.point_W[0]), float(force[0])
         self._T_f = scenario.forward_channel.delay
         self._T_r = scenario.return_channel.delay
@@ -97,18 +88,9 @@ def SolvePlainly(
     where a step is longer than the delay; the surgeon's switch at the first step after
     contact is felt.
 
-    Args:
-        scenario: One axis, transport channels, a contact force; its simulator and its
-            controller are ignored.
-        tolerance: Relative tolerance.
-        max_step: Longest step in s.
-        end: When to stop, in s.
-
-    Returns:
-        Times in s, positions in m and velocities in m/s at the ends of the steps.
-
-    Raises:
-        RuntimeError: If the solver cannot meet the tolerance.
+    The scenario has one axis, transport channels and a contact force; its simulator and
+    its controller are ignored. The result: times, positions and velocities at the ends
+    of the steps.
     """
     loop = _PlainLoop(scenario)
     solver = RK45(
@@ -123,9 +105,17 @@ def SolvePlainly(
     )
     while solver.status == "running":
         message = solver.step()
-        if message is not None:
-            raise RuntimeError(f"the plain solver at {solver.t} s: {message}")
+        assert message is None, message
         loop.EndStep(solver.t, solver.y)
         # The first stage of the next step knows what has just been logged.
         solver.f = loop.Rate(solver.t, solver.y)
     return loop.time, loop.x, loop.v
+
+
+def CollisionNumbers(scenario: Scenario, x: list[float], v: list[float]) -> np.ndarray:
+    """Returns first impact, largest force and rebound as read off at the steps."""
+    bone = FindSurface(scenario.Surfaces(), CONTACT).material
+    F = [bone.stiffness * max(position - bone.relaxed, 0.0) for position in x]
+    begin = next(i for i, force in enumerate(F) if force > 0)
+    end = next((i for i in range(begin, len(F)) if F[i] == 0), len(F))
+    return np.array([max(F[begin:end]), max(F), min(v)])

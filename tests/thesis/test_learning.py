@@ -1,0 +1,152 @@
+"""What the networks learn, and what they cannot."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    BacksteppingState,
+    backstepping_rate,
+)
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.thesis.claims.learning import (
+    INSIDE,
+    PathDistance,
+    UnlearnedWeight,
+    UnrepresentedShare,
+    WeightDrift,
+)
+from teleop_drake.thesis.claims.measures import Rms, UnlearnedShare
+from teleop_drake.thesis.runs import ADAPTIVE, LEARNING, NO_ADAPTATION, TASKS, Delay
+
+pytestmark = pytest.mark.xdist_group("thesis")
+
+
+def test_networks_of_the_position_cannot_say_the_rate_of_a_spring(thesis_runs):
+    """The best constant weights leave half of dF_e/dt or more; what is learned, all."""
+    for name in TASKS:
+        recording = thesis_runs(name, ADAPTIVE).recording
+        by_place = UnrepresentedShare(recording)
+        assert 0.45 < by_place <= 1.0
+        assert UnrepresentedShare(recording, 5) < 0.6 * by_place
+        assert UnlearnedShare(recording) > 0.99
+
+
+def test_where_they_learn_adaptation_matters(thesis_runs):
+    run, silent = (thesis_runs(LEARNING, x).recording for x in ({}, NO_ADAPTATION))
+    drift = WeightDrift(run.teleoperation, INSIDE)
+    assert UnlearnedWeight(run, INSIDE, drift) < 0.25
+    assert UnlearnedWeight(silent, INSIDE, drift) == 1.0
+    assert Rms(run, PathDistance(run)) < 0.5 * Rms(silent, PathDistance(silent))
+
+
+def test_what_the_weight_adds_is_what_the_arm_does():
+    """At rest and without any force the tool falls as the closed form says."""
+    scenario = LoadScenario(LEARNING)
+    change = {
+        "controller.kind": "direct_force",
+        "duration": 1e-3,
+        "surgeon.velocity": [1e-9, 0.0],
+        "environment.layers.tissue.stiffness": 0.0,
+    }
+    recording = simulate(LoadScenario(LEARNING, change))
+    # D_e of the tissue acts along x alone.
+    factor = np.array([1.5, 1.0])
+    np.testing.assert_allclose(
+        WeightDrift(scenario, [scenario.robot.start])[0],
+        factor * recording["tool_acceleration"][0],
+        rtol=1e-6,
+    )
+
+
+def test_distance_from_the_path_is_how_far_the_start_is_missed(thesis_runs):
+    """At the end the hand is where it began."""
+    recording = thesis_runs(LEARNING).recording
+    beside = PathDistance(recording)
+    missed = recording["tool_position"][-1] - recording.scenario.robot.start
+    assert beside[0] == pytest.approx(0.0, abs=1e-12)
+    assert beside[-1] == pytest.approx(np.linalg.norm(missed), abs=1e-5)
+
+
+@pytest.mark.parametrize("which", ["W1", "W3"])
+def test_what_leakage_leaves_and_how_long_it_takes(which):
+    """The formulas of the page, from the law with a constant unknown."""
+    G1, G2, nu, beta, active = 4.0, 30.0, 0.1, 0.1, 1.6
+    # Each network for itself, and so that s and z hardly move one another: an unknown
+    # of ds/dt moves z unless Psi = G1.
+    is_first = which == "W1"
+    gain, psi = (G1, G1) if is_first else (G2, 1e-3)
+    one = np.eye(1)
+    gains = BacksteppingGains(
+        Lambda=one, G1=G1 * one, G2=G2 * one, P=one,
+        beta1=beta * is_first, beta2=0.0, beta3=beta * (not is_first),
+        nu1=nu, nu3=nu, Upsilon=0.0, Psi0=psi * one, Psi_min=1e-4,
+    )  # fmt: skip
+    Phi, zero = np.array([np.sqrt(active)]), np.zeros(1)
+
+    def Rate(y, unknown=1.0):
+        """The rate of [s, F_c - F_e, w], which is affine in them."""
+        s, dF, w = y
+        W1, W3 = (w, 0.0) if is_first else (0.0, w)
+        state = BacksteppingState(
+            np.array([dF]), np.array([[W1]]), gains.Psi0, np.array([[W3]])
+        )
+        rate = backstepping_rate(
+            gains, state, Phi, zero, np.array([s]), zero, zero, zero
+        )
+        s_dot = psi * dF + unknown * is_first
+        F_e_dot = unknown * (not is_first)
+        w_dot = rate.W1 if is_first else rate.W3
+        return np.array([s_dot, rate.F_c[0] - F_e_dot, w_dot[0, 0]])
+
+    offset = Rate(np.zeros(3))
+    A = np.column_stack([Rate(e, 0.0) for e in np.eye(3)])
+    learned = np.sqrt(active) * np.linalg.solve(A, -offset)[2]
+    assert 1 - learned == pytest.approx(nu * gain / (nu * gain + active), rel=1e-3)
+    slowest = -np.linalg.eigvals(A).real.max()
+    assert slowest == pytest.approx(beta * (active / gain + nu), rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_price_of_learning(thesis_runs):
+    """Learning costs delay."""
+    ends = [
+        thesis_runs(LEARNING, Delay(delay), {"controller.adaptation_rate": rate})
+        for delay, rate in ((0.3, 0.5), (0.3, 0.0), (0.2, 0.5), (0.2, 2.0))
+    ]
+    diverges = [run.recording.termination == "diverged" for run in ends]
+    assert diverges == [True, False, False, True]
+
+
+@pytest.mark.slow
+def test_it_takes_a_network_where_the_unknown_changes_on_the_way():
+    square = [[0.5, 0.0], [0.5, 0.5], [0.0, 0.5], [0.0, 0.0]]
+    task = {
+        "robot.start": [0.55, -0.25],
+        "robot.posture": [-1.5, 2.2],
+        "surgeon.waypoints": square * 4,
+        "surgeon.velocity": [0.2, 0.0],
+        "duration": 64.0,
+        "controller.network.lower": [0.4, -0.4],
+        "controller.network.upper": [1.2, 0.4],
+    }
+    rounds = {}
+    for rate, count, width in ((2.0, 5, 1.5), (4.0, 1, 20.0)):
+        law = {"adaptation_rate": rate, "network.count": [count] * 2}
+        law["network.width"] = width
+        law = {f"controller.{name}": value for name, value in law.items()}
+        scenario = LoadScenario(LEARNING, task | law)
+        recording = simulate(scenario, engine="compiled")
+        distance, time = PathDistance(recording), recording.time
+        ends = np.linspace(0.0, scenario.surgeon.Path()[0][-1], 5)
+        rounds[count] = []
+        for begin, end in itertools.pairwise(ends):
+            kept = (time >= begin) & (time <= end)
+            square_mean = np.trapezoid(distance[kept] ** 2, time[kept]) / (end - begin)
+            rounds[count].append(1e3 * np.sqrt(square_mean))
+    # In mm, round by round; both begin alike.
+    assert rounds[5] == pytest.approx([45, 39, 27, 24], abs=0.6)
+    assert rounds[1] == pytest.approx([44, 39, 39, 41], abs=0.6)
