@@ -33,7 +33,8 @@ def shares(degree: int) -> Array:
 @cache
 def _to_powers(degree: int) -> Array:
     """Returns the matrix from values to coefficients of ascending powers."""
-    return np.linalg.inv(np.vander(shares(degree), increasing=True))
+    powers = np.vander(shares(degree), increasing=True)
+    return np.asarray(np.linalg.inv(powers), np.float64)
 
 
 @cache
