@@ -80,8 +80,9 @@ _LOOP = (
 def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
     """Returns what is recorded of a diagram, by the names of the signals.
 
-    A loop has those of NamedSignals(). Of any other diagram they are the vector outputs
-    that it exports or, if it exports none, `system.port` for those of its systems.
+    A loop, with a `robot` that has a tool, has those of NamedSignals(). Of any other
+    diagram they are the vector outputs that it exports or, if it exports none,
+    `system.port` for those of its systems.
 
     Args:
         diagram: What is run.
@@ -90,7 +91,9 @@ def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
         ValueError: If there are none.
     """
     systems = diagram.GetSystems()
-    if {"robot", "environment"} <= {system.get_name() for system in systems}:
+    if any(
+        x.get_name() == "robot" and x.HasOutputPort("tool_velocity") for x in systems
+    ):
         return NamedSignals(systems)
     signals = {port.get_name(): port for port in _VectorOutputs(diagram)} or {
         f"{system.get_name()}.{port.get_name()}": port
