@@ -4,12 +4,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
+from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Refuse
 
@@ -149,20 +150,47 @@ class ChannelConfig(KindConfig, ABC):
         return np.asarray(sent, dtype=float) + self.delay
 
 
-def CheckChannel(
-    *, delay: float, size: int, initial_value: Sequence[float] | None
-) -> None:
-    """Refuses parameters that no kind of channel can have.
+class ChannelBlock(KernelBlock):
+    """Base of the channels' blocks: a vector that comes out later.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
 
     Args:
-        delay: Delay in s, finite and >= 0.
+        delay: In s, finite and >= 0.
         size: Width of the signal, >= 1.
-        initial_value: None or a vector of that size.
+        initial_value: What is delivered at first (size); zeros if None.
 
     Raises:
         ScenarioError: If one of them is refused.
     """
-    CheckNumber("delay", delay, "s", minimum=0)
-    CheckNumber("size", size, minimum=1)
-    if initial_value is not None and len(initial_value) != size:
-        Refuse("initial_value", initial_value, f"{size} numbers or null")
+
+    def __init__(
+        self, *, delay: float, size: int, initial_value: Sequence[float] | None
+    ):
+        KernelBlock.__init__(self)
+        CheckNumber("delay", delay, "s", minimum=0)
+        CheckNumber("size", size, minimum=1)
+        if initial_value is not None and len(initial_value) != size:
+            Refuse("initial_value", initial_value, f"{size} numbers or null")
+        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self.DeclareVectorInputPort("signal", size)
+
+    def DeclareDelay(self, **how: Any) -> None:
+        """Declares the output.
+
+        Args:
+            how: Fields of Delay; none: the signal passes through.
+        """
+        self._kernel = Kernel(outputs={"delayed_signal": "signal"})
+        if how:
+            names: Any = {"signal": "signal", "output": "delayed_signal"}
+            delay = Delay(**names, initial_value=self._initial_value, **how)
+            self._kernel = Kernel(delays=[delay])
+        self.DeclareOutputs(delayed_signal=len(self._initial_value))
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return self._kernel

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from teleop_drake.channels.base import CheckChannel, ConstantDelay
+from teleop_drake.channels.base import ChannelBlock, ConstantDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.packet_statistics import (
     ComputePacketStatistics,
@@ -18,7 +18,6 @@ from teleop_drake.channels.packet_statistics import (
 from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -28,7 +27,7 @@ from teleop_drake.validation import (
 )
 
 
-class NetworkDelay(KernelBlock):
+class NetworkDelay(ChannelBlock):
     """Delays a vector signal in packets which a network delays, loses and reorders.
 
     Packet k carries signal(k h), h = sample period of the network, and arrives at
@@ -73,40 +72,21 @@ class NetworkDelay(KernelBlock):
         size: int,
         initial_value: Sequence[float] | None = None,
     ):
-        KernelBlock.__init__(self)
-        CheckChannel(
-            delay=network.profile.delay, size=size, initial_value=initial_value
+        receiver = receiver or Receiver()
+        ChannelBlock.__init__(
+            self, delay=network.profile.delay, size=size, initial_value=initial_value
         )
-        self._network = network
-        self._receiver = receiver or Receiver()
-        CheckReceiver(self._receiver)
-        self._initial_value = [0.0] * size if initial_value is None else initial_value
-        self.DeclareVectorInputPort("signal", size)
-        self.DeclareOutputs(delayed_signal=size)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        network, receiver = self._network, self._receiver
-        return Kernel(
-            delays=[
-                Delay(
-                    signal="signal",
-                    output="delayed_signal",
-                    initial_value=self._initial_value,
-                    period=network.sample_period,
-                    shown=lambda k: network.Shown(k, receiver),
-                    extrapolates=receiver.policy == "extrapolate",
-                    end=network.profile.duration,
-                )
-            ]
+        CheckReceiver(receiver)
+        self._network, self._receiver = network, receiver
+        self.DeclareDelay(
+            period=network.sample_period,
+            shown=lambda k: network.Shown(k, receiver),
+            extrapolates=receiver.policy == "extrapolate",
+            end=network.profile.duration,
         )
 
     def Statistics(self, context: Context) -> PacketStatistics:
-        """Returns what has become of the packets sent before now.
-
-        Args:
-            context: The Context of this block.
-        """
+        """Returns what has become of the packets sent before now."""
         return ComputePacketStatistics(
             self._network, self._receiver, context.get_time()
         )
@@ -130,15 +110,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
     receiver: Receiver = field(default_factory=Receiver)
 
     def Check(self, path: str, duration: float) -> None:
-        """Checks every field; reads the trace.
-
-        Args:
-            path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field; reads the trace."""
         super().Check(path, duration)
         CheckSamplePeriod(path, self.sample_period, self.delay)
         self.Network(duration, path=path)
@@ -154,9 +126,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
             duration: How long packets are sent, s.
             stream: Name of the random numbers.
             path: The channel's field in a scenario, for messages.
-
-        Raises:
-            ScenarioError: If a field is not allowed.
         """
         CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)
         trace = self.MeasuredDelays(duration, path)
@@ -180,17 +149,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
         duration: float = math.inf,
         stream: str = "",
     ) -> NetworkDelay:
-        """Makes the block; see ChannelConfig.MakeChannel.
-
-        Args:
-            size: Width of the packets.
-            initial_value: What arrives before the first packet does (size).
-            duration: How long packets are sent, s.
-            stream: Name of the random numbers; another one gives other numbers.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see ChannelConfig.MakeChannel."""
         return NetworkDelay(
             network=self.Network(duration, stream=stream),
             receiver=self.receiver,
@@ -209,16 +168,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def Arrivals(
         self, sent: ArrayLike, duration: float, stream: str = ""
     ) -> NDArray[np.float64]:
-        """Returns when the packets sent nearest to given times arrive; lost: infinity.
-
-        Args:
-            sent: Times in s, 0 to `duration` (N,).
-            duration: How long packets are sent, s.
-            stream: Name of the random numbers, as in MakeChannel.
-
-        Raises:
-            ScenarioError: If a field is not allowed.
-        """
+        """Returns when the packets sent nearest to given times arrive."""
         network = self.Network(duration, stream=stream)
         last = math.floor(duration / self.sample_period)
         numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
@@ -228,10 +178,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
         """Returns the mean age of information behind the receiver.
 
         It is that of this network's own packets: their delays, losses, order and seed.
-
-        Args:
-            path: The channel's field in a scenario, which names the random numbers.
-            duration: How long packets are sent, s.
 
         Raises:
             ScenarioError: If the receiver extrapolates, which is no delay, or no

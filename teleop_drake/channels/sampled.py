@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
+    ChannelBlock,
     ChannelConfig,
-    CheckChannel,
     ConstantDelay,
 )
 from teleop_drake.integrator.problem import TIE
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 
-class SampledDelay(KernelBlock):
+class SampledDelay(ChannelBlock):
     """Delays a vector signal that is sent in packets and held between them.
 
         delayed_signal(t) = signal(k h)    for k h + delay < t <= (k + 1) h + delay
@@ -58,38 +57,22 @@ class SampledDelay(KernelBlock):
         size: int,
         initial_value: Sequence[float] | None = None,
     ):
-        KernelBlock.__init__(self)
-        CheckChannel(delay=delay, size=size, initial_value=initial_value)
+        ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         CheckNumber("sample_period", sample_period, "s", above=0)
         if 0 < delay < sample_period:
             Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
-        self._delay, self._period = delay, sample_period
-        self._initial_value = [0.0] * size if initial_value is None else initial_value
-        self.DeclareVectorInputPort("signal", size)
+        if delay == 0:
+            self.DeclareDelay()
+            return
         # The margin keeps 0.1 / 0.01 at ten whole periods.
-        self._num_periods = math.floor(delay / sample_period + TIE)
-        offset = delay - self._num_periods * sample_period
-        self._offset = offset if offset > TIE * sample_period else 0.0
-        if delay > 0:
-            DeclareTicks(self, Ticks(sample_period, self._offset), None)
-        self.DeclareOutputs(delayed_signal=size)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        if self._delay == 0:
-            return Kernel(outputs={"delayed_signal": "signal"})
-        period, offset, late = self._period, self._offset, self._num_periods
-        return Kernel(
-            delays=[
-                Delay(
-                    signal="signal",
-                    output="delayed_signal",
-                    initial_value=self._initial_value,
-                    period=period,
-                    # As Drake counts ticks.
-                    shown=lambda k: offset + (k + late) * period,
-                )
-            ]
+        num_periods = math.floor(delay / sample_period + TIE)
+        offset = delay - num_periods * sample_period
+        offset = offset if offset > TIE * sample_period else 0.0
+        DeclareTicks(self, Ticks(sample_period, offset), None)
+        self.DeclareDelay(
+            period=sample_period,
+            # As Drake counts ticks.
+            shown=lambda k: offset + (k + num_periods) * sample_period,
         )
 
 
@@ -125,15 +108,7 @@ class SampledChannelConfig(ChannelConfig):
     sample_period: float = REQUIRED
 
     def Check(self, path: str, duration: float) -> None:
-        """Checks every field.
-
-        Args:
-            path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field."""
         super().Check(path, duration)
         CheckSamplePeriod(path, self.sample_period, self.delay)
         if 0 < self.delay < self.sample_period:
@@ -148,17 +123,7 @@ class SampledChannelConfig(ChannelConfig):
         duration: float = math.inf,
         stream: str = "",
     ) -> SampledDelay:
-        """Makes the block; see ChannelConfig.MakeChannel.
-
-        Args:
-            size: Width of the packets.
-            initial_value: What arrives before the first packet does (size).
-            duration: Has no effect.
-            stream: Has no effect.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see ChannelConfig.MakeChannel."""
         CheckNumber("sample_period", self.sample_period, "s", above=0)
         return SampledDelay(
             delay=self.delay,
@@ -180,10 +145,6 @@ class SampledChannelConfig(ChannelConfig):
 
         To first order in the period h, a hold is that delay:
         (1 - e^(-s h))/(s h) = e^(-s h/2) (1 + (s h)^2/24 + ...).
-
-        Args:
-            path: The channel's field in a scenario, for messages.
-            duration: Has no effect.
         """
         if self.delay == 0:
             return ConstantDelay(delay=0.0)

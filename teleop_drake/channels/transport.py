@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from teleop_drake.channels.base import ChannelConfig, CheckChannel
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
+from teleop_drake.channels.base import ChannelBlock, ChannelConfig
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.numerics.sample_history import SampleHistory
 
 Array = NDArray[np.float64]
 
 
-class TransportDelay(KernelBlock):
+class TransportDelay(ChannelBlock):
     """Delays a vector signal by an exact, constant time.
 
         delayed_signal(t) = signal(t - delay)    for t > t0 + delay
@@ -64,41 +63,18 @@ class TransportDelay(KernelBlock):
         initial_value: Sequence[float] | None = None,
         max_sample_interval: float | None = None,
     ):
-        KernelBlock.__init__(self)
-        CheckChannel(delay=delay, size=size, initial_value=initial_value)
+        ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         self._delay = float(delay)
-        self._initial_value = [0.0] * size if initial_value is None else initial_value
-        self._max_sample_interval = max_sample_interval
-        self.DeclareVectorInputPort("signal", size)
-        self.DeclareOutputs(delayed_signal=size)
+        how = {"time": self._delay, "max_sample_interval": max_sample_interval}
+        self.DeclareDelay(**(how if delay > 0 else {}))
 
     @property
     def delay(self) -> float:
         """The delay in s."""
         return self._delay
 
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        if self._delay == 0:
-            return Kernel(outputs={"delayed_signal": "signal"})
-        return Kernel(
-            delays=[
-                Delay(
-                    signal="signal",
-                    output="delayed_signal",
-                    time=self._delay,
-                    initial_value=self._initial_value,
-                    max_sample_interval=self._max_sample_interval,
-                )
-            ]
-        )
-
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns the delay.
-
-        Args:
-            estimates: Has no effect.
-        """
+        """Returns the delay."""
         return LinearPart(delay=self._delay)
 
     def Deliver(self, context: Context, value: Array) -> None:
@@ -127,17 +103,7 @@ class TransportChannelConfig(ChannelConfig):
         duration: float = math.inf,
         stream: str = "",
     ) -> TransportDelay:
-        """Makes the block; see ChannelConfig.MakeChannel.
-
-        Args:
-            size: Width of the packets.
-            initial_value: What arrives before the first packet does (size).
-            duration: Has no effect.
-            stream: Has no effect.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see ChannelConfig.MakeChannel."""
         return TransportDelay(
             delay=self.delay,
             size=size,
@@ -147,11 +113,7 @@ class TransportChannelConfig(ChannelConfig):
         )
 
     def LongestStep(self, duration: float) -> float:
-        """Returns the delay in s: what arrives in a step was sent before it.
-
-        Args:
-            duration: Has no effect.
-        """
+        """Returns the delay in s: what arrives in a step was sent before it."""
         return self.delay or math.inf
 
     def IsPassThrough(self) -> bool:

@@ -8,19 +8,18 @@ import numpy as np
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
-    CheckChannel,
+    ChannelBlock,
     ConstantDelay,
 )
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.varying_delay import VaryingDelayConfig
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.validation import Refuse, Within
 
 SHORTEST_VARIABLE_DELAY = 1e-6
 """Least delay of a VariableDelay in s: no step may be longer."""
 
 
-class VariableDelay(KernelBlock):
+class VariableDelay(ChannelBlock):
     """Delays a vector signal by a time that varies, continuously and without packets.
 
         delayed_signal(t) = signal(t - T(t))    for t - T(t) > t0
@@ -62,30 +61,16 @@ class VariableDelay(KernelBlock):
         initial_value: Sequence[float] | None = None,
         max_sample_interval: float | None = None,
     ):
-        KernelBlock.__init__(self)
         profile.CheckContinuous(SHORTEST_VARIABLE_DELAY)
-        CheckChannel(delay=profile.minimum, size=size, initial_value=initial_value)
-        self._profile = profile
-        self._initial_value = [0.0] * size if initial_value is None else initial_value
-        self._max_sample_interval = max_sample_interval
-        self.DeclareVectorInputPort("signal", size)
-        self.DeclareOutputs(delayed_signal=size)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return Kernel(
-            delays=[
-                Delay(
-                    signal="signal",
-                    output="delayed_signal",
-                    time=self._profile,
-                    shortest=self._profile.minimum,
-                    end=self._profile.duration,
-                    nonsmooth_times=self._profile.nonsmooth_times,
-                    initial_value=self._initial_value,
-                    max_sample_interval=self._max_sample_interval,
-                )
-            ]
+        ChannelBlock.__init__(
+            self, delay=profile.minimum, size=size, initial_value=initial_value
+        )
+        self.DeclareDelay(
+            time=profile,
+            shortest=profile.minimum,
+            nonsmooth_times=profile.nonsmooth_times,
+            end=profile.duration,
+            max_sample_interval=max_sample_interval,
         )
 
 
@@ -100,15 +85,7 @@ class VariableChannelConfig(VaryingDelayConfig):
     kind = "variable"
 
     def Check(self, path: str, duration: float) -> None:
-        """Checks every field; reads the trace.
-
-        Args:
-            path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field; reads the trace."""
         super().Check(path, duration)
         trace = self.MeasuredDelays(duration, path)
         if trace is not None and trace.is_lost.any():
@@ -130,17 +107,7 @@ class VariableChannelConfig(VaryingDelayConfig):
         duration: float = math.inf,
         stream: str = "",
     ) -> VariableDelay:
-        """Makes the block; see ChannelConfig.MakeChannel.
-
-        Args:
-            size: Width of the packets.
-            initial_value: What arrives before the first packet does (size).
-            duration: Until when the delay is needed, s.
-            stream: Has no effect.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see ChannelConfig.MakeChannel."""
         return VariableDelay(
             profile=self.Profile(duration),
             size=size,
@@ -150,11 +117,7 @@ class VariableChannelConfig(VaryingDelayConfig):
         )
 
     def LongestStep(self, duration: float) -> float:
-        """Returns a lower bound of the delay in s.
-
-        Args:
-            duration: How long the simulation lasts, s.
-        """
+        """Returns a lower bound of the delay in s."""
         return self.Profile(duration).minimum
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
@@ -163,10 +126,6 @@ class VariableChannelConfig(VaryingDelayConfig):
         A constant delay says what holds while T changes slowly against the loop. A T
         that changes fast may destabilise although each of its values, held, would not,
         and the reverse.
-
-        Args:
-            path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
         """
         profile = self.Profile(duration, path)
         times = np.linspace(0.0, duration, _NUM_TIMES)

@@ -47,15 +47,7 @@ class VaryingDelayConfig(ChannelConfig):
         return None
 
     def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
-        """Reads the trace, if there is one.
-
-        Args:
-            duration: Until when it is needed, s.
-            path: The channel's field in a scenario, for messages.
-
-        Raises:
-            ScenarioError: If a field or the file is not allowed.
-        """
+        """Reads the trace, if there is one."""
         if self.trace_unit is not None:
             CheckChoice(f"{path}.trace_unit", self.trace_unit, UNITS)
         CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
@@ -84,15 +76,7 @@ class VaryingDelayConfig(ChannelConfig):
         return replace(trace, delays=trace.delays * factor)
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
-        """Returns how the delay varies with time, jitter apart; reads the trace.
-
-        Args:
-            duration: Until when, in s.
-            path: The channel's field in a scenario, for messages.
-
-        Raises:
-            ScenarioError: If a field is not allowed.
-        """
+        """Returns how the delay varies with time, jitter apart; reads the trace."""
         return self.ProfileOf(self.MeasuredDelays(duration, path), duration, path)
 
     def ProfileOf(
@@ -104,9 +88,6 @@ class VaryingDelayConfig(ChannelConfig):
             trace: What MeasuredDelays() returned.
             duration: Until when, in s.
             path: The channel's field in a scenario, for messages.
-
-        Raises:
-            ScenarioError: If a field is not allowed.
         """
         with Within(path):
             return DelayProfile(
@@ -118,11 +99,7 @@ class VaryingDelayConfig(ChannelConfig):
             )
 
     def LargestSlope(self, duration: float) -> float:
-        """Returns an upper bound of dT/dt, jitter apart.
-
-        Args:
-            duration: How long the simulation lasts, s.
-        """
+        """Returns an upper bound of dT/dt, jitter apart."""
         return self.Profile(duration).max_slope
 
     def Arrivals(
@@ -132,14 +109,6 @@ class VaryingDelayConfig(ChannelConfig):
 
         What arrives at t was sent at t - T(t). What arrives after the end is taken to
         be delayed as at the end.
-
-        Args:
-            sent: Times in s, 0 to `duration` (N,).
-            duration: How long the simulation lasts, s.
-            stream: Without effect.
-
-        Raises:
-            ScenarioError: If a field is not allowed.
         """
         profile = self.Profile(duration)
         sent = np.asarray(sent, dtype=float)

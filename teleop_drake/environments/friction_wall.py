@@ -26,11 +26,7 @@ class FrictionWallConfig(HuntCrossleyConfig):
     creep_speed: float = Number(1e-3, "m/s", above=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> ContactWall:
-        """Makes the block; see EnvironmentConfig.MakeEnvironment.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-        """
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
         (surface,) = self.Surfaces(start)
         return ContactWall(
             surface=surface,

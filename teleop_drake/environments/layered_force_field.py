@@ -117,11 +117,7 @@ class LayeredForceField(KernelBlock):
         return self._surfaces
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that the tool stays in its layer.
-
-        Args:
-            estimates: Has no effect.
-        """
+        """Returns that the tool stays in its layer."""
         return LinearPart(has_modes=True)
 
     def Kernel(self) -> Kernel:

@@ -52,20 +52,13 @@ class LayersEnvironmentConfig(EnvironmentConfig):
     direction: np.ndarray | None = None
 
     def Check(self) -> None:
-        """Checks every layer and the direction.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every layer and the direction."""
         CheckLayers("layers", self.layers)
         if self.direction is not None:
             UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def MakeEnvironment(self, start: ArrayLike) -> LayeredForceField:
         """Makes the block; see EnvironmentConfig.MakeEnvironment.
-
-        Args:
-            start: p_WT at time 0 in m (n).
 
         Raises:
             ValueError: If the starts do not ascend or a value is not allowed.

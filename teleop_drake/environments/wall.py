@@ -25,11 +25,7 @@ class WallConfig(EnvironmentConfig):
     direction: np.ndarray | None = None
 
     def Check(self) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field."""
         super().Check()
         if self.direction is not None:
             UnitNormal(self.direction, np.size(self.direction), "direction")

@@ -67,12 +67,7 @@ class SurgeonConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> Surgeon:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: Has no effect.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         return Surgeon(
             velocity=self.velocity,
             contact_force=self.contact_force,

@@ -168,12 +168,7 @@ class HumanConfig(OperatorConfig):
     arm_stiffness: float = Number(200.0, "N/m", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field; see OperatorConfig.Check.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-        """
+        """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
         CheckChoice(f"{path}.goal", self.goal, GOALS)
         delay = self.reaction_delay
@@ -184,12 +179,7 @@ class HumanConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> HumanStation:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: p_WT at time 0 in m (n): where the goal starts.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         n = np.size(start)
         reaction = TransportDelay(
             delay=self.reaction_delay,
@@ -202,12 +192,7 @@ class HumanConfig(OperatorConfig):
     def MakeLinearOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> HumanStation:
-        """Makes the block with an all-pass of order 6 for the reaction delay.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block with an all-pass of order 6 for the reaction delay."""
         if self.reaction_delay == 0:
             return self.MakeOperator(start=start, contact_surface=contact_surface)
         matrices = all_pass_of_delay(

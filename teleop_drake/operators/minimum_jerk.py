@@ -37,12 +37,7 @@ class MinimumJerkConfig(OperatorConfig):
     reach_time: float = Number(1.0, "s", above=0)
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field; see OperatorConfig.Check.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-        """
+        """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
         previous = np.zeros(num_axes)
         for i, point in enumerate(self.waypoints):
@@ -57,12 +52,7 @@ class MinimumJerkConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> ProfileOperator:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: Has no effect.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         breaks, position = self.Path()
         return ProfileOperator(
             breaks=breaks,

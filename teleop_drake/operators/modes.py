@@ -154,11 +154,7 @@ class ModalOperator(KernelBlock):
         )  # fmt: skip
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that what has been perceived stays perceived, and what follows.
-
-        Args:
-            estimates: Has no effect.
-        """
+        """Returns that what has been perceived stays perceived, and what follows."""
         if self._surface is None:
             return LinearPart(has_modes=True)
         perceived = with_contact(np.zeros(2))

@@ -35,12 +35,7 @@ class RecordedConfig(OperatorConfig):
     file: str | None = REQUIRED
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field; reads the file.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-        """
+        """Checks every field; reads the file."""
         super().Check(path, num_axes)
         if self.file is None:
             Refuse(f"{path}.file", self.file, "the path of a CSV file of time and v_d")
@@ -49,12 +44,7 @@ class RecordedConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> ProfileOperator:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: Only its size has an effect.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         times, velocities = self._Read(np.size(start))
         breaks, coefficients = linear_pieces(times, velocities)
         return ProfileOperator(

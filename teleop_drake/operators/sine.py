@@ -84,12 +84,7 @@ class SineConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> SineOperator:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: Has no effect.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         return SineOperator(
             velocity=self.velocity,
             frequency=self.frequency,

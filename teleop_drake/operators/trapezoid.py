@@ -27,12 +27,7 @@ class TrapezoidConfig(OperatorConfig):
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> ProfileOperator:
-        """Makes the block; see OperatorConfig.MakeOperator.
-
-        Args:
-            start: Has no effect.
-            contact_surface: Where it perceives contact; None: nowhere.
-        """
+        """Makes the block; see OperatorConfig.MakeOperator."""
         breaks, coefficients = self._Pieces()
         return ProfileOperator(
             breaks=breaks,

@@ -23,9 +23,6 @@ class HapticDeviceConfig(FixedFields):
     def Check(self, path: str) -> None:
         """Checks every field.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """

@@ -107,9 +107,6 @@ class SamplingConfig(FixedFields):
     def Check(self, path: str) -> None:
         """Checks every field.
 
-        Args:
-            path: The config's place in a scenario, for messages.
-
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
@@ -143,9 +140,6 @@ class SensorConfig(FixedFields):
 
     def Check(self, path: str) -> None:
         """Checks every field.
-
-        Args:
-            path: The config's place in a scenario, for messages.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
