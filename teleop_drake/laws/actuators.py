@@ -24,13 +24,7 @@ def gear_friction(friction: Array, v: Array) -> Array:
 
 
 def delivered_force(friction: Array, F: Array, v: Array) -> Array:
-    """Returns the force F of the drive without what gear_friction() takes, in N (n).
-
-    Args:
-        friction: See gear_friction().
-        F: Force of the drive in N (n).
-        v: Velocity of the tool in m/s (n).
-    """
+    """Returns the force F of the drive without what gear_friction() takes, in N (n)."""
     return F - gear_friction(friction, v)
 
 
@@ -76,9 +70,6 @@ def next_normal(generator: Array) -> tuple[Array, Array]:
     """Returns normally distributed numbers, and the generators after them.
 
     By the method of Box and Muller.
-
-    Args:
-        generator: See next_random().
 
     Returns:
         Numbers of mean 0 and variance 1 (n), and the generators (2n).

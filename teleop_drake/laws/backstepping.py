@@ -10,6 +10,10 @@ numbers the third network 6 in chapter 5).
     alpha   = F_e - Psi^-1 (W1 Phi + G1 s)         virtual control      (4.23, 5.22)
     z       = F_c - alpha                          control force error  (4.18, 5.17)
 
+with the tool's velocity v and the commanded one v_dd = v_d(t - T_f) in m/s, the robot's
+force F_e on the environment and the operator's F_hd = F_h(t - T_f) in N (n), and the
+basis functions Phi at the tool's position (N), Phi_dot in 1/s.
+
 Proof that the law below is right, with X~ = X* - X and |X|^2 = tr(X^T X), for
 
     V2 = s^T P s/2 + z^T z/2 + |W1~|^2/(2 beta1) + |Psi~|^2/(2 beta2)
@@ -166,23 +170,14 @@ class BacksteppingState(NamedTuple):
 
 
 def pack_state(state: BacksteppingState) -> Array:
-    """Returns the state as one vector [F_c, W1, Psi, W3], matrices row by row.
-
-    Args:
-        state: The state, or its time rate.
-    """
+    """Returns the state as one vector [F_c, W1, Psi, W3], matrices row by row."""
     return np.concatenate(
         (state.F_c, state.W1.ravel(), state.Psi.ravel(), state.W3.ravel())
     )
 
 
 def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
-    """Returns the parts of a vector made by pack_state, as views.
-
-    Args:
-        x: The vector (n + n N + n^2 + n N).
-        num_axes: Number n of task axes.
-    """
+    """Returns the parts of a vector made by pack_state, as views."""
     n = num_axes
     nN = (x.size - n - n * n) // 2
     return BacksteppingState(
@@ -194,12 +189,7 @@ def unpack_state(x: Array, num_axes: int) -> BacksteppingState:
 
 
 def initial_state(gains: BacksteppingGains, num_functions: int) -> BacksteppingState:
-    """Returns the initial state: no force, no weights, Psi = Psi0.
-
-    Args:
-        gains: The constants of the law.
-        num_functions: Number N of basis functions.
-    """
+    """Returns the initial state: no force, no weights, Psi = Psi0."""
     n = gains.num_axes
     return BacksteppingState(
         np.zeros(n),
@@ -212,44 +202,21 @@ def initial_state(gains: BacksteppingGains, num_functions: int) -> BacksteppingS
 def auxiliary_error(
     gains: BacksteppingGains, v: Array, v_dd: Array, F_e: Array, F_hd: Array
 ) -> Array:
-    """Returns s of (4.2), (5.2) in m/s (n).
-
-    Args:
-        gains: The constants of the law.
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave, v_d(t - T_f), in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave, F_h(t - T_f), in N (n).
-    """
+    """Returns s of (4.2), (5.2) in m/s (n)."""
     return (v - v_dd) + gains.Lambda @ (F_e - F_hd)
 
 
 def control_force_error(
     gains: BacksteppingGains, state: BacksteppingState, Phi: Array, s: Array, F_e: Array
 ) -> Array:
-    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22).
-
-    Args:
-        gains: The constants of the law.
-        state: The state of the law.
-        Phi: Basis functions at the present input (N).
-        s: Auxiliary error in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-    """
+    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22)."""
     return damped_force_error(state, Phi, F_e, gains.G1 @ s)
 
 
 def damped_force_error(
     state: BacksteppingState, Phi: Array, F_e: Array, damping: Array
 ) -> Array:
-    """Returns z = F_c - alpha in N (n) with any damping of s in the place of G1 s.
-
-    Args:
-        state: The state of the law.
-        Phi: Basis functions at the present input (N).
-        F_e: Force the robot exerts on the environment in N (n).
-        damping: What alpha takes from ds/dt, in m/s^2 (n).
-    """
+    """Returns z = F_c - alpha in N (n) with any damping of s in the place of G1 s."""
     alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + damping)
     return state.F_c - alpha
 
@@ -280,11 +247,6 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     For n = 1 the projection never increases V2 as long as Psi* >= Psi_min. For n > 1
     that cannot be promised, because the matrices with singular values >= Psi_min are
     not a convex set: there the projection keeps Psi invertible and no more.
-
-    Args:
-        Psi: Estimate (n, n).
-        update: What dPsi/dt would be without the limit (n, n).
-        Psi_min: The limit, > 0, in the unit of Psi.
     """
     U, sigma, Vt = np.linalg.svd(Psi)
     at_limit = sigma <= Psi_min
@@ -311,16 +273,6 @@ def backstepping_rate(
     """Returns the time rate of the control force and of all estimates.
 
     See the top of this file for the derivation and the proof.
-
-    Args:
-        gains: The constants of the law.
-        state: The state of the law.
-        Phi: Basis functions at the present input (N).
-        Phi_dot: Their time rate in 1/s (N).
-        v: Velocity of the tool in m/s (n).
-        v_dd: Commanded velocity as it arrives at the slave, v_d(t - T_f), in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        F_hd: Haptic force as it arrives at the slave, F_h(t - T_f), in N (n).
 
     Raises:
         numpy.linalg.LinAlgError: If Psi is singular.

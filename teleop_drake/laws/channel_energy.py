@@ -14,24 +14,12 @@ Array = NDArray[np.float64]
 
 
 def port_power(force: Array, velocity: Array) -> float:
-    """Returns F . v at one end, W.
-
-    Args:
-        force: F in N (n).
-        velocity: v in m/s (n).
-    """
+    """Returns F . v at one end, W."""
     return float(np.sum(force * velocity))
 
 
 def energy_rates(F_m: Array, v_m: Array, F_s: Array, v_s: Array) -> Array:
-    """Returns [d(energy_in)/dt; d(energy_out)/dt] in W (2).
-
-    Args:
-        F_m: Force sent at the master, N (n).
-        v_m: Velocity felt at the master, m/s (n).
-        F_s: Force received at the slave, N (n).
-        v_s: Velocity of the tool, m/s (n).
-    """
+    """Returns [d(energy_in)/dt; d(energy_out)/dt] in W (2)."""
     return np.array([port_power(F_m, v_m), port_power(F_s, v_s)])
 
 

@@ -6,7 +6,10 @@
     C_s = B_c + K_c / s,   C1 = c1 (Z + C_s),   Z = M s + B
 
 Positions count from `start`. The signals of the other end come in a packet [x; v; F],
-or [x; v; F; a] where accelerations are sent: a = w (v - v_f) with dv_f/dt = a.
+or [x; v; F; a] where accelerations are sent: a = w (v - v_f) with dv_f/dt = a, w being
+the `bandwidth` in rad/s. The master's state is [x_m; v_m], and v_f behind them then.
+The factors are [C2, c4, C6] of the master and [c1, C3, C5] of the slave. Its B is the
+handle's and its controller's together. Units are m, s, kg and N (n; n x n).
 
 Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
 IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
@@ -21,13 +24,7 @@ Array = NDArray[np.float64]
 
 
 def filtered_acceleration(v: Array, v_f: Array, bandwidth: float) -> Array:
-    """Returns a = w (v - v_f), which is also dv_f/dt, in m/s^2 (n).
-
-    Args:
-        v: Velocity in m/s (n).
-        v_f: The velocity behind the filter in m/s (n).
-        bandwidth: w in rad/s.
-    """
+    """Returns a = w (v - v_f), which is also dv_f/dt, in m/s^2 (n)."""
     return bandwidth * (v - v_f)
 
 
@@ -42,19 +39,7 @@ def master_rate(
     factors: Array,
     bandwidth: float,
 ) -> Array:
-    """Returns d/dt [x_m; v_m] or d/dt [x_m; v_m; v_f] of the master (2n or 3n).
-
-    Args:
-        x: [x_m; v_m], and v_f if accelerations are sent, in m and m/s.
-        F_h: Force that the operator applies, N (n).
-        packet: [p; v; F_e], and a if accelerations are sent, of the slave.
-        start: Where positions count from in m (n).
-        M: Mass in kg (n, n).
-        B: Damping of the handle and of its controller, B + B_c, in N s/m (n, n).
-        K_c: Stiffness in N/m (n, n).
-        factors: C2, c4 and C6.
-        bandwidth: w in rad/s, not used without accelerations.
-    """
+    """Returns d/dt [x_m; v_m] or d/dt [x_m; v_m; v_f] of the master (2n or 3n)."""
     C2, C4, C6 = factors
     n = F_h.size
     x_m, v_m = x[:n], x[n : 2 * n]
@@ -81,20 +66,7 @@ def slave_force(
     K_c: Array,
     factors: Array,
 ) -> Array:
-    """Returns F_c of the slave in N (n).
-
-    Args:
-        packet: [x_m; v_m; F_h], and a_m if accelerations are sent, of the master.
-        p: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        start: Where positions count from in m (n).
-        M: Mass of the model in kg (n, n).
-        B: Damping of the model in N s/m (n, n).
-        B_c: Damping of the controller in N s/m (n, n).
-        K_c: Stiffness of the controller in N/m (n, n).
-        factors: c1, C3 and C5.
-    """
+    """Returns F_c of the slave in N (n)."""
     C1, C3, C5 = factors
     n = p.size
     x_m, v_m, F_h = packet[:n], packet[n : 2 * n], packet[2 * n : 3 * n]
@@ -107,13 +79,7 @@ def slave_force(
 
 
 def master_packet(x: Array, F_h: Array, bandwidth: float) -> Array:
-    """Returns what the master sends, [x_m; v_m; F_h], and a_m if it has a filter.
-
-    Args:
-        x: [x_m; v_m], and v_f if accelerations are sent, in m and m/s.
-        F_h: Force that the operator applies, N (n).
-        bandwidth: w in rad/s, not used without accelerations.
-    """
+    """Returns what the master sends, [x_m; v_m; F_h], and a_m if it has a filter."""
     n = F_h.size
     if x.size == 2 * n:
         return np.concatenate((x, F_h))
@@ -122,15 +88,7 @@ def master_packet(x: Array, F_h: Array, bandwidth: float) -> Array:
 
 
 def slave_packet(v_f: Array, p: Array, v: Array, F_e: Array, bandwidth: float) -> Array:
-    """Returns what the slave sends, [p; v; F_e], and a if it has a filter.
-
-    Args:
-        v_f: The velocity behind the filter in m/s (n), or nothing (0).
-        p: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        F_e: Force the robot exerts on the environment in N (n).
-        bandwidth: w in rad/s, not used without accelerations.
-    """
+    """Returns what the slave sends, [p; v; F_e], and a if it has a filter."""
     if v_f.size == 0:
         return np.concatenate((p, v, F_e))
     return np.concatenate((p, v, F_e, filtered_acceleration(v, v_f, bandwidth)))

@@ -68,11 +68,6 @@ def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) ->
     An axis with count 1 has no neighbours. There the spacing is the axis's whole
     length, as it is with count 2, so that one function covers the whole interval.
 
-    Args:
-        lower: Lower bounds (m), in the unit of the network's input.
-        upper: Upper bounds (m), greater than `lower` on every axis.
-        count: Number of centres per axis (m), each >= 1.
-
     Returns:
         Spacing (m), in the unit of the network's input.
 
@@ -176,9 +171,6 @@ class GaussianNetwork:
     def evaluate(self, u: Array) -> Array:
         """Returns Phi(u).
 
-        Args:
-            u: Input (m).
-
         Returns:
             Phi (N), each in (0, 1].
         """
@@ -186,10 +178,6 @@ class GaussianNetwork:
 
     def evaluate_with_rate(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
         """Returns Phi(u) and dPhi/dt = dPhi/du u_dot, exactly.
-
-        Args:
-            u: Input (m).
-            u_dot: Its time rate (m), in the unit of u per s.
 
         Returns:
             (Phi, Phi_dot), both (N); Phi_dot in 1/s.

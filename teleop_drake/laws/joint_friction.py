@@ -16,14 +16,7 @@ Array = NDArray[np.float64]
 
 
 def friction_torque(forward: Array, backward: Array, speed: float, v: Array) -> Array:
-    """Returns the friction of joints in N m or N (nv).
-
-    Args:
-        forward: C_+ >= 0 in N m or N (nv).
-        backward: C_- >= 0 in N m or N (nv).
-        speed: v_s > 0 in rad/s or m/s.
-        v: Velocities of the joints in rad/s or m/s (nv).
-    """
+    """Returns the friction of joints in N m or N (nv)."""
     s = v / np.sqrt(v * v + speed * speed)
     tau: Array = -s * ((forward + backward) / 2 + (forward - backward) / 2 * s)
     return tau

@@ -15,32 +15,17 @@ Array = NDArray[np.float64]
 
 
 def operator_mode(state: Array) -> float:
-    """Returns 0, 1 or 2.
-
-    Args:
-        state: [contact perceived, stopped].
-    """
+    """Returns the mode."""
     return 2.0 if state[1] else state[0]
 
 
 def velocity_command(state: Array, velocity: Array) -> Array:
-    """Returns v_d in m/s (n).
-
-    Args:
-        state: [contact perceived, stopped].
-        velocity: v_d until then in m/s (n).
-    """
+    """Returns v_d in m/s (n)."""
     return velocity if operator_mode(state) == 0 else np.zeros_like(velocity)
 
 
 def force_command(state: Array, haptic_force: Array, contact_force: Array) -> Array:
-    """Returns F_h in N (n).
-
-    Args:
-        state: [contact perceived, stopped].
-        haptic_force: Force of the haptic device in N (n).
-        contact_force: Force after contact in N (n).
-    """
+    """Returns F_h in N (n)."""
     if not state[0]:
         return haptic_force
     return np.zeros_like(contact_force) if state[1] else contact_force

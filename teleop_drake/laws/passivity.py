@@ -13,6 +13,10 @@ integrals and the controllers dampings that depend on the state. That is what th
 sampled ones tend to at high rates; it has no error of its own from sampling the
 power, and leaves the solver its steps, which would otherwise end every millisecond.
 
+On each axis (n): forces F_h of the operator and F_hd as it arrives in N, the tool's
+velocity v in m/s (as it arrives at the master), powers in W, energies and the budget W
+in J, `horizon` in s, `maximum` in the unit of the result.
+
 Sources: B. Hannaford and J.-H. Ryu, "Time-domain passivity control of haptic
 interfaces", IEEE Trans. Robotics and Automation 18 (2002); J.-H. Ryu, J. Artigas and
 C. Preusche, "A passive bilateral control scheme for a teleoperator with time-varying
@@ -55,83 +59,39 @@ def injected_resistance(
 
 
 def energy_rates(power: Array) -> Array:
-    """Returns [dE_in/dt; dE_out/dt] in W (2n).
-
-    Args:
-        power: What flows into the channel at this port, W (n).
-    """
+    """Returns [dE_in/dt; dE_out/dt] in W (2n)."""
     return np.maximum(np.concatenate((power, -power)), 0.0)
 
 
 def master_mobility(
     F_h: Array, v: Array, budget: Array, horizon: float, maximum: float
 ) -> Array:
-    """Returns beta of the master in m/(N s) (n).
-
-    Args:
-        F_h: Force that the operator applies, N (n).
-        v: Velocity of the tool as it arrives, m/s (n).
-        budget: Energy that may still leave at the master, J (n).
-        horizon: In s, > 0.
-        maximum: Largest beta in m/(N s).
-    """
+    """Returns beta of the master in m/(N s) (n)."""
     return injected_resistance(-F_h * v, F_h, budget, horizon, maximum)
 
 
 def slave_damping(
     F_hd: Array, v: Array, budget: Array, horizon: float, maximum: float
 ) -> Array:
-    """Returns alpha of the slave in N s/m (n).
-
-    Args:
-        F_hd: Haptic force as it arrives, N (n).
-        v: Velocity of the tool in m/s (n).
-        budget: Energy that may still leave at the slave, J (n).
-        horizon: In s, > 0.
-        maximum: Largest alpha in N s/m.
-    """
+    """Returns alpha of the slave in N s/m (n)."""
     return injected_resistance(F_hd * v, v, budget, horizon, maximum)
 
 
 def energy_budget(initial: float, received: Array, spent: Array, scale: float) -> Array:
-    """Returns the budget W of a port in J (n).
-
-    Args:
-        initial: E_0, in J.
-        received: E_in of the other port as it arrives, J (n).
-        spent: E_out of this port, in the unit of the scale (n).
-        scale: In J.
-    """
+    """Returns the budget W of a port in J (n)."""
     return initial + received - scale * spent
 
 
 def scaled_energy_rates(power: Array, scale: float) -> Array:
-    """Returns energy_rates() in 1/s, as shares of an energy (2n).
-
-    Args:
-        power: What flows into the channel at this port, W (n).
-        scale: The energy in J.
-    """
+    """Returns energy_rates() in 1/s, as shares of an energy (2n)."""
     return energy_rates(power / scale)
 
 
 def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
-    """Returns the velocity that the operator feels, m/s (n).
-
-    Args:
-        v: Velocity of the tool as it arrives, m/s (n).
-        mobility: beta in m/(N s) (n).
-        F_h: Force that the operator applies, N (n).
-    """
+    """Returns the velocity that the operator feels, m/s (n)."""
     return v + mobility * F_h
 
 
 def damped_force(F_hd: Array, damping: Array, v: Array) -> Array:
-    """Returns the control force in N (n).
-
-    Args:
-        F_hd: Haptic force as it arrives, N (n).
-        damping: alpha in N s/m (n).
-        v: Velocity of the tool in m/s (n).
-    """
+    """Returns the control force in N (n)."""
     return F_hd - damping * v

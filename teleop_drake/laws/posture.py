@@ -10,6 +10,8 @@ others rule or that have a goal y of their own:
     tau = M a + J^T Lambda (y - J a),    Lambda = (J M^-1 J^T)^-1.
 
 Then J M^-1 tau = y: without friction and bias the rows move as y says, whatever a is.
+The functions have q and q_0 in rad or m, dq/dt as v (nv), the mass matrix M (nv, nv),
+and rotations (3, 3); tau is in N m or N.
 
 * posture:      J = J_v, y = 0. That is tau = (1 - J_v^T Jbar^T) M a with the
   dynamically consistent inverse Jbar = M^-1 J_v^T Lambda: a torque in the null space
@@ -63,16 +65,7 @@ class PostureGains(NamedTuple):
 def posture_torque(
     gains: PostureGains, M: Array, J_v: Array, q_0: Array, q: Array, v: Array
 ) -> Array:
-    """Returns the torque that holds a posture beside the task, in N m or N (nv).
-
-    Args:
-        gains: How.
-        M: Mass matrix (nv, nv).
-        J_v: Jacobian of the task (n, nv).
-        q_0: The posture, rad or m (nv).
-        q: Positions of the joints (nv).
-        v: Their velocities (nv).
-    """
+    """Returns the torque that holds a posture beside the task, in N m or N (nv)."""
     return _torque(gains, M, J_v, np.zeros(len(J_v)), q_0, q, v)
 
 
@@ -87,19 +80,7 @@ def orientation_torque(
     q: Array,
     v: Array,
 ) -> Array:
-    """Returns the torque that holds the tool's orientation, in N m or N (nv).
-
-    Args:
-        gains: How.
-        M: Mass matrix (nv, nv).
-        J_v: Jacobian of the task (n, nv).
-        J_w: Jacobian of the tool's angular velocity (3, nv).
-        R_0: Rotation of the tool to be held (3, 3).
-        R: Rotation of the tool (3, 3).
-        q_0: The posture for joints that are still free, rad or m (nv).
-        q: Positions of the joints (nv).
-        v: Their velocities (nv).
-    """
+    """Returns the torque that holds the tool's orientation, in N m or N (nv)."""
     w, zeta = gains.frequency, gains.damping_ratio
     omega = J_w @ v
     y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
@@ -115,18 +96,9 @@ def orientation_torque(
 
 
 def orientation_error(R_0: Array, R: Array) -> Array:
-    """Returns sin(angle) times the axis of the turn from R_0 to R (3).
-
-    Args:
-        R_0: A rotation (3, 3).
-        R: Another one (3, 3).
-    """
-    e = np.zeros(3)
-    for k in range(3):
-        e[0] += (R_0[1, k] * R[2, k] - R_0[2, k] * R[1, k]) / 2
-        e[1] += (R_0[2, k] * R[0, k] - R_0[0, k] * R[2, k]) / 2
-        e[2] += (R_0[0, k] * R[1, k] - R_0[1, k] * R[0, k]) / 2
-    return e
+    """Returns sin(angle) times the axis of the turn from R_0 to R (3)."""
+    error: Array = np.cross(R_0.T, R.T).sum(axis=0) / 2
+    return error
 
 
 def _torque(

@@ -3,7 +3,8 @@
     M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m      the master
     F_c       = K (x_m - p) - B_s v                               the slave
 
-with x_s and x_m as they arrive at the other end. The pair is stable for
+with x_s and x_m as they arrive at the other end, p and v of the tool: m, m/s and N (n),
+K in N/m, B in N s/m and M in kg (n, n). The pair is stable for
 4 B B_s > (T_f + T_r)^2 K^2.
 
 Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
@@ -18,29 +19,14 @@ Array = NDArray[np.float64]
 
 
 def coupling_force(x_m: Array, x_s: Array, K: Array) -> Array:
-    """Returns K (x_m - x_s), the force of the spring on the slave's end, N (n).
-
-    Args:
-        x_m: Position of the master in m (n).
-        x_s: Position of the slave in m (n).
-        K: Stiffness in N/m (n, n).
-    """
+    """Returns K (x_m - x_s), the force of the spring on the slave's end, N (n)."""
     return K @ (x_m - x_s)
 
 
 def master_rate(
     x: Array, F_h: Array, x_s: Array, M: Array, K: Array, B: Array
 ) -> Array:
-    """Returns d/dt [x_m; v_m] of the master in m/s and m/s^2 (2n).
-
-    Args:
-        x: [x_m; v_m] in m and m/s (2n).
-        F_h: Force that the operator applies, N (n).
-        x_s: Position of the slave as it arrives, m (n).
-        M: Mass in kg (n, n).
-        K: Stiffness in N/m (n, n).
-        B: Damping in N s/m (n, n).
-    """
+    """Returns d/dt [x_m; v_m] of the master in m/s and m/s^2 (2n)."""
     n = F_h.size
     x_m, v_m = x[:n], x[n:]
     F = F_h - coupling_force(x_m, x_s, K) - B @ v_m
@@ -48,26 +34,12 @@ def master_rate(
 
 
 def slave_force(x_m: Array, p: Array, v: Array, K: Array, B: Array) -> Array:
-    """Returns F_c of the slave in N (n).
-
-    Args:
-        x_m: Position of the master as it arrives, m (n).
-        p: Position of the tool in m (n).
-        v: Velocity of the tool in m/s (n).
-        K: Stiffness in N/m (n, n).
-        B: Damping in N s/m (n, n).
-    """
+    """Returns F_c of the slave in N (n)."""
     return braked_force(coupling_force(x_m, p, K), v, B)
 
 
 def braked_force(F: Array, v: Array, B: Array) -> Array:
-    """Returns F - B v, a force and a damper to the ground, N (n).
-
-    Args:
-        F: Force in N (n).
-        v: Velocity of the tool in m/s (n).
-        B: Damping in N s/m (n, n).
-    """
+    """Returns F - B v, a force and a damper to the ground, N (n)."""
     return F - damper_force(v, B)
 
 

@@ -10,6 +10,10 @@ follows a tool that withdraws as fast as it can, and that is where F = 0, at the
 indentation d_0 = k_1 z/(k + k_1). A tool in front of that feels nothing, and z follows
 from d_0 in the place of d.
 
+Below, `solid` is [k in N/m >= 0, k_1 in N/m > 0, tau in s > 0], `creep` is z in m (1),
+`plane` a point of the undeformed surface in m and its unit normal into the material
+(2, n), and p_WT the position of the tool in m (n).
+
 The energy k d^2/2 + k_1 (d - z)^2/2 is never negative and grows by no more than the
 tool's power: the tissue is passive.
 
@@ -24,29 +28,14 @@ Array = NDArray[np.float64]
 
 
 def indentation(solid: Array, creep: Array, plane: Array, p_WT: Array) -> float:
-    """Returns d in m, of the tissue under the tool or of its free surface.
-
-    Args:
-        solid: [k in N/m, k_1 in N/m, tau in s]; k >= 0, k_1 > 0, tau > 0.
-        creep: z in m (1).
-        plane: A point of the undeformed surface in m, and its unit normal into the
-            material (2, n).
-        p_WT: Position of the tool in m (n).
-    """
+    """Returns d in m, of the tissue under the tool or of its free surface."""
     free = solid[1] * creep[0] / (solid[0] + solid[1])
     depth = float(np.sum((p_WT - plane[0]) * plane[1]))
     return max(depth, float(free))
 
 
 def solid_force(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:
-    """Returns the force of a tool on the tissue in N (n).
-
-    Args:
-        solid: As for indentation().
-        creep: z in m (1).
-        plane: As for indentation().
-        p_WT: Position of the tool in m (n).
-    """
+    """Returns the force of a tool on the tissue in N (n)."""
     d = indentation(solid, creep, plane, p_WT)
     F_n = solid[0] * d + solid[1] * (d - creep[0])
     F_e: Array = F_n * plane[1]
@@ -54,12 +43,5 @@ def solid_force(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:
 
 
 def creep_rate(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:
-    """Returns dz/dt in m/s (1).
-
-    Args:
-        solid: As for indentation().
-        creep: z in m (1).
-        plane: As for indentation().
-        p_WT: Position of the tool in m (n).
-    """
+    """Returns dz/dt in m/s (1)."""
     return np.array([(indentation(solid, creep, plane, p_WT) - creep[0]) / solid[2]])

@@ -106,12 +106,7 @@ class RobustBounds(NamedTuple):
 
 
 def smooth_norm(u: Array, eps: float) -> float:
-    """Returns |u|_eps = sqrt(|u|^2 + eps^2).
-
-    Args:
-        u: A vector.
-        eps: > 0, in its unit.
-    """
+    """Returns |u|_eps = sqrt(|u|^2 + eps^2)."""
     norm: float = np.sqrt((u * u).sum() + eps**2)
     return norm
 
@@ -131,14 +126,7 @@ def robust_damping(
 def robust_force_rate(
     bounds: RobustBounds, Psi: Array, slope: Array, z: Array
 ) -> Array:
-    """Returns what the robust terms take from dF_c/dt, in N/s (n).
-
-    Args:
-        bounds: Of the remainders.
-        Psi: Estimate in 1/kg (n, n).
-        slope: H(s) in 1/s (n, n).
-        z: Control force error in N (n).
-    """
+    """Returns what the robust terms take from dF_c/dt, in N/s (n)."""
     shaped = np.linalg.inv(Psi) @ slope
     w = shaped.T @ z
     share1 = bounds.rho1 / smooth_norm(w, bounds.eps1)

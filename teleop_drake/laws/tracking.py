@@ -10,6 +10,9 @@ tracks r_d(t) while a force F_e acts that only the network W Phi can learn:
     F_c = W Phi + h_r + M_r (r_d'' - Lambda e' - G1 s)                         (3.18)
     dW/dt = beta (-M_r^-T s Phi^T - nu W)                                (3.19, 3.27)
 
+Positions are in m, forces in N (n), M_r in kg (n, n), W in N (n, N), Phi (N); as one
+vector W stands row by row.
+
 Hats are left out: W is the estimate of W*. Proof that this is right, with W~ = W* - W,
 for V1 = s^T s/2 + |W~|^2/(2 beta) (3.12), an exact network F_e = W* Phi and nu = 0:
 
@@ -131,18 +134,7 @@ def tracking_force(
     W: Array,
     Phi: Array,
 ) -> Array:
-    """Returns the control force F_c in N (n) (3.18).
-
-    Args:
-        gains: The constants of the law.
-        s: See tracking_error(), m/s (n).
-        velocity_error: e' = v - r_d' in m/s (n).
-        a_d: r_d'' in m/s^2 (n).
-        M_r: Inertia that the tool feels in kg (n, n).
-        h_r: C_r v + G_r in N (n).
-        W: Weights in N (n, N).
-        Phi: Basis functions (N).
-    """
+    """Returns the control force F_c in N (n) (3.18)."""
     a = a_d - gains.Lambda @ velocity_error - gains.G1 @ s
     return W @ Phi + h_r + M_r @ a
 
@@ -169,18 +161,7 @@ def tracking_force_vector(
     v_d: Array,
     a_d: Array,
 ) -> Array:
-    """Returns tracking_force().
-
-    Args:
-        gains: The constants of the law.
-        dynamics: See dynamics_vector().
-        weights: W, row by row (n N).
-        Phi: Basis functions (N).
-        s: See tracking_error(), m/s (n).
-        v: Velocity in m/s (n).
-        v_d: Desired velocity in m/s (n).
-        a_d: Desired acceleration in m/s^2 (n).
-    """
+    """Returns tracking_force()."""
     n = s.size
     M_r, h_r = dynamics[: n * n].reshape(n, n), dynamics[n * n :]
     W = weights.reshape(n, Phi.size)
@@ -197,12 +178,7 @@ def weights_rate_vector(
 
 
 def disturbance_estimate(weights: Array, Phi: Array) -> Array:
-    """Returns W Phi in N (n), which estimates F_e.
-
-    Args:
-        weights: W, row by row (n N).
-        Phi: Basis functions (N).
-    """
+    """Returns W Phi in N (n), which estimates F_e."""
     estimate: Array = weights.reshape(-1, Phi.size) @ Phi
     return estimate
 
@@ -216,11 +192,6 @@ def coupled_disturbance(K: Array, r: Array, v: Array) -> Array:
     """Returns F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2] (3.8).
 
     The terms have the units that make K times them N; K in N/m fits the first ones.
-
-    Args:
-        K: Gain (2, 2).
-        r: Position [x, z] in m.
-        v: Velocity [x', z'] in m/s.
     """
     (x, z), (x_dot, z_dot) = r, v
     terms = np.array(

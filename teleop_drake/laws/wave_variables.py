@@ -7,7 +7,9 @@ With the wave impedance b, a symmetric positive definite matrix, and S = (2 b)^(
     F^T v = (u^T u - w^T w) / 2
 
 Delayed by any constant times, u and w carry no more energy out of the line than went
-in. F > 0 and v > 0 mean power from the master to the slave at either end.
+in. F > 0 and v > 0 mean power from the master to the slave at either end. Velocities v
+are in m/s, forces F in N, waves in W^(1/2) (n), the root S in (N s/m)^(1/2) and a
+damper D in N s/m (n, n).
 
 The functions take arrays of any dtype, so that phasors show the frequency response.
 
@@ -29,9 +31,6 @@ Array = NDArray[np.float64]
 def wave_root(impedance: ArrayLike) -> Array:
     """Returns S = (2 b)^(1/2), the symmetric root (n, n) in (N s/m)^(1/2).
 
-    Args:
-        impedance: b in N s/m (n, n), symmetric positive definite.
-
     Raises:
         ValueError: If it is not.
     """
@@ -48,35 +47,17 @@ def master_velocity(force: Array, wave: Array, root: Array, damping: Array) -> A
         v = (b + D)^-1 (F + S w)
 
     The damper D stands beside the line: the line gets F - D v.
-
-    Args:
-        force: F that the operator applies, N (n).
-        wave: w that arrives, W^(1/2) (n).
-        root: S, from wave_root() (n, n).
-        damping: D, N s/m (n, n).
     """
     return np.asarray(np.linalg.solve(root @ root / 2 + damping, force + root @ wave))
 
 
 def slave_force(velocity: Array, wave: Array, root: Array) -> Array:
-    """Returns F = S u - b v at the slave's end, where the robot sets the velocity.
-
-    Args:
-        velocity: v of the tool, m/s (n).
-        wave: u that arrives, W^(1/2) (n).
-        root: S, from wave_root() (n, n).
-    """
+    """Returns F = S u - b v at the slave's end, where the robot sets the velocity."""
     return np.asarray(root @ (wave - root @ velocity / 2))
 
 
 def reflected_wave(velocity: Array, wave: Array, root: Array) -> Array:
-    """Returns the wave that leaves an end: u = S v - w, or w = S v - u.
-
-    Args:
-        velocity: v at that end, m/s (n).
-        wave: The wave that arrives there, W^(1/2) (n).
-        root: S, from wave_root() (n, n).
-    """
+    """Returns the wave that leaves an end: u = S v - w, or w = S v - u."""
     return np.asarray(root @ velocity - wave)
 
 
@@ -84,10 +65,6 @@ def corrected_wave(wave: Array, correction: Array) -> Array:
     """Returns the wave plus as much of a correction as does not add energy.
 
     Each component stays between -|wave| and |wave|.
-
-    Args:
-        wave: The wave that arrives (n).
-        correction: What should be added (n).
     """
     limit = np.abs(wave)
     return np.asarray(np.clip(wave + correction, -limit, limit))
@@ -96,37 +73,17 @@ def corrected_wave(wave: Array, correction: Array) -> Array:
 def drift_correcting_wave(
     wave: Array, x_m: Array, p: Array, root: Array, rate: float
 ) -> Array:
-    """Returns the wave that pulls the tool to the master's position, adding no energy.
-
-    Args:
-        wave: u that arrives at the slave, W^(1/2) (n).
-        x_m: Position of the master as it arrives, m (n).
-        p: Position of the tool in m (n).
-        root: S, from wave_root() (n, n).
-        rate: Of the correction, 1/s.
-    """
+    """Returns the wave that pulls the tool to the master's position, adding no energy."""
     return corrected_wave(wave, root / 2 @ (x_m - p) * rate)
 
 
 def filtered_wave_rate(wave: Array, received: Array, bandwidth: float) -> Array:
-    """Returns the time rate of a wave behind a low-pass, W^(1/2)/s (n).
-
-    Args:
-        wave: Behind the low-pass, W^(1/2) (n).
-        received: Before it, W^(1/2) (n).
-        bandwidth: Corner of the low-pass in rad/s.
-    """
+    """Returns the time rate of a wave behind a low-pass, W^(1/2)/s (n)."""
     return bandwidth * (received - wave)
 
 
 def line_power(force: Array, velocity: Array, damping: Array) -> Array:
-    """Returns the power that goes into the line at the master's end, W (n).
-
-    Args:
-        force: F that the operator applies, N (n).
-        velocity: v at that end, m/s (n).
-        damping: D of the damper beside the line, N s/m (n, n).
-    """
+    """Returns the power that goes into the line at the master's end, W (n)."""
     return (force - damping @ velocity) * velocity
 
 
@@ -138,9 +95,6 @@ def passive_scaling(max_slope: float) -> float:
 
     Source: R. Lozano, N. Chopra and M. W. Spong, "Passivation of force reflecting
     bilateral teleoperators with time varying delay", Proc. Mechatronics (2002).
-
-    Args:
-        max_slope: Largest dT/dt, < 1.
 
     Raises:
         ValueError: If max_slope >= 1.
