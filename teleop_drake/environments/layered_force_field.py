@@ -50,14 +50,12 @@ class LayeredForceField(KernelBlock):
     | out  | environment_force | n    | N, exerted BY the robot             |
     | out  | layer             | 1    | index of the layer at x, -1: before |
 
-    State (discrete, 1): the region the tool is in. A region is a run of layers in
-    which the force is continuous; between two regions it jumps. If the Context has
-    an accuracy (context.SetAccuracy), the instant at which the tool leaves its region
-    is located and the force of a step is computed with the law of one region
-    throughout. A tool on a border is in the region that begins there. Without an
-    accuracy the position alone decides, also in the middle of a step: the region is
-    the kernel's initial mode. A non-smooth point, such as touching an undamped spring,
-    needs no event: error control handles it.
+    State (discrete, 1): the region the tool is in. A region is a layer; between two of
+    them the force jumps or bends. If the Context has an accuracy (context.SetAccuracy),
+    the instant at which the tool leaves its region is located and the force of a step
+    is computed with the law of one region throughout. A tool on a border is in the
+    region that begins there. Without an accuracy the position alone decides, also in
+    the middle of a step: the region is the kernel's initial mode.
 
     Initial value: the region at the initial position.
 

@@ -140,34 +140,15 @@ def layer_table(layers: Sequence[Layer]) -> Array:
 def layer_regions(layers: Sequence[Layer]) -> NDArray[np.int64]:
     """Returns the first and the last row of layer_table() in each region (k, 2).
 
-    A region is a run of layers in which the force is continuous; between two regions
-    it jumps.
+    A region is a layer: between two of them the force jumps or bends.
 
     Args:
         layers: By ascending start.
     """
-    rows = (EMPTY_SPACE, *layers)
     # Layers without a beginning leave no empty space before them.
-    firsts = [1 if layers and layers[0].start == -math.inf else 0]
-    for row in range(firsts[0] + 1, len(rows)):
-        if not is_continuous(rows[row - 1], rows[row]):
-            firsts.append(row)
-    lasts = [row - 1 for row in firsts[1:]] + [len(layers)]
-    return np.column_stack((firsts, lasts))
-
-
-def is_continuous(before: Layer, after: Layer) -> bool:
-    """Returns whether the force is continuous where `after` begins.
-
-    At any velocity: the springs meet there and the dampings are equal. And anywhere
-    across x: the lateral springs are equal.
-    """
-    gap = layer_force(before, after.start, 0.0) - layer_force(after, after.start, 0.0)
-    return (
-        gap == 0
-        and before.damping == after.damping
-        and before.lateral_stiffness == after.lateral_stiffness
-    )
+    first = 1 if layers and layers[0].start == -math.inf else 0
+    rows = np.arange(first, len(layers) + 1)
+    return np.column_stack((rows, rows))
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

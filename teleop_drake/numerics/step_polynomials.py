@@ -138,8 +138,9 @@ def finite_part(series: Series) -> Series:
     times, signals, steps = series
     columns = [times[:, np.newaxis], *signals.values()]
     # A sum is quick, and finite unless one of its numbers is not, or it is absurd.
-    if np.isfinite([x.sum() for x in columns]).all():
-        return series
+    with np.errstate(invalid="ignore", over="ignore"):
+        if np.isfinite([x.sum() for x in columns]).all():
+            return series
     is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
     count = len(times) if is_finite.all() else int(np.argmin(is_finite))
     if count == len(times):

@@ -195,6 +195,7 @@ class _Stepper:
                 self.is_too_fast = bool(np.isfinite(speed))
                 self.termination = "diverged"
                 self.reason = self._speed_limit.Reason(speed)
+                del run.visited[-1:]  # Beyond the limit numbers are of any size.
             elif run.failure or run.error is not None:
                 self.termination, self.reason = "diverged", _ReasonOf(run)
             if len(times) > 0:

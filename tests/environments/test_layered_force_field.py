@@ -175,15 +175,6 @@ def test_tool_may_come_back():
     ] == pytest.approx(-1.0, abs=1e-3)
 
 
-def test_undamped_spring_needs_no_event():
-    diagram, dut, _, _ = MakeMass(
-        LayeredForceField(layers=Layers()[1:], num_axes=1), speed=0.001
-    )
-    context = diagram.CreateDefaultContext()
-    context.SetAccuracy(1e-6)
-    assert dut.DoGetWitnessFunctions(dut.GetMyContextFromRoot(context)) == []
-
-
 def test_initial_region_follows_the_initial_position():
     builder = DiagramBuilder()
     dut = builder.AddSystem(LayeredForceField(layers=Layers(), num_axes=1))

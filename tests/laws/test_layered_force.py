@@ -7,7 +7,6 @@ import pytest
 
 from teleop_drake.laws.layered_force import (
     contact_position,
-    is_continuous,
     layer_force,
     puncture_position,
 )
@@ -32,14 +31,6 @@ def test_thesis_values():
     # The force at the puncture: 0.01 N/m 7.5 mm + 0.5 N s/m 1 mm/s.
     assert layer_force(TISSUE, 0.0075, 0.001) == pytest.approx(5.75e-4, rel=1e-12)
     assert layer_force(BONE, 0.016, 1.0) == pytest.approx(0.15)
-
-
-def test_continuity():
-    assert not is_continuous(TISSUE, FREE)
-    assert is_continuous(FREE, BONE)
-    assert not is_continuous(FREE, Layer("damped", 1.0, 0.0, 0.1))
-    assert not is_continuous(FREE, Layer("preloaded", 1.0, 10.0, 0.0, 0.5))
-    assert not is_continuous(FREE, Layer("grip", 1.0, lateral_stiffness=2.0))
 
 
 def test_positions_of_contact_and_puncture():
