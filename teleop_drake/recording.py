@@ -394,7 +394,7 @@ def LoadRecording(path: str | Path) -> Recording:
         with np.load(path, allow_pickle=False) as data:
             arrays = dict(data)
         description = json.loads(str(arrays.pop("description")))
-        found = description.get("format", FORMAT)
+        found = description.get("format")
     except OSError:
         raise
     except Exception:  # zipfile, zlib, numpy and json have errors of many kinds.
@@ -434,6 +434,5 @@ def _FromDescription(
         termination=description["termination"],
         reason=description["reason"],
         notes=description["notes"],
-        # Recordings of the first version know of no other operator.
-        has_constant_command=description.get("has_constant_command", True),
+        has_constant_command=description["has_constant_command"],
     )

@@ -16,7 +16,6 @@ from scene_recordings import MakeRecording
 import teleop_drake.figures.runs
 from teleop_drake.cli import main
 from teleop_drake.cli.commands import compare, replay, run
-from teleop_drake.recording import LoadRecording
 
 SHORT = ["--duration", "0.05", "--accuracy", "1e-4", "--quiet"]
 
@@ -169,7 +168,7 @@ def test_recordings_that_cannot_be_read(recording, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 1}, "it has format 1"),
+        ({"format": 2}, "it has format 2"),
         ({"events": [{"name": "contact", "when": 1}]}, "unexpected keyword"),
         ({"solver": None}, "it has no 'solver'"),
         ({"scenario": "robot: {model: hexapod}"}, "robot"),
@@ -183,16 +182,5 @@ def test_recordings_of_another_version(change, message, recording, capsys):
     arrays["description"] = np.array(json.dumps(description))
     np.savez(recording, **arrays)
     line = Refused(capsys, "replay", recording, "--out", "a.html")
-    assert "must be a recording of format 2, as this version" in line
+    assert "must be a recording of format 3, as this version" in line
     assert message in line
-
-
-def test_what_older_versions_have_written_is_read(recording):
-    """They have written no format."""
-    with np.load(recording) as data:
-        arrays = dict(data)
-    description = json.loads(str(arrays["description"]))
-    assert description.pop("format") == 2
-    arrays["description"] = np.array(json.dumps(description))
-    np.savez(recording, **arrays)
-    assert LoadRecording(recording).EventTimes("contact") == [1.0]
