@@ -202,13 +202,19 @@ class EnoPolynomial:
             coefficients.append(differences[left, columns])
         self._nodes, self._coefficients = nodes, np.array(coefficients)
         self._limit(times[i], times[i + 1], np.abs(values[i + 1] - values[i]))
+        # Python is faster with lists: nodes and coefficients of each, the last first.
+        pairs = np.stack([np.array(nodes), self._coefficients], axis=2)[::-1]
+        self._series: list[list[list[float]]] = pairs.swapaxes(0, 1).tolist()
 
     def eval(self, t: float) -> Array:
         """Returns the signal (k) at a time."""
-        value: Array = self._coefficients[-1]
-        for c, n in zip(self._coefficients[-2::-1], self._nodes[-2::-1], strict=True):
-            value = c + (t - n) * value
-        return value
+        result = []
+        for series in self._series:
+            value = 0.0
+            for node, coefficient in series:
+                value = coefficient + (t - node) * value
+            result.append(value)
+        return np.array(result)
 
     def _limit(self, begin: float, end: float, change: Array) -> None:
         """Leaves of the series as much as can be trusted.
