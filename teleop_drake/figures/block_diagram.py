@@ -26,9 +26,6 @@ from teleop_drake.validation import Refuse
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot")
 
-# Drake counts the levels in an int; no diagram has so many.
-_MAX_DEPTH = 2**31 - 1
-
 # Between the pictures of two levels, in points.
 _GAP = 18.0
 
@@ -90,8 +87,6 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     # Drake ends the process on a negative depth.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
-    if max_depth is not None:
-        max_depth = min(max_depth, _MAX_DEPTH)
     numbers: dict[str, int] = {}
 
     def Number(drake_id: str) -> int:
