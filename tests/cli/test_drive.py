@@ -71,6 +71,7 @@ def Request(gate, *, host=None, origin=None):
     return upgrade
 
 
+@pytest.mark.slow  # Meshcat takes 12 s to end after a connection.
 def test_only_its_own_page_reaches_meshcat():
     meshcat, place = _MakeMeshcat()
     gate = Gate(place, "localhost", None)

@@ -370,7 +370,7 @@ RUNS = {
 }
 
 
-@pytest.fixture(scope="module", params=Slow([0.2, 1.0]))
+@pytest.fixture(scope="module", params=Slow([0.1, 1.0]))
 def whole_runs(request):
     """Every run with machine code of laws and without it, a part in the short run."""
     runs = [
