@@ -13,10 +13,8 @@ import time
 from concurrent.futures import (
     Executor,
     Future,
-    ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -236,15 +234,11 @@ def test_select_metrics():
         ({"forward_channel.dealy": [1]}, "forward_channel.dealy = 1: unknown key"),
         ({"delay": [0.1, -0.1]}, r"forward_channel.delay = -0.1: must be"),
         ({"delay": [0.1], "controller": ["direct", *CONTROLLERS]}, "controller.kind"),
-        ({"delay": [0.1, 0.1]}, "grid.delay: must have different values, and 0.1 is"),
         ({"delay": [1, 0.5, 1.0]}, "grid.delay: must have different values, and 1 is"),
-        ({"surgeon.velocity": [[1], [1.0]]}, r"different values, and \[1\] is twice"),
         ({"delay": [1e-6, 0.1], "duration": [25]}, "grid.duration: must leave"),
-        ({"robot.mass": [1, 16**5000]}, "grid.robot.mass: must have finite"),
         ({"delay": []}, "grid.delay = .*at least one"),
         ({"delay": "0:1:3"}, "grid.delay = '0:1:3': must be a list"),
         ({"delay": [float("nan")]}, "grid.delay: must have finite"),
-        ({"delay": [object()]}, "grid.delay: must have finite"),
         ({"delay": [0.1], "forward_delay": [0.1]}, "grid.forward_delay: must leave"),
         ({"duration": [1.0]}, "grid.duration: must leave duration alone, overrides"),
         ({"delay": range(1000), "robot.mass": range(1, 200)}, "199000 runs: must be"),
@@ -258,28 +252,21 @@ def test_bad_grids(grid, message):
 
 
 @pytest.mark.parametrize(
-    ("grid", "later", "earlier"),
+    ("first", "second"),
     [
-        (["layers.bone.stiffness", "layers.2.stiffness"], 1, 0),
-        (["layers.2.stiffness", "layers.bone.stiffness"], 1, 0),
-        (["layers.02.stiffness", "layers.2.stiffness"], 1, 0),
-        (["layers.2.stiffness", "layers.bone"], 1, 0),
-        (["layers.bone.stiffness", "layers"], 1, 0),
+        ("layers.bone.stiffness", "layers.2.stiffness"),
+        ("layers.02.stiffness", "layers.2.stiffness"),
+        ("layers.2.stiffness", "layers.bone"),
     ],
 )
-def test_two_names_of_a_field_are_refused(grid, later, earlier):
+def test_two_names_of_a_field_are_refused(first, second):
     """The earlier one would have no effect, but be an axis of the figures."""
-    paths = [f"environment.{path}" for path in grid]
-    scenario = LoadScenario("one_dof")
-    bone = ToTree(scenario.environment.layers[2])
-    layers = ToTree(scenario.environment.layers)
-    layers[0]["start"] = -1.0
-    values = {paths[0]: [100.0, 200.0], paths[1]: [300.0, 400.0]}
-    if paths[1].endswith("bone"):
-        values[paths[1]] = [bone | {"stiffness": k} for k in (300.0, 400.0)]
-    if paths[1].endswith("layers"):
-        values[paths[1]] = [[*layers[:2], bone | {"stiffness": k}] for k in (3.0, 4.0)]
-    message = f"grid.{paths[later]}: must leave {paths[earlier]} alone, grid.{paths[0]}"
+    first, second = f"environment.{first}", f"environment.{second}"
+    values = {first: [100.0, 200.0], second: [300.0, 400.0]}
+    if second.endswith("bone"):
+        bone = ToTree(LoadScenario("one_dof").environment.layers[2])
+        values[second] = [bone | {"stiffness": k} for k in (300.0, 400.0)]
+    message = f"grid.{second}: must leave {first} alone, grid.{first}"
     with pytest.raises(SweepError, match=re.escape(message)):
         PlanSweep("one_dof", values)
 
@@ -383,17 +370,6 @@ def test_a_run_whose_process_dies_is_tried_again(processes):
         "metrics": None,
     }
     assert twice.records[::2] == expected.records[::2]
-
-
-def test_an_executor_that_gives_up_leaves_what_is_finished():
-    grid = {"robot.mass": [1.0, 3.0, 2.0, 4.0, 5.0]}
-    with (
-        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool,
-        pytest.raises(RuntimeError, match="the executor gave up"),
-    ):
-        Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(pool, 1), out="out")
-    lines = Path("out/runs.jsonl").read_text().splitlines()
-    assert [json.loads(line)["run"] for line in lines] == [0, 1]
 
 
 def test_an_interrupt_in_a_worker_ends_the_sweep():
@@ -756,7 +732,6 @@ def test_seeds(processes):
         (["--delay", "0:0.4:0"], "--delay = '0:0.4:0': COUNT must be 1 to"),
         (["--vary", "robot.mass"], "--vary = 'robot.mass': must be PATH=VALUES"),
         (["--vary", "robot.mass=1:2"], "--vary robot.mass = '1:2': must be START"),
-        (["--vary", "robot.mas=1"], "robot.mas = 1: unknown key 'mas', must be one"),
         (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "--vary = 'robot.mass="),
         (["--delay", "0.1", "--set", "forward_channel.delay=1"], "grid.delay: must"),
         (["--delay", "0.1", "--vary", "delay=0.2"], "--vary = 'delay=0.2': must vary"),
@@ -765,17 +740,9 @@ def test_seeds(processes):
             ["--controllers", "all", "--vary", "controller=direct_force"],
             "--vary = 'controller=direct_force': must vary what no other option does",
         ),
-        (
-            ["--delay", "1e-2", "--vary", "forward_channel.delay=0.2"],
-            "grid.delay: must",
-        ),
-        (["--delay", "1e-2,1e-1,0.1"], "grid.delay: must have different values, and 0"),
         (["--delay", "1e-6", "--set", "duration=25"], "duration = 25: must be at most"),
-        (["--controllers", "direct"], "controller.kind = 'direct': must be one of"),
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
         (["--seeds", "0"], "--seeds = 0: must be 1 to"),
-        (["--seeds", "3"], "grid.seed = [0, 1, 2]: must be left out, no channel"),
-        (["--metrics", "force"], "metric 'force': must be one of"),
         (["--out", "file"], "out = 'file': must be a folder that can be written"),
         (["--json", "none/x.json"], "--json = 'none/x.json': must be where"),
         (["--jobs", "2", "--dask", "host:1"], "--jobs: must be left out with --dask"),
