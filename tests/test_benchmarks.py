@@ -9,7 +9,6 @@ from benchmarks.channel_oracle import ChannelOracle
 from benchmarks.options import Options
 from benchmarks.straightforward import Solution
 from benchmarks.suite import Measure
-from benchmarks.tables import Table
 from grids import Slow
 
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
@@ -133,17 +132,3 @@ def test_errors_are_relative_to_the_range():
         time=time, signals=signals, steps=None, derivative_evaluations=None
     )
     assert accuracy.LargestError(oracle, solution) == pytest.approx(0.03)
-
-
-def test_tables_in_markdown():
-    table = Table(name="n", title="T", note="N")
-    table.Add(some_name="a", number=1234.5, few=3)
-    table.Add(some_name="b", number=1.5e-7, error=0.012)
-    assert table.Markdown() == (
-        "## T\n\nN\n\n"
-        "| some name | number | few | error |\n"
-        "|---|---|---|---|\n"
-        "| a | 1234 | 3 | - |\n"
-        "| b | 1.5e-07 | - | 0.012 |\n"
-    )
-    assert sorted(table.Numbers()) == [1.5e-7, 0.012, 3.0, 1234.5]

@@ -27,7 +27,6 @@ def Load(
     controller: str = "adaptive_backstepping",
     delay: float = 0.1,
     duration: float | None = None,
-    **simulator: float,
 ) -> Scenario:
     """Loads a scenario of the package with both delays the same."""
     overrides: dict = {
@@ -37,7 +36,6 @@ def Load(
     }
     if duration is not None:
         overrides["duration"] = duration
-    overrides |= {f"simulator.{key}": value for key, value in simulator.items()}
     return LoadScenario(task, overrides)
 
 

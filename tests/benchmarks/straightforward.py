@@ -491,7 +491,7 @@ class Solution:
     derivative_evaluations: int | None
 
 
-def Run(scenario, make_delay, duration, **config) -> Solution:
+def Run(scenario, make_delay, **config) -> Solution:
     diagram, loggers = MakeDiagram(scenario, make_delay)
     simulator = Simulator(diagram)
     if config:
@@ -499,7 +499,7 @@ def Run(scenario, make_delay, duration, **config) -> Solution:
     context = simulator.get_mutable_context()
     context.SetAccuracy(EVENT_ACCURACY)
     simulator.Initialize()
-    simulator.AdvanceTo(duration)
+    simulator.AdvanceTo(scenario.duration)
     logs = {name: log.FindLog(context) for name, log in loggers.items()}
     integrator = simulator.get_integrator()
     return Solution(
@@ -524,42 +524,32 @@ SETTINGS = {
 }
 
 
-def simulate(
-    scenario: Scenario,
-    *,
-    accuracy: float | None = None,
-    max_step_size: float | None = None,
-    duration: float | None = None,
-    scheme: str = "runge_kutta5",
-) -> Solution:
-    """Simulates with exact delays; by default with its SETTINGS."""
+def simulate(scenario: Scenario) -> Solution:
+    """Simulates with exact delays and the SETTINGS."""
     setting = SETTINGS[scenario.num_axes, scenario.controller.kind]
     channels = (scenario.forward_channel, scenario.return_channel)
     delays = [channel.delay for channel in channels if channel.delay > 0]
-    step = min(max_step_size or setting["max_step_size"], *delays)
+    step = min(setting["max_step_size"], *delays)
     return Run(
         scenario,
         lambda delay, initial: Delay(delay, initial, step),
-        duration or scenario.duration,
-        integration_scheme=scheme,
-        accuracy=accuracy or setting["accuracy"],
+        integration_scheme="runge_kutta5",
+        accuracy=setting["accuracy"],
         max_step_size=step,
         use_error_control=True,
     )
 
 
-def simulate_sampled(
-    scenario: Scenario, *, period: float = 0.001, duration: float | None = None
-) -> Solution:
-    """The same diagram with a DiscreteTimeDelay for each signal.
+def simulate_sampled(scenario: Scenario) -> Solution:
+    """The same diagram with a DiscreteTimeDelay of 1 kHz for each signal.
 
     The Simulator is as Drake makes it. Before the first packet the blocks deliver 0,
     which nothing in the loop sees: the surgeon only waits for a position.
     """
+    period = 0.001
     return Run(
         scenario,
         lambda delay, initial: DiscreteTimeDelay(
             period, round(delay / period), len(initial)
         ),
-        duration or scenario.duration,
     )
