@@ -10,7 +10,6 @@ from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import INTEGRATION_SCHEMES
-from teleop_drake.simulation import simulate
 
 # Of a slider of 0.5 kg and 0.1 N s/m behind the filter 1/(s/5 + 1), after 1 s of 1 N;
 # by runge_kutta5 at steps from 0.02 to 0.005 s, all the same to 2e-11.
@@ -48,29 +47,6 @@ def test_accepted_schemes_converge_to_one_motion(scheme):
     # what that leaves of the error is of the second order.
     assert abs(fine - EXACT) < max(0.51 * abs(coarse - EXACT), 1e-10)
     assert 2 * fine - coarse == pytest.approx(EXACT, abs=5e-5)
-
-
-@functools.cache
-def final_velocity(scheme, step):
-    """Returns the velocity of the tool after the first packets are back."""
-    scenario = LoadScenario(
-        "one_dof",
-        {
-            "controller.kind": "direct_force",
-            "duration": 0.25,
-            "simulator.integration_scheme": scheme,
-            "simulator.use_error_control": False,
-            "simulator.max_step_size": step,
-        },
-    )
-    return simulate(scenario)["tool_velocity"][-1, 0]
-
-
-@pytest.mark.parametrize("scheme", INTEGRATION_SCHEMES)
-def test_accepted_schemes_agree_on_a_run(scheme):
-    # At these steps those of the first order are off by 0.3 %.
-    exact = final_velocity("runge_kutta5", 0.005)
-    assert final_velocity(scheme, 0.01) == pytest.approx(exact, rel=0.005)
 
 
 def test_a_scheme_that_takes_a_diagrams_state_for_one_systems_is_refused():

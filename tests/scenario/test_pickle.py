@@ -11,7 +11,7 @@ import pytest
 
 from teleop_drake import LoadScenario, simulate
 from teleop_drake.kinds import KindConfig
-from teleop_drake.scenario import ScenarioNames, ScenarioToYaml
+from teleop_drake.scenario import ScenarioNames
 from teleop_drake.validation import FixedFields
 
 
@@ -78,9 +78,3 @@ def test_a_kind_of_ones_own_has_its_own_fields():
     mine._seen = True
     with pytest.raises(AttributeError, match="Mine has no such field"):
         mine.gian = 3.0
-
-
-def test_yaml_of_a_pickled_scenario_is_the_same():
-    scenario = LoadScenario("two_dof_combined")
-    twin = pickle.loads(pickle.dumps(scenario))
-    assert ScenarioToYaml(twin) == ScenarioToYaml(scenario)
