@@ -77,6 +77,8 @@ class CompiledRun:
     Args:
         system: The diagram.
         context: Where it starts.
+        evaluator: Of the diagram; None: made here.
+        start: Where it starts instead of in the context; given with an evaluator.
         end: Until when it can run, s.
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
@@ -86,6 +88,7 @@ class CompiledRun:
 
     Attributes:
         evaluator: Of the diagram.
+        start: Where it started.
         failure: Why it cannot go on; empty if it can.
         error: What was raised in the midst of a step, after which it cannot go on.
         visited: Where it has been, a few times.
@@ -97,14 +100,20 @@ class CompiledRun:
     def __init__(
         self,
         system: System,
-        context: Context,
+        context: Context | None,
         *,
+        evaluator: Evaluator | None = None,
+        start: Visited | None = None,
         end: float,
         accuracy: float,
         max_step: float,
         as_machine_code: bool = True,
     ):
-        self.evaluator = Evaluator(system, context, as_machine_code=as_machine_code)
+        if evaluator is None or start is None:
+            assert context is not None
+            evaluator = Evaluator(system, context, as_machine_code=as_machine_code)
+            start = Visited(context.get_time(), *evaluator.ReadContext(context))
+        self.evaluator, self.start = evaluator, start
         self._is_machine_code = as_machine_code
         self.failure = ""
         self.error: Exception | None = None
@@ -113,16 +122,15 @@ class CompiledRun:
         program = self.evaluator.program
         self._problem = Problem(
             *program.parameters,
-            _Delays(program, context.get_time(), end),
+            _Delays(program, start.t, end),
             _Transitions(program),
         )
-        x, m, y = self.evaluator.ReadContext(context)
         self._memory = make_memory(
             self._problem,
-            x=x,
-            m=m,
-            y=y,
-            time=context.get_time(),
+            x=start.x.copy(),
+            m=start.m.copy(),
+            y=start.y.copy(),
+            time=start.t,
             first_step=0.1 * max_step,
             room=_CHUNK,
         )

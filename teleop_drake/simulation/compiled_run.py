@@ -1,7 +1,8 @@
 """Runs a diagram as machine code."""
 
 import time as clock
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +10,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.channels.network import NetworkDelay
+from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.compiler.check import CheckNear, CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
@@ -26,6 +28,7 @@ from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import Interruption, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
+from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
 
@@ -52,6 +55,8 @@ def RunCompiled(
     speed_limit: SpeedLimit,
     progress: Callable[[float], None] | None,
     advance: Callable[[LiveRun, float], None] | None = None,
+    structure: Structure | None = None,
+    loop: Loop | None = None,
 ) -> Outcome:
     """Runs a diagram as machine code.
 
@@ -62,23 +67,41 @@ def RunCompiled(
         speed_limit: When to end early.
         progress: Called now and then with the simulated time in s.
         advance: As simulate() takes it.
+        structure: Keeps the program for others; None: it is not kept.
+        loop: What was kept of the diagram, with the channels for this run.
 
     Raises:
         CannotCompile: If a block, or the solver that is asked for, has no machine code.
         KernelDisagrees: If the machine code does not compute what the diagram does.
     """
     _CheckSolver(config)
+    if loop is not None:
+        start = clock.monotonic()
+        run = CompiledRun(
+            diagram,
+            None,
+            evaluator=loop.evaluator,
+            start=loop.start,
+            end=duration,
+            accuracy=config.accuracy,
+            max_step=min(config.max_step_size, loop.longest_step),
+        )
+        outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
+        channels = [channel for channel, _ in loop.channels.values()]
+        outcome.channels = _Statistics(channels, outcome.series[0][-1])
+        return outcome
     context = diagram.CreateDefaultContext()
     context.SetAccuracy(EVENT_ACCURACY)
     diagram.ExecuteInitializationEvents(context)
     start = clock.monotonic()
+    longest_step = LongestStep(diagram, of_delays=False)
     try:
         run = CompiledRun(
             diagram,
             context,
             end=duration,
             accuracy=config.accuracy,
-            max_step=min(config.max_step_size, LongestStep(diagram, of_delays=False)),
+            max_step=min(config.max_step_size, longest_step),
         )
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
@@ -89,15 +112,21 @@ def RunCompiled(
     outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
     visited = run.visited[-1:] if is_known else run.visited
     CheckVisited(run.evaluator, diagram, context, visited)
-    context.SetTime(outcome.series[0][-1])
-    outcome.channels = {
-        system.get_name(): system.Statistics(
-            diagram.GetSubsystemContext(system, context)
-        )
-        for system in diagram.GetSystems()
-        if isinstance(system, NetworkDelay)
-    }
+    outcome.channels = _Statistics(diagram.GetSystems(), outcome.series[0][-1])
+    if structure is not None:
+        structure.Keep(diagram, run.evaluator, run.start, longest_step)
     return outcome
+
+
+def _Statistics(systems: Sequence[System], time: float) -> dict[str, PacketStatistics]:
+    """Returns what became of the packets of network channels until a time."""
+    found = {}
+    for system in systems:
+        if isinstance(system, NetworkDelay):
+            context = system.CreateDefaultContext()
+            context.SetTime(time)
+            found[system.get_name()] = system.Statistics(context)
+    return found
 
 
 def WhyNotCompiled(scenario: AnyScenario) -> str:
@@ -276,8 +305,15 @@ def _ReasonOf(run: CompiledRun) -> str:
 
 def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:
     """Returns where the outputs of the diagram's systems are in a row, by name."""
-    places, blocks = run.evaluator.program.signals, run.evaluator.blocks
-    return {
-        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
-        for name, port in SignalsOf(diagram).items()
-    }
+    if diagram not in _places:
+        places, blocks = run.evaluator.program.signals, run.evaluator.blocks
+        _places[diagram] = {
+            name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
+            for name, port in SignalsOf(diagram).items()
+        }
+    return _places[diagram]
+
+
+_places: weakref.WeakKeyDictionary[Diagram, dict[str, slice]] = (
+    weakref.WeakKeyDictionary()
+)

@@ -35,6 +35,7 @@ from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import RunMonitor
 from teleop_drake.simulation.simulator import MakeSimulator
 from teleop_drake.simulation.stepping import SystemsIn
+from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
@@ -153,8 +154,12 @@ def simulate(
         scenario = dataclasses.replace(scenario, **changes)  # type: ignore[arg-type]
     task = task or TaskOf(scenario)
     scenario.Validate()
+    structure = loop = None
     if teleoperator is None:
-        diagram = task.MakeDiagram(scenario)
+        if engine != "drake":
+            structure = Structure(scenario, task)
+            loop = structure.Find()
+        diagram = task.MakeDiagram(scenario) if loop is None else loop.diagram
     else:
         diagram = teleoperator
         _CheckTeleoperator(scenario, task, diagram)
@@ -162,7 +167,7 @@ def simulate(
 
     speed_limit = task.MakeSpeedLimit(scenario)
     what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
-    run, notes = _Run(*what, advance, engine)
+    run, notes = _Run(*what, advance, engine, structure, loop)
     EndAtJointLimit(diagram, run)
     if run.is_too_fast:
         run.series = _EndAtSpeed(speed_limit.speed, run.series)
@@ -204,6 +209,8 @@ def _Run(
     progress: Callable[[float], None] | None,
     advance: Callable[[LiveRun, float], None] | None,
     engine: str,
+    structure: Structure | None = None,
+    loop: Loop | None = None,
 ) -> tuple[Outcome, list[str]]:
     """Runs a diagram, and says why it was not compiled if it should have been."""
     what = diagram, config, duration, speed_limit, progress, advance
@@ -213,7 +220,7 @@ def _Run(
 
         try:
             with Interpreted():  # There are too few calls to pay compiling.
-                run = RunCompiled(*what)
+                run = RunCompiled(*what, structure, loop)
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
     run = run or _RunInDrake(*what)

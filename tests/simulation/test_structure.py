@@ -1,0 +1,123 @@
+"""Runs that take over the program of another one give the same numbers, bit for bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate, structure
+from teleop_drake.tasks import TaskOf
+
+SHORT = {"duration": 0.6, "simulator.accuracy": 1e-6}
+
+CHANNELS = [
+    *({"delay": 0.03}, {"delay": 0.17}),
+    {"kind": "sampled", "delay": 0.04, "sample_period": 0.01},
+    {"kind": "sampled", "delay": 0.05, "sample_period": 0.02},
+    {
+        **{"kind": "variable", "delay": 0.05},
+        "sinusoid": {"amplitude": 0.02, "frequency": 5.0},
+    },
+    *(
+        {
+            **{"kind": "network", "delay": 0.02, "sample_period": 0.01, "seed": seed},
+            "jitter": {"kind": "uniform", "std": 0.004},
+        }
+        for seed in (1, 2)
+    ),
+]
+
+
+@pytest.fixture(autouse=True)
+def loops(monkeypatch):
+    """What is kept, nothing at first."""
+    kept = {}
+    monkeypatch.setattr(structure, "_loops", kept)
+    return kept
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The diagrams that were made."""
+    diagrams = []
+    task = type(TaskOf(LoadScenario("one_dof")))
+    make = task.MakeDiagram
+
+    def MakeDiagram(self, scenario):
+        diagrams.append(scenario.name)
+        return make(self, scenario)
+
+    monkeypatch.setattr(task, "MakeDiagram", MakeDiagram)
+    return diagrams
+
+
+def Numbers(recording):
+    solver = dataclasses.asdict(recording.solver)
+    del solver["wall_time_s"], solver["real_time_factor"]
+    return [
+        recording.time.tobytes(),
+        {name: x.tobytes() for name, x in recording.signals.items()},
+        *(recording.events, recording.channels, solver, recording.notes),
+        *(recording.termination, recording.reason, recording.has_constant_command),
+    ]
+
+
+def Load(task, kind, forward, back, **others):
+    channels = {"forward_channel": forward, "return_channel": back}
+    return LoadScenario(task, SHORT | {"controller.kind": kind} | channels | others)
+
+
+@pytest.mark.parametrize(
+    ("task", "kind", "num"),
+    [
+        ("one_dof", "adaptive_backstepping", 8),
+        ("two_dof_collision", "direct_force", 4),
+        # Its defaults derive from the delays.
+        ("one_dof", "smith_predictor", 3),
+    ],
+)
+def test_runs_with_other_channels_are_those_of_a_fresh_process(
+    task, kind, num, loops, made
+):
+    rng = np.random.default_rng(num)
+    pairs = rng.integers(len(CHANNELS), size=(num, 2))
+    times = rng.uniform(0.3, 0.9, size=num)
+    runs = [
+        Load(task, kind, CHANNELS[i], CHANNELS[j], duration=time)
+        for (i, j), time in zip(pairs, times, strict=True)
+    ]
+    taken_over = [Numbers(simulate(scenario)) for scenario in runs]
+    assert len(made) == (num if kind == "smith_predictor" else 1)
+    for scenario, numbers in zip(runs, taken_over, strict=True):
+        loops.clear()
+        assert Numbers(simulate(scenario)) == numbers
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"forward_channel.delay": 0.0},
+        {"controller.G1": 3.0},
+        {"environment.layers.tissue.stiffness": 0.02},
+        {"robot.mass": 1.5},
+        {"surgeon.velocity": [0.002]},
+        {"actuator.bandwidth": 100.0},
+    ],
+)
+def test_what_differs_otherwise_is_made_anew(other, loops, made):
+    kind, delay = "adaptive_backstepping", {"delay": 0.05}
+    simulate(Load("one_dof", kind, delay, delay))
+    changed = Load("one_dof", kind, delay, delay, **other)
+    numbers = Numbers(simulate(changed))
+    assert len(made) == 2
+    loops.clear()
+    assert Numbers(simulate(changed)) == numbers
+
+
+def test_kinds_of_a_users_own_are_made_anew(made, monkeypatch):
+    delay = {"delay": 0.05}
+    scenario = Load("one_dof", "own_kinds:BrakedForce", delay, delay)
+    simulate(scenario)
+    simulate(scenario)
+    assert len(made) == 2
