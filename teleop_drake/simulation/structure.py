@@ -107,14 +107,7 @@ class Structure:
     def Keep(
         self, diagram: Diagram, evaluator: Evaluator, start: Visited, step: float
     ) -> None:
-        """Keeps a loop that was checked, if others can take it over.
-
-        Args:
-            diagram: What was compiled.
-            evaluator: Of the diagram.
-            start: Where the run started.
-            step: The longest that the blocks allow, s.
-        """
+        """Keeps a loop that was checked, if others can take it over; see Loop."""
         if not self._key or not _IsFree(self._scenario, diagram):
             return
         channels = {}

@@ -108,22 +108,7 @@ def RunSweep(
     progress: Callable[[int, int], None] | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
-    """Does what a plan says; the arguments are those of Sweep.
-
-    Args:
-        plan: By PlanSweep.
-        executor: Where to simulate.
-        jobs: Number of WorkerProcesses.
-        out: Folder to write to.
-        resume: Whether to go on with the sweep in `out`.
-        progress: Called with the numbers of finished runs and of all.
-        notice: Called with what the user should know of the folder.
-
-    Raises:
-        SweepError: If jobs or the folder cannot be used.
-        RuntimeError: If the executor gives up. What is finished stays in `out`.
-        OSError: If a file cannot be written.
-    """
+    """Does what a plan says; arguments and errors are those of Sweep()."""
     _CheckJobs(jobs, executor)
     with contextlib.ExitStack() as stack:
         folder = None
@@ -153,22 +138,9 @@ def RunPart(
 ) -> list[dict[str, Any]]:
     """Does every N-th run of a plan, and returns their records.
 
-    MergeParts makes a sweep of all parts, which may be done on different machines.
-
-    Args:
-        plan: By PlanSweep.
-        part: (I, N), 1 <= I <= N: the runs I - 1, I - 1 + N and so on.
-        out: Folder of this part.
-        executor: Where to simulate.
-        jobs: Number of WorkerProcesses.
-        resume: Whether to go on with the part in `out`.
-        progress: Called with the numbers of finished runs and of all.
-        notice: Called with what the user should know of the folder.
-
-    Raises:
-        SweepError: If jobs, the part or the folder cannot be used.
-        RuntimeError: If the executor gives up. What is finished stays in `out`.
-        OSError: If a file cannot be written.
+    Part (I, N) has the runs I - 1, I - 1 + N and so on. MergeParts makes a sweep of all
+    parts, which may be done on different machines. The other arguments and the errors
+    are those of Sweep().
     """
     _CheckJobs(jobs, executor)
     number, count = part
