@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from benchmarks.timing import Alternate
 CONTROLLER = "adaptive_backstepping"
 DELAYS = np.linspace(0.02, 0.4, 50)
 JOBS = 2
+PACKAGE = ("package, Sweep", "package, from the shell with figures")
 
 
 def Measure(options: Options) -> Iterator[Table]:
@@ -31,7 +33,7 @@ def Measure(options: Options) -> Iterator[Table]:
     for task in ("one_dof",) if options.quick else ("one_dof", "two_dof_combined"):
         delays = (DELAYS[::25] if options.quick else DELAYS).tolist()
         duration = options.Duration(contenders.Load(task))
-        names = ["package, Sweep", "straightforward", "scipy, method of steps"]
+        names = [*PACKAGE, "straightforward", "scipy, method of steps"]
         if options.peers:
             names.append(contenders.PEER)
         measured = Alternate(
@@ -51,7 +53,7 @@ def Measure(options: Options) -> Iterator[Table]:
         base = measured["straightforward"]
         for name, measurement in measured.items():
             simulate = contenders.Find(
-                "package, compiled" if name == "package, Sweep" else name
+                "package, compiled" if name in PACKAGE else name
             )
             cases = [
                 (task, CONTROLLER, delay, duration)
@@ -92,11 +94,19 @@ def _PeakForce(name: str, task: str, delay: float, duration: float) -> float:
 def main() -> None:
     name, task, *rest = sys.argv[1:]
     duration, delays = map(json.loads, rest)
-    if name == "package, Sweep":
+    if name == PACKAGE[0]:
         from teleop_drake.sweep import Sweep
 
         overrides = {"controller.kind": CONTROLLER, "duration": duration}
-        Sweep(task, {"delay": delays}, overrides=overrides, jobs=JOBS)
+        Sweep(task, {"delay": delays}, overrides=overrides)
+        return
+    if name == PACKAGE[1]:
+        from teleop_drake.cli import main as command
+
+        options = ["--controllers", CONTROLLER, "--duration", str(duration)]
+        values = ",".join(map(str, delays))
+        with tempfile.TemporaryDirectory() as out:
+            command(["sweep", task, "--delay", values, *options, "--out", out])
         return
     initializer, arguments = None, ()
     if name.startswith("JiTCDDE"):
