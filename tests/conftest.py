@@ -4,6 +4,7 @@ import gc
 import os
 import random
 import signal
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -28,6 +29,13 @@ settings.load_profile("short")
 def _IsSlowRun(config):
     """Returns whether this is `pytest -m slow`."""
     return config.option.markexpr == "slow"
+
+
+@pytest.fixture(autouse=True)
+def _own_loops():
+    """Lets no test take over a loop that another one has made, or has changed."""
+    if structure := sys.modules.get("teleop_drake.simulation.structure"):
+        structure._loops.clear()
 
 
 @pytest.hookimpl(tryfirst=True)  # Hypothesis and pytest-xdist read the seed.
