@@ -73,7 +73,7 @@ def corrected_wave(wave: Array, correction: Array) -> Array:
 def drift_correcting_wave(
     wave: Array, x_m: Array, p: Array, root: Array, rate: float
 ) -> Array:
-    """Returns the wave that pulls the tool to the master's position, adding no energy."""
+    """Returns the wave that pulls the tool to the master, adding no energy."""
     return corrected_wave(wave, root / 2 @ (x_m - p) * rate)
 
 

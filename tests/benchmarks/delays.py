@@ -52,9 +52,7 @@ def Measure(options: Options) -> Iterator[Table]:
         )
         base = measured["straightforward"]
         for name, measurement in measured.items():
-            simulate = contenders.Find(
-                "package, compiled" if name in PACKAGE else name
-            )
+            simulate = contenders.Find("package, compiled" if name in PACKAGE else name)
             cases = [
                 (task, CONTROLLER, delay, duration)
                 for delay in delays[:: max(1, (len(delays) - 1) // 2)]
