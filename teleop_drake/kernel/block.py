@@ -5,18 +5,20 @@ import itertools
 import math
 import weakref
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractValue
+from pydrake.math import inv
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    ContinuousState,
     DependencyTicket,
-    LeafSystem,
+    LeafSystem_,
     WitnessFunction,
 )
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
@@ -29,7 +31,106 @@ from teleop_drake.validation import Choices, Refuse
 _Value = Callable[[Context], Any]
 
 
-class KernelBlock(LeafSystem):
+@TemplateSystem.define("KernelBlock_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
+def KernelBlock_(T: Any) -> Any:
+    """Returns the base of kernel blocks for a scalar type.
+
+    Drake converts a block of any subclass of KernelBlock to KernelBlock_[AutoDiffXd],
+    which has its ports, its state and its terms, but no events.
+    """
+
+    class Impl(LeafSystem_[T]):
+        scalar = T
+        optional_inputs: tuple[str, ...] = ()
+        is_compiled = False
+        _kernel_rate: _Value | None = None
+
+        def _construct(self, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, converter=converter)
+            CopyKernel(self, other)
+
+        def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+            """Evaluates the rate; called by Drake several times in every step."""
+            if self._kernel_rate is not None:
+                derivatives.SetFromVector(self._kernel_rate(context))
+
+    return Impl
+
+
+def CopyKernel(copy: Any, other: Any) -> None:
+    """Declares for a block of AutoDiffXd what another block with a kernel is.
+
+    Raises:
+        ValueError: If it delays something.
+    """
+    kernel = other.Kernel()
+    if kernel.delays:
+        Refuse(
+            other.GetSystemPathname(),
+            "a delay",
+            "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()",
+        )
+    copy.optional_inputs = getattr(other, "optional_inputs", ())
+    for i in range(other.num_input_ports()):
+        port = other.get_input_port(i)
+        copy.DeclareVectorInputPort(port.get_name(), port.size())
+    context = other.CreateDefaultContext()
+    if context.num_continuous_states():
+        copy.DeclareContinuousState(context.num_continuous_states())
+    for i in range(context.num_discrete_state_groups()):
+        copy.DeclareDiscreteState(context.get_discrete_state(i).size())
+    ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
+    _DeclareTerms(copy, kernel, {x.get_name(): x.size() for x in ports}, {})
+
+
+def _DeclareTerms(
+    block: Any,
+    kernel: Kernel,
+    sizes: Mapping[str, int],
+    lines: Mapping[str, DelayLine | PacketLine],
+) -> None:
+    """Declares the output ports of a block, and the rate of its state."""
+
+    def Reader(place: str) -> _Reader:
+        return _Reader(block, kernel, place, is_compiled=block.is_compiled)
+
+    values, tickets = {}, {}
+    for output, term in kernel.outputs.items():
+        reader = Reader(f"outputs.{output}")
+        values[output] = reader.Read(term)
+        tickets[output] = reader.tickets or {block.nothing_ticket()}
+    for output, line in lines.items():
+        values[output], tickets[output] = line.Eval, line.tickets
+    block._kernel_outputs = values
+    for port, size in sizes.items():
+        block.DeclareVectorOutputPort(port, size, _Callback(block, port), tickets[port])
+    if kernel.rate is not None:
+        block._kernel_rate = Reader("rate").Read(kernel.rate)
+
+
+class Duals(np.ndarray):
+    """An array of AutoDiffXd that NumPy can invert."""
+
+    __array_priority__ = 1.0
+
+    def __array_function__(
+        self, function: Any, types: Any, arguments: Any, options: Any
+    ) -> Any:
+        """Calls a function of NumPy, or Drake's inverse for its inverses."""
+        if function in (np.linalg.inv, np.linalg.solve):
+            matrix, *others = (np.asarray(x) for x in arguments)
+            inverse = np.linalg.inv if matrix.dtype == float else inv
+            result = inverse(matrix)
+            for other in others:
+                result = result @ other
+            return result.view(Duals)
+        return super().__array_function__(function, types, arguments, options)
+
+
+class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
     """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets what its Kernel() takes, and
@@ -38,6 +139,10 @@ class KernelBlock(LeafSystem):
     Events are made of the transitions; see Events. The mode is one vector, which the
     block has declared. Delays have a state of their own, see DelayLine and
     PacketLine; a block that has some has no mode.
+
+    Drake converts it to AutoDiffXd and so linearises a diagram of such blocks, with
+    exact derivatives. The kernel's functions then get arrays of AutoDiffXd, which know
+    NumPy's functions, not those of `math`.
 
     Attributes:
         delays: What is under way.
@@ -49,11 +154,8 @@ class KernelBlock(LeafSystem):
             more than a few microseconds.
     """
 
-    optional_inputs: tuple[str, ...] = ()
-    is_compiled = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
     longest_step = math.inf
-    _kernel_rate: _Value | None = None
 
     @abstractmethod
     def Kernel(self) -> Kernel:
@@ -65,29 +167,16 @@ class KernelBlock(LeafSystem):
         Args:
             sizes: Width of each port by its name, in the order of the ports.
         """
-        kernel, is_compiled = self.Kernel(), self.is_compiled
-        self._kernel_outputs: dict[str, _Value] = {}
-        tickets = {}
-        for name, term in kernel.outputs.items():
-            reader = _Reader(self, kernel, f"outputs.{name}", is_compiled=is_compiled)
-            self._kernel_outputs[name] = reader.Read(term)
-            tickets[name] = reader.tickets or {self.nothing_ticket()}
+        kernel = self.Kernel()
         lines = {
             delay.output: (PacketLine if delay.shown else DelayLine)(self, delay)
             for delay in kernel.delays
         }
-        for name, line in lines.items():
-            self._kernel_outputs[name], tickets[name] = line.Eval, line.tickets
         self.delays = tuple(lines.values())
         self.longest_step = min(
             (line.longest_step for line in self.delays), default=self.longest_step
         )
-        for name, size in sizes.items():
-            callback = _Callback(self, name)
-            self.DeclareVectorOutputPort(name, size, callback, tickets[name])
-        if kernel.rate is not None:
-            reader = _Reader(self, kernel, "rate", is_compiled=is_compiled)
-            self._kernel_rate = reader.Read(kernel.rate)
+        _DeclareTerms(self, kernel, sizes, lines)
 
         def Read(term: Term, place: str) -> _Value:
             return _Reader(self, kernel, place, is_compiled=False).Read(term)
@@ -110,15 +199,8 @@ class KernelBlock(LeafSystem):
         """Returns the guards of the transitions, if events are to be located."""
         return self._kernel_events.Witnesses(context)
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the rate; called by Drake several times in every step."""
-        if self._kernel_rate is not None:
-            derivatives.SetFromVector(self._kernel_rate(context))
 
-
-def _Callback(block: KernelBlock, name: str) -> Callable[[Context, BasicVector], None]:
+def _Callback(block: Any, name: str) -> Callable[[Context, BasicVector], None]:
     """Returns what Drake calls for a port, which does not keep the block alive."""
     reference = weakref.ref(block)
 
@@ -134,6 +216,11 @@ def _ModeOf(context: Context) -> Any:
     return context.get_discrete_state_vector().CopyToVector()
 
 
+def _ValuesOfMode(context: Any) -> Any:
+    """Returns the mode without derivatives: it selects."""
+    return ExtractValue(_ModeOf(context)).ravel()
+
+
 class _Reader(TermReader[_Value]):
     """Makes functions of a Context of terms.
 
@@ -147,9 +234,7 @@ class _Reader(TermReader[_Value]):
         is_compiled: Whether to call functions as machine code.
     """
 
-    def __init__(
-        self, block: KernelBlock, kernel: Kernel, place: str, *, is_compiled: bool
-    ):
+    def __init__(self, block: Any, kernel: Kernel, place: str, *, is_compiled: bool):
         super().__init__(kernel)
         self._block, self._place, self._is_compiled = block, place, is_compiled
         self.tickets: set[DependencyTicket] = set()
@@ -189,15 +274,21 @@ class _Reader(TermReader[_Value]):
             return lambda context: context.get_time()
         if word == "state":
             self.tickets.add(block.xc_ticket())
-            return lambda x: x.get_continuous_state_vector().CopyToVector()
+            return self._Dual(lambda x: x.get_continuous_state_vector().CopyToVector())
         self.tickets.add(block.xd_ticket())
+        mode = _ValuesOfMode if block.scalar is AutoDiffXd else _ModeOf
         if self.kernel.initial_mode is None:
-            return _ModeOf
+            return mode
         self.tickets.add(block.accuracy_ticket())
         reader = _Reader(block, self.kernel, "initial_mode", is_compiled=False)
         initial = reader.Read(self.kernel.initial_mode)
         self.tickets |= reader.tickets
-        return lambda x: initial(x) if x.get_accuracy() is None else _ModeOf(x)
+        return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
+
+    def _Dual(self, value: _Value) -> _Value:
+        if self._block.scalar is float:
+            return value
+        return lambda context: value(context).view(Duals)
 
     def Parameter(self, name: str, value: Any) -> _Value:
         return lambda context: value
@@ -220,7 +311,7 @@ class _Reader(TermReader[_Value]):
             Refuse(f"{owner}: {self._place}", name, Choices(name, names))
         port = block.GetInputPort(name)
         self.tickets.add(port.ticket())
-        evaluate: _Value = port.Eval
+        evaluate = self._Dual(port.Eval)
         if name not in block.optional_inputs:
             return evaluate
         has_value, nothing = port.HasValue, np.zeros(port.size())

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 def port_power(force: Array, velocity: Array) -> float:
     """Returns F . v at one end, W."""
-    return float(np.sum(force * velocity))
+    return np.sum(force * velocity)
 
 
 def energy_rates(F_m: Array, v_m: Array, F_s: Array, v_s: Array) -> Array:

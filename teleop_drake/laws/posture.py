@@ -34,7 +34,6 @@ ones on its diagonal, and 0 <= det A <= 1 as the measure of how far from one a p
 takes the place of A. Poses with det A >= `near` are not concerned.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +136,7 @@ def _factor(A: Array) -> Array:
     for j in range(len(A)):
         column = A[j:, j] - L[j:, :j] @ L[j, :j]
         # What rounding takes below zero is next to nothing.
-        L[j:, j] = column / math.sqrt(max(column[0], 1e-18))
+        L[j:, j] = column / np.sqrt(max(column[0], 1e-18))
     return L
 
 

@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 
 def indentation(solid: Array, creep: Array, plane: Array, p_WT: Array) -> float:
     """Returns d in m, of the tissue under the tool or of its free surface."""
-    free = solid[1] * creep[0] / (solid[0] + solid[1])
-    depth = float(np.sum((p_WT - plane[0]) * plane[1]))
-    return max(depth, float(free))
+    free: float = solid[1] * creep[0] / (solid[0] + solid[1])
+    depth: float = np.sum((p_WT - plane[0]) * plane[1])
+    return max(depth, free)
 
 
 def solid_force(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:

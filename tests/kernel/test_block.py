@@ -1,15 +1,22 @@
 """Blocks that are their kernels."""
 
+import math
 import traceback
 
 import numpy as np
 import pytest
-from blocks import Feedthrough
-from pydrake.systems.framework import BasicVector
+from blocks import Feedthrough, Gains
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.systems.framework import BasicVector, DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
 
+from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.kernel import Kernel, KernelBlock, times
+from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.validation import ScenarioError
+
+EYE = np.eye(4)
 
 
 def decay(x, bias, t):
@@ -123,3 +130,96 @@ def test_a_trace_shows_the_users_file_and_no_text_that_is_none():
     assert frames[-1].filename == __file__
     assert frames[-1].line == 'raise ArithmeticError("as the law says")'
     assert all(frame.line for frame in frames)
+
+
+class Pendulum(KernelBlock):
+    """x'' = u - g sin x |x|, and an inverse of a matrix that depends on the state."""
+
+    def __init__(self, *, g):
+        KernelBlock.__init__(self)
+        self._g = g
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareContinuousState(2)
+        self.DeclareOutputs(y=2)
+
+    def Kernel(self):
+        return Kernel(
+            parameters={"g": self._g},
+            rate=(swing, "state", "u", "g"),
+            outputs={"y": (inverted, "state", "u")},
+        )
+
+
+def swing(x, u, g):
+    return np.array([x[1], u[0] - g * np.sin(x[0]) * abs(x[0])])
+
+
+def inverted(x, u):
+    return np.linalg.inv(np.stack([x * [1, 0], x[::-1] * [1, 0] + [0, 2]])) @ [1, u[0]]
+
+
+def test_drake_linearises_kernel_blocks_exactly():
+    """Two in a row, against closed forms; NumPy's inv knows no AutoDiffXd."""
+    builder = DiagramBuilder()
+    first = builder.AddNamedSystem("first", Pendulum(g=3.0))
+    parts = builder.AddNamedSystem("parts", Demultiplexer([1, 1]))
+    second = builder.AddNamedSystem("second", Pendulum(g=5.0))
+    builder.Connect(first.get_output_port(), parts.get_input_port())
+    builder.Connect(parts.get_output_port(1), second.get_input_port())
+    builder.ExportInput(first.get_input_port(), "u")
+    builder.ExportOutput(second.get_output_port(), "y")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    a, b, c, d = x = np.array([0.4, -0.7, -0.2, 1.1])
+    context.SetContinuousState(x)
+    diagram.get_input_port().FixValue(context, [0.3])
+    linear = FirstOrderTaylorApproximation(diagram, context)
+    # y = [1/a, (u - b/a)/2] of each, and u = y1 of the first for the second.
+    y1 = [b / (2 * a**2), -1 / (2 * a), 0, 0]
+    slopes = -3 * (math.cos(a) * a + math.sin(a)), 5 * (math.cos(c) * c + math.sin(c))
+    np.testing.assert_allclose(
+        linear.A(),
+        [[0, 1, 0, 0], [slopes[0], 0, 0, 0], [0, 0, 0, 1], y1 + slopes[1] * EYE[2]],
+        atol=1e-14,
+    )
+    np.testing.assert_array_equal(linear.B(), [[0], [1], [0], [0.5]])
+    y = [-EYE[2] / c**2, (y1 + d / c**2 * EYE[2] - EYE[3] / c) / 2]
+    np.testing.assert_allclose(linear.C(), y, atol=1e-13)
+    np.testing.assert_array_equal(linear.D(), [[0], [0.25]])
+
+
+def test_every_sort_of_term_converts():
+    block = Everything().ToAutoDiffXd()
+    context = block.CreateDefaultContext()
+    context.SetTime(0.5)
+    block.GetInputPort("u").FixValue(context, InitializeAutoDiff([1.0, -1.0]))
+    context.SetDiscreteState(0, [5.0, 6.0])
+    joined, mode, slope = (
+        block.GetOutputPort(name).Eval(context) for name in ("joined", "mode", "slope")
+    )
+    assert ExtractGradient(joined).tolist() == [[6, 0], [0, 6], [0, 0]]
+    assert ExtractValue(mode).ravel().tolist() == [5.0]
+    assert ExtractValue(slope).ravel().tolist() == [0.5, 5.0]
+
+
+def test_the_adaptive_law_has_derivatives():
+    """Of 42 states and 10 inputs, against central differences."""
+    network = GaussianNetwork(lower=[-1, -1], upper=[1, 1], count=[3, 3], width=1.0)
+    law = AdaptiveBackstepping(gains=Gains(2), network=network)
+    size = law.num_continuous_states()
+    x = np.random.default_rng(1).normal(size=size + 10)
+
+    def Rate(block, values):
+        context = block.CreateDefaultContext()
+        context.SetContinuousState(values[:size])
+        for i in range(5):
+            part = values[size + 2 * i : size + 2 * i + 2]
+            block.get_input_port(i).FixValue(context, part)
+        return block.EvalTimeDerivatives(context).CopyToVector()
+
+    exact = ExtractGradient(Rate(law.ToAutoDiffXd(), InitializeAutoDiff(x).ravel()))
+    h = 1e-6
+    columns = [
+        (Rate(law, x + h * e) - Rate(law, x - h * e)) / (2 * h) for e in np.eye(len(x))
+    ]
+    np.testing.assert_allclose(exact, np.array(columns).T, rtol=1e-6, atol=1e-6)

@@ -6,8 +6,15 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    JacobianWrtVariable,
+    RevoluteJoint,
+    SpatialInertia,
+)
+from pydrake.systems.primitives import FirstOrderTaylorApproximation
 
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.systems.tool_interface import ToolInterface
 
 LENGTHS = [0.5, 0.4, 0.3]
@@ -154,3 +161,25 @@ def test_actuators_must_be_the_joints_in_order(actuated):
 def test_task_axes_must_be_axes_of_space(num_task_axes):
     with pytest.raises(ValueError, match=f"num_task_axes = {num_task_axes}: must"):
         ToolInterface(plant=make_plant(), num_task_axes=num_task_axes, tool_name="hand")
+
+
+def test_drake_linearises_a_robot():
+    """The acceleration is J M^-1 J^T (F_c - F_e) and more: Drake's own derivatives."""
+    robot = LoadScenario("two_dof_collision").robot.MakeRobot()
+    plant = robot.GetSubsystemByName("plant")
+    context = robot.CreateDefaultContext()
+    context.SetContinuousState([0.3, 0.7, 0.1, -0.2])
+    for i in range(robot.num_input_ports()):
+        robot.get_input_port(i).FixValue(context, [0.1, 0.2])
+    linear = FirstOrderTaylorApproximation(
+        robot,
+        context,
+        robot.GetInputPort("control_force").get_index(),
+        robot.GetOutputPort("tool_acceleration").get_index(),
+    )
+    inner = plant.GetMyContextFromRoot(context)
+    frames = plant.GetFrameByName("tool"), np.zeros(3), *[plant.world_frame()] * 2
+    J = plant.CalcJacobianTranslationalVelocity(inner, JacobianWrtVariable.kV, *frames)
+    J = J[:2]
+    expected = J @ np.linalg.inv(plant.CalcMassMatrix(inner)) @ J.T
+    np.testing.assert_allclose(linear.D(), expected, rtol=1e-12)
