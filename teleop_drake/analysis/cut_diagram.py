@@ -13,9 +13,6 @@ from teleop_drake.validation import ScenarioError, Within
 
 Array = NDArray[np.float64]
 
-STEP = 0.1
-"""Longest step of forces and of states without a scale, in their SI units."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class States:
@@ -23,8 +20,7 @@ class States:
 
     system: System
     context: Context
-    indices: Array
-    scale: float | None = None
+    indices: NDArray[np.int_]
 
     def Get(self) -> Array:
         """Returns their values."""
@@ -37,19 +33,6 @@ class States:
         x = self.context.get_continuous_state_vector().CopyToVector()
         x[self.indices] = values
         self.context.SetContinuousState(x)
-
-    def Steps(self) -> Array:
-        """Returns their longest steps, of differences from their values now."""
-        values = self.Get()
-        if self.scale is not None:
-            return np.full_like(values, STEP * self.scale)
-        return STEP * np.maximum(1.0, np.abs(values))
-
-    def GetRates(self) -> Array:
-        """Returns their time derivatives."""
-        rates = self.system.EvalTimeDerivatives(self.context)
-        values: Array = rates.CopyToVector()[self.indices]
-        return values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,10 +48,9 @@ class InnerDelay:
         """Width of its signal."""
         return int(self.system.get_input_port().size())
 
-    def GetInput(self) -> Array:
-        """Returns what goes into the delay now."""
-        value: Array = self.system.get_input_port().Eval(self.context)
-        return value
+    def Settle(self) -> None:
+        """Lets it deliver what goes in now."""
+        self.Set(self.system.get_input_port().Eval(self.context))
 
     def Get(self) -> Array:
         """Returns what it delivers now."""
@@ -131,15 +113,11 @@ class CutPart:
         states: The continuous states that the model has.
         delays: Delays inside.
         assumptions: What the model takes for granted; see linear_part.
-        speed_scales: How far the tool's velocity may change, in m/s; see linear_part.
-        input_scales: How far the inputs may change, in SI units; see linear_part.
     """
 
     states: list[States]
     delays: list[InnerDelay]
     assumptions: set[str]
-    speed_scales: list[float]
-    input_scales: list[float]
 
 
 def CutOpen(
@@ -161,13 +139,7 @@ def CutOpen(
         ScenarioError: If a block has a state that is neither continuous nor a mode, or
             has no linear model.
     """
-    part = CutPart(
-        states=[],
-        delays=[],
-        assumptions=set(),
-        speed_scales=[],
-        input_scales=[],
-    )
+    part = CutPart(states=[], delays=[], assumptions=set())
     for block in Leaves(system):
         context = contexts[block]
         with Within(system.get_name()):
@@ -183,8 +155,6 @@ def CutOpen(
             part.delays.append(
                 InnerDelay(system=block, context=context, delay=told.delay)
             )
-        part.speed_scales.append(told.speed_scale)
-        part.input_scales.append(told.input_scale)
         if told.assumption:
             part.assumptions.add(told.assumption)
         if told.state is not None:
@@ -193,17 +163,9 @@ def CutOpen(
         if told.num_states is not None:
             size = told.num_states
         if size:
-            indices = np.arange(size)
-            states = States(
-                system=block, context=context, indices=indices, scale=told.scale
-            )
+            states = States(system=block, context=context, indices=np.arange(size))
             part.states.append(states)
     return part
-
-
-def Concatenate(parts: Sequence[Array]) -> Array:
-    """Returns the parts, none perhaps, as one vector."""
-    return np.concatenate([np.zeros(0), *parts])
 
 
 def SetStates(states: Sequence[States], x: Array) -> None:

@@ -29,12 +29,10 @@ class LoopModel:
         packet_sizes: Entries of the forward and of the return packet.
         inner_delays: The delays inside, in s: first the master's, an entry for each of
             their signals.
-        error: Estimated relative error of the matrices.
-        master_error: Estimated error of each entry of the master's matrices.
-        slave_error: Estimated error of each entry of the slave's.
-        master_drift: Time rate of each entry of the master's matrices while the
-            operating point moves on, per s.
-        slave_drift: That of the slave's.
+        motion: How the model changes while the operating point moves on; None: it
+            rests.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd, whose
+            slopes come from differences.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
             controller's states: what no choice of the forward packet could remove, or,
             where the point has one, what it is.
@@ -47,12 +45,25 @@ class LoopModel:
     idle_passivity: bool
     packet_sizes: tuple[int, int]
     inner_delays: tuple[float, ...]
-    error: float
-    master_error: StateSpace
-    slave_error: StateSpace
-    master_drift: StateSpace
-    slave_drift: StateSpace
+    motion: "Motion | None"
+    by_differences: tuple[str, ...]
     trim_residual: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """How the model of a loop changes while the operating point moves on.
+
+    Attributes:
+        rate: The size in 1/s below which roots are slower than the motion; see
+            analysis.linearization.
+        loops: L a time before the point and the same time after it; see loop_cut.
+        time: Between the two, in s.
+    """
+
+    rate: float
+    loops: tuple[StateSpace, StateSpace]
+    time: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +84,6 @@ class TwoPortModel:
         idle_passivity: As in LoopModel.
         packet_sizes: As in LoopModel.
         inner_delays: As in LoopModel.
-        error: Estimated relative error of the matrices.
     """
 
     point: OperatingPoint
@@ -82,4 +92,3 @@ class TwoPortModel:
     idle_passivity: bool
     packet_sizes: tuple[int, int]
     inner_delays: tuple[float, ...]
-    error: float

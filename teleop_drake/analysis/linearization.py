@@ -2,14 +2,28 @@
 
 The teleoperator is cut at its channels by fixing what they deliver. What lies between
 two cuts, the master on one side and controller, robot and environment on the other, is
-linearised by differences of the diagram's own time derivatives and outputs: no
-transfer function is written down here.
+evaluated with Drake's AutoDiffXd: no transfer function is written down here, and the
+slopes are exact. Only a block that does not convert to AutoDiffXd gets differences, and
+LoopModel.by_differences names it.
 
 Where. The operating point is in general a motion, not an equilibrium: the tool moves
 through the tissue with the velocity that the operator commands. The model is that of
-the instant. Nothing drifts in it: neither the pose nor the force of a spring that the
-motion keeps stretching. What it says of modes slower than the motion itself is of no
-use: an arm that passes the point in a second has no mode of 0.1 rad/s there.
+the instant, dx/dt = A(t) x with t held. What it says of a mode has a meaning as long as
+the model stays what it is while the mode goes through its motion. The rate at which the
+model moves follows from the derivative of that equation,
+
+    x'' = A x' + A' x,    with solutions e^(z t) where det(z^2 I - z A - A') = 0.
+
+Where A changes slowly, z is a root s of A, or smaller: a single root a that changes at
+a rate a' has z = a and z = -a'/a, the rate at which the root itself changes. A root of
+size |s| is faster than the motion if no model on the way, A + h A'/|s| with |h| <= 1,
+has it moved there from 0; MotionRate() is the size from which on that holds. It does
+not depend on units or coordinates, and is 0 if A is constant. A root that is smaller
+says nothing about stability, because the tool is elsewhere before it shows, and counts
+as neutral.
+
+Source: W. J. Rugh, "Linear System Theory", 2nd ed., Prentice Hall (1996), chapter 8, on
+slowly varying systems.
 
 Coordinates. Off an equilibrium the linear model depends on the coordinates of the
 state. The robot's are taken to be position and velocity of its tool, r and v, in which
@@ -17,10 +31,6 @@ state. The robot's are taken to be position and velocity of its tool, r and v, i
 feels it. In joint coordinates it would not be: v = J(q) dq/dt. Joints beyond the task
 axes, which can move while the tool stays where it is, add coordinates of their own
 (analysis.tool_motion).
-
-Accuracy. numerics.differences takes the differences and estimates their error. The
-longest step is a fiftieth of the way to the nearest surface: no difference
-crosses one.
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
 the operating point, the initial ones or those of a run, and are no states of the
@@ -37,7 +47,7 @@ lies, and whoever linearises it has to know that.
 Delays inside. A constant delay within a station is a cut like the channels: what it
 delivers becomes an input of the model and what it gets an output.
 
-What is frozen, idle or a delay, the blocks themselves tell (linear_part).
+What is frozen, idle or a delay, the blocks themselves tell (kernel.linear_part).
 """
 
 from dataclasses import replace
@@ -46,19 +56,31 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
+from teleop_drake.analysis.linear_models import LoopModel, Motion, TwoPortModel
 from teleop_drake.analysis.linearizer import Linearizer
+from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.environments import CONTACT
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.operators import Surgeon
 from teleop_drake.scenario import AsTeleoperation, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
 
-# Where the model is looked at again, as shares of the way to the nearest surface.
-_DRIFT_SHARES = (1 / 2, -1 / 2, 1 / 8, -1 / 8, 1 / 50, -1 / 50)
+# How far the operating point moves on, as a share of the way to the nearest surface,
+# for the rate of the model: a central difference of exact models.
+_SHARE = 1e-2
+
+# Entries that change by less, as a share of the largest, do not: rounding.
+_ROUNDING = 1e-13
+
+# Circles about 0 that are looked at: how many in a decade, how many decades below the
+# fastest mode, and how many points on the upper half of each. What is slower than all
+# circles is neutral in any case.
+_NUM_CIRCLES = 6
+_NUM_DECADES = 6
+_NUM_ANGLES = 9
 
 
 def MakeLinearTeleoperator(scenario: ScenarioLike) -> Diagram:
@@ -110,24 +132,28 @@ def LinearizeLoop(
     speed = float(np.linalg.norm(point.velocity))
     if speed == 0:
         return model
-    # The model a little farther on, or, where there is none, less far or behind.
-    for share in _DRIFT_SHARES:
-        time = share * linearizer.SurfaceDistance() / speed
-        position = point.position + time * point.velocity
-        try:
-            other = Linearizer(
-                scenario, replace(point, position=position), diagram
-            ).Linearize()
-        except ValueError:
-            if share == _DRIFT_SHARES[-1]:
-                raise
-            continue
-        break
-    return replace(
-        model,
-        master_drift=_Drift(model.master, other.master, model.master_error, time),
-        slave_drift=_Drift(model.slave, other.slave, model.slave_error, time),
+    time = _SHARE * linearizer.SurfaceDistance() / speed
+    here, behind, ahead = (
+        CutLoop(model),
+        *(
+            CutLoop(
+                Linearizer(
+                    scenario,
+                    replace(point, position=point.position + t * point.velocity),
+                    diagram,
+                ).Linearize()
+            )
+            for t in (-time, time)
+        ),
     )
+    # Of both ends, and of the loop that is closed without delay.
+    rates = []
+    for OfLoop in (lambda loop: loop.A, closed_loop_matrix):
+        A, change = OfLoop(here), OfLoop(ahead) - OfLoop(behind)
+        change[np.abs(change) <= _ROUNDING * np.abs(A).max(initial=0.0)] = 0.0
+        rates.append(MotionRate(A, change / (2 * time)))
+    motion = Motion(rate=max(rates), loops=(behind, ahead), time=2 * time)
+    return replace(model, motion=motion)
 
 
 def LinearizeTwoPort(
@@ -156,18 +182,30 @@ def LinearizeTwoPort(
     return Linearizer(scenario, point, diagram).LinearizeTwoPort()
 
 
-def _Drift(
-    model: StateSpace, other: StateSpace, error: StateSpace, time: float
-) -> StateSpace:
-    """Returns the rate of each entry, per s, as far as it is not due to its error."""
+def MotionRate(A: Array, A_dot: Array) -> float:
+    """Returns the size in 1/s below which the roots of A(t) are slower than its motion.
 
-    def Rate(one: Array, two: Array, doubt: Array) -> Array:
-        change = two - one
-        return np.where(np.abs(change) > 2 * doubt, change, 0.0) / time
+    It is the radius of the smallest circle about 0 on which no z is an eigenvalue of
+    A + h A'/|z| with |h| <= 1: on which the spectral radius of (z I - A)^-1 A' is less
+    than |z|. 0 if that is the first circle that is looked at.
 
-    return StateSpace(
-        A=Rate(model.A, other.A, error.A),
-        B=Rate(model.B, other.B, error.B),
-        C=Rate(model.C, other.C, error.C),
-        D=Rate(model.D, other.D, error.D),
-    )
+    Args:
+        A: (n, n), in 1/s.
+        A_dot: A', its rate (n, n), in 1/s^2.
+    """
+    modes = np.linalg.eigvals(A).astype(complex)
+    fastest = float(np.abs(modes).max(initial=0.0))
+    if fastest == 0 or not np.any(A_dot):
+        return 0.0
+    exponents = np.linspace(-_NUM_DECADES, 0, _NUM_DECADES * _NUM_CIRCLES + 1)
+    # The directions of the modes, too: none slips through between two points.
+    angles = np.concatenate([np.linspace(0, np.pi, _NUM_ANGLES), np.angle(modes)])
+    directions = np.exp(1j * angles)[:, None, None] * np.eye(len(A))
+    for k, radius in enumerate(fastest * 10**exponents):
+        try:
+            moved = np.linalg.solve(radius * directions - A, A_dot)
+        except np.linalg.LinAlgError:  # A root to the last digit.
+            continue
+        if np.abs(np.linalg.eigvals(moved)).max() < radius:
+            return float(radius) if k else 0.0
+    return fastest

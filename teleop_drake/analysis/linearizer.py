@@ -1,42 +1,43 @@
 """The teleoperator cut at its channels: it settles, and both sides are linearised."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, InputPort, OutputPort
 
 from teleop_drake.analysis.cut_diagram import (
-    STEP,
-    Concatenate,
     CutOpen,
-    CutPart,
     FindHeldForce,
     FixedInput,
+    InnerDelay,
     SetStates,
     States,
 )
+from teleop_drake.analysis.dual_diagram import DualDiagram
 from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
 from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.analysis.side_of_loop import LinearSide, SideOfLoop
 from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, IDLE_PASSIVITY, LinearPartOf
-from teleop_drake.numerics.differences import differentiate
+from teleop_drake.kernel.linear_part import (
+    FROZEN_WEIGHTS,
+    IDLE_PASSIVITY,
+    LinearPartOf,
+)
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import Scenario
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Refuse, ScenarioError
 
 Array = NDArray[np.float64]
 
-# The longest step of a difference, as a share of the way to the nearest surface.
-_STEP_SHARE = 1 / 50
+_PARTS = ("master", "controller", "environment", "robot")
 
-# The least path in m and speed in m/s that lengths of steps derive from: shorter steps
-# would drown in rounding.
-_LEAST_SCALE = 1e-3
+# Longest difference of a block that does not convert: as a share of values of 1 and
+# more, and of the way to the nearest surface.
+_STEP = 1e-4
+_STEP_SHARE = 1 / 50
 
 # What is closer than this to a surface, in m, is on it.
 _LEAST_DISTANCE = 1e-9
@@ -57,6 +58,7 @@ class Linearizer:
     def __init__(self, scenario: Scenario, point: OperatingPoint, diagram: Diagram):
         self._scenario = scenario
         self._point = point
+        self._diagram = diagram
         self._contexts = ContextsIn(diagram, diagram.CreateDefaultContext())
         self._systems = {x.get_name(): x for x in diagram.GetSystems()}
         self._surfaces = SurfacesOf(self._systems["environment"]) or ()
@@ -69,9 +71,8 @@ class Linearizer:
                 estimates=point.estimates,
                 may_delay=name in ("master", "controller"),
             )
-            for name in ("master", "controller", "environment", "robot")
+            for name in _PARTS
         )
-        self._robot_speed_scales = robot.speed_scales
         self._forward_packet = self._Fix(("controller", "forward_packet"))
         self._return_packet = self._Fix(("master", "return_packet"))
         n = self._n = scenario.num_axes
@@ -85,40 +86,28 @@ class Linearizer:
 
     def Linearize(self) -> LoopModel:
         """Returns the model of the loop, as if the operating point were at rest."""
-        (master, master_error), (slave, slave_error), residual = (
-            self._SettleAndLinearize()
-        )
+        dual = self._Settle()
         return LoopModel(
             point=self._point,
-            master=master,
-            slave=slave,
+            master=self._LinearizeMaster(dual, [], [], self._master.states),
+            slave=self._LinearizeSlave(dual, [], [], self._OtherStates()),
             frozen_weights=FROZEN_WEIGHTS in self._controller.assumptions,
             idle_passivity=self._is_passivity_idle,
             packet_sizes=self._PacketSizes(),
             inner_delays=self._InnerDelays(),
-            error=max(
-                _RelativeError(master, master_error), _RelativeError(slave, slave_error)
-            ),
-            master_error=master_error,
-            slave_error=slave_error,
-            master_drift=_Zero(master),
-            slave_drift=_Zero(slave),
-            trim_residual=residual,
+            motion=None,
+            by_differences=tuple(dual.by_differences),
+            trim_residual=self._residual,
         )
 
     def LinearizeTwoPort(self) -> TwoPortModel:
         """Returns the model between the hand and the environment."""
         # It settles with the environment and the haptic device.
-        self._SettleAndLinearize()
+        self._Settle()
         force = self._Fix(
             ("robot", "environment_force"), ("controller", "environment_force")
         )
         force.Set(self._Eval("environment", "environment_force"))
-        slave, slave_error = self._LinearizeSlave(
-            [force],
-            [lambda: self._Eval("robot", "tool_velocity")],
-            self._controller.states,
-        )
         surgeon, device = (
             self._systems["master"].GetSubsystemByName(name)
             for name in ("surgeon", "haptic_device")
@@ -126,31 +115,24 @@ class Linearizer:
         if not LinearPartOf(surgeon).has_modes or surgeon.num_continuous_states():
             allowed = "an operator without dynamics: the two-port ends at the hand"
             Refuse("surgeon", type(surgeon).__name__, allowed)
-        contexts = [self._contexts[x] for x in (surgeon, device)]
         hand = FixedInput(
-            ports=[surgeon.GetInputPort("haptic_force")], contexts=contexts[:1]
+            ports=[surgeon.GetInputPort("haptic_force")],
+            contexts=[self._contexts[surgeon]],
         )
         hand.Set(hand.Get())
-        felt = device.GetInputPort("felt_velocity")
-        master, master_error = self._LinearizeMaster(
-            [hand],
-            [lambda: felt.Eval(contexts[1])],
-            [
-                states
-                for states in self._master.states
-                if states.context is not contexts[1]
-            ],
-        )
+        dual = self._Open(force, hand)
+        tool_velocity = self._Output("robot", "tool_velocity")
+        felt_velocity = device.GetInputPort("felt_velocity")
+        states = [x for x in self._master.states if x.system is not device]
         return TwoPortModel(
             point=self._point,
-            master=master,
-            slave=slave,
+            master=self._LinearizeMaster(dual, [hand], [felt_velocity], states),
+            slave=self._LinearizeSlave(
+                dual, [force], [tool_velocity], self._controller.states
+            ),
             idle_passivity=self._is_passivity_idle,
             packet_sizes=self._PacketSizes(),
             inner_delays=self._InnerDelays(),
-            error=max(
-                _RelativeError(master, master_error), _RelativeError(slave, slave_error)
-            ),
         )
 
     # The diagram.
@@ -169,6 +151,21 @@ class Linearizer:
         output = self._systems[system].GetOutputPort(port)
         value: Array = output.Eval(self._contexts[self._systems[system]])
         return value
+
+    def _Output(self, system: str, port: str) -> OutputPort:
+        return self._systems[system].GetOutputPort(port)
+
+    def _Open(self, *more: FixedInput) -> DualDiagram:
+        """Returns the diagram with its channels cut, and with more that is set."""
+        fixed = (self._forward_packet, self._return_packet, *more)
+        return DualDiagram(
+            self._diagram,
+            self._contexts,
+            cut=[port for x in fixed for port in x.ports],
+            delays=[x.system for x in self._master.delays + self._controller.delays],
+            parts=_PARTS,
+            step=min(_STEP, _STEP_SHARE * self.SurfaceDistance()),
+        )
 
     def _PacketSizes(self) -> tuple[int, int]:
         forward, back = self._forward_packet.ports[0], self._return_packet.ports[0]
@@ -193,131 +190,165 @@ class Linearizer:
         block, held = found
         self._contexts[block].SetDiscreteState(held.state)
 
-    def _SettleAndLinearize(self) -> tuple[LinearSide, LinearSide, float]:
-        """Returns master and slave, each with its error, and the rates that remain."""
+    def _Settle(self) -> DualDiagram:
+        """Brings the Contexts to the operating point; returns the diagram cut open."""
         self._motion.Place(self._point.position, self._point.velocity)
         self._forward_packet.Set(np.zeros(self._forward_packet.ports[0].size()))
-        self._SettleDelays(self._controller)
+        for delay in self._controller.delays:
+            delay.Settle()
         self._return_packet.Set(self._Eval("controller", "return_packet"))
-        self._SettleDelays(self._master)
+        for delay in self._master.delays:
+            delay.Settle()
         self._forward_packet.Set(self._Eval("master", "forward_packet"))
-        master, master_error = self._LinearizeMaster([], [], self._master.states)
+        dual = self._Open()
+        free = np.zeros(0, dtype=int)
         if self._point.forward_packet is None:
             # What the master sends whatever it feels, a velocity command say, stays.
-            size = self._PacketSizes()[0]
-            depends = np.hstack([master.C, master.D])[:size]
-            residual = self._Trim(np.flatnonzero(np.any(depends != 0, axis=1)))
+            delays, states = self._master.delays, self._master.states
+            inputs: list[FixedInput | InnerDelay] = [self._return_packet, *delays]
+            sent = [self._Output("master", "forward_packet")]
+            ((_, slope),) = dual.Evaluate(self._contexts, states, inputs, sent)
+            free = np.flatnonzero(np.any(slope != 0, axis=1))
+            others = self._OtherStates()
         else:
             self._forward_packet.Set(self._point.forward_packet)
-            residual = float(np.abs(self._Rates()).max())
-        slave, slave_error = self._LinearizeSlave([], [], self._OtherStates())
-        return (master, master_error), (slave, slave_error), residual
-
-    def _SettleDelays(self, part: CutPart) -> None:
-        """Lets the delays inside deliver what goes into them now."""
-        for delay in part.delays:
-            delay.Set(delay.GetInput())
+            others = []
+        self._residual = self._Trim(dual, free, others)
+        return dual
 
     def _OtherStates(self) -> list[States]:
         """Returns the slave's states without the robot's."""
         return self._controller.states + self._environment.states
 
-    def _Rates(self) -> Array:
-        """Returns the time rates of [v, the other states of the slave]."""
-        return Concatenate(
-            [
-                self._Eval("robot", "tool_acceleration"),
-                *(states.GetRates() for states in self._OtherStates()),
-            ]
-        )
-
-    def _Trim(self, free: NDArray[np.int_]) -> float:
+    def _Trim(
+        self, dual: DualDiagram, free: NDArray[np.int_], others: Sequence[States]
+    ) -> float:
         """Chooses free entries of the packet and the controller's state.
 
         Returns:
             The largest rate that remains.
         """
-        m = len(free)
-        packet, others = self._forward_packet, self._OtherStates()
-        packet_0 = packet.Get()
-
-        def Residual(unknown: Array) -> Array:
-            values = packet_0.copy()
-            values[free] = unknown[:m]
-            packet.Set(values)
-            SetStates(others, unknown[m:])
-            self._SettleDelays(self._controller)
-            return self._Rates()
-
-        unknown = Concatenate([packet_0[free], *(x.Get() for x in others)])
-        packet_steps = STEP * np.maximum(1.0, np.abs(unknown[:m]))
-        steps = Concatenate([packet_steps, *(x.Steps() for x in others)])
+        packet, delays = self._forward_packet, self._controller.delays
+        tool = self._Output("robot", "tool_acceleration")
+        num_states, num_sent = sum(len(x.indices) for x in others), packet.Get().size
+        chosen = np.concatenate([np.arange(num_states), num_states + free])
+        seen: list[States | InputPort | OutputPort] = [tool, *self._OtherStates()]
+        entering = [x.system.get_input_port() for x in delays]
         for _ in range(10):
-            residual = Residual(unknown)
-            if not len(unknown):
+            for delay in delays:
+                delay.Settle()
+            found = dual.Evaluate(
+                self._contexts, others, [packet, *delays], [*seen, *entering]
+            )
+            rates = np.concatenate([value for value, _ in found[: len(seen)]])
+            if not len(chosen):
                 break
-            slope, _, _ = differentiate(Residual, unknown, steps)
-            change = np.linalg.lstsq(slope, -residual, rcond=1e-10)[0]
-            unknown = unknown + change
-            if np.abs(change).max() <= 1e-12 * max(1.0, float(np.abs(unknown).max())):
+            slope = np.vstack([by for _, by in found[: len(seen)]])
+            if delays:
+                # The delays deliver what goes into them: d = Z x + D d.
+                first = num_states + num_sent
+                inner = np.vstack([by for _, by in found[len(seen) :]])
+                loop = np.eye(len(inner)) - inner[:, first:]
+                by_rest = np.linalg.solve(loop, inner[:, :first])
+                slope = slope[:, :first] + slope[:, first:] @ by_rest
+            change = np.zeros(num_states + num_sent)
+            change[chosen] = np.linalg.lstsq(slope[:, chosen], -rates, rcond=1e-10)[0]
+            x = np.concatenate([np.zeros(0), *(x.Get() for x in others), packet.Get()])
+            largest = max(1.0, float(np.abs((x + change)[chosen]).max()))
+            if np.abs(change).max() <= 1e-12 * largest:
                 break
-        return float(np.abs(Residual(unknown)).max())
+            SetStates(others, (x + change)[:num_states])
+            packet.Set((x + change)[num_states:])
+        return float(np.abs(rates).max())
 
     # The models.
 
     def _LinearizeSlave(
         self,
+        dual: DualDiagram,
         inputs: Sequence[FixedInput],
-        outputs: Sequence[Callable[[], Array]],
+        outputs: Sequence[InputPort | OutputPort],
         states: Sequence[States],
-    ) -> LinearSide:
-        passed = self._PassedSurfaces()
-
-        def ReturnPacket() -> Array:
-            if self._PassedSurfaces() != passed:
-                raise RuntimeError("a difference crosses a surface")
-            return self._Eval("controller", "return_packet")
-
-        side = SideOfLoop(
+    ) -> StateSpace:
+        return self._LinearizeSide(
+            dual,
             "controller",
-            inputs=[*inputs, self._forward_packet],
-            outputs=[*outputs, ReturnPacket],
-            states=states,
-            delays=self._controller.delays,
-            motion=self._motion,
-            input_scale=min(self._controller.input_scales),
+            [*inputs, self._forward_packet],
+            [*outputs, self._Output("controller", "return_packet")],
+            states,
+            self._controller.delays,
+            self._motion,
         )
-        speed = float(np.linalg.norm(self._scenario.surgeon.velocity))
-        path = _STEP_SHARE * self.SurfaceDistance()
-        scales = self._environment.speed_scales + self._controller.speed_scales
-        scales += self._robot_speed_scales
-        speed = min(max(speed, _LEAST_SCALE), *scales)
-        steps = self._motion.Steps(path, speed)
-        return side.Linearize(self._point.name, steps)
 
     def _LinearizeMaster(
         self,
+        dual: DualDiagram,
         inputs: Sequence[FixedInput],
-        outputs: Sequence[Callable[[], Array]],
+        outputs: Sequence[InputPort | OutputPort],
         states: Sequence[States],
-    ) -> LinearSide:
-        side = SideOfLoop(
+    ) -> StateSpace:
+        return self._LinearizeSide(
+            dual,
             "master",
-            inputs=[*inputs, self._return_packet],
-            outputs=[*outputs, lambda: self._Eval("master", "forward_packet")],
-            states=states,
-            delays=self._master.delays,
+            [*inputs, self._return_packet],
+            [*outputs, self._Output("master", "forward_packet")],
+            states,
+            self._master.delays,
         )
-        return side.Linearize(self._point.name)
 
-    def _PassedSurfaces(self) -> list[bool]:
-        p_WT = self._Eval("robot", "tool_position")
-        return [bool(surface.Depth(p_WT) >= 0) for surface in self._surfaces]
+    def _LinearizeSide(
+        self,
+        dual: DualDiagram,
+        name: str,
+        inputs: Sequence[FixedInput],
+        outputs: Sequence[InputPort | OutputPort],
+        states: Sequence[States],
+        delays: Sequence[InnerDelay],
+        motion: ToolMotion | None = None,
+    ) -> StateSpace:
+        """Returns the model of one side of the loop at what the Contexts hold.
+
+        Args:
+            dual: The diagram, with its channels cut.
+            name: What the side is called in messages.
+            inputs: What is set; the delays inside follow.
+            outputs: What is seen; what goes into the delays follows.
+            states: Those of the model, without the robot's.
+            delays: Those inside.
+            motion: Of the robot, whose coordinates come before the other states; None:
+                there is no robot.
+        """
+        tool = motion.Seen() if motion else []
+        entering = [x.system.get_input_port() for x in delays]
+        slopes, bends = dual.Linearize(
+            self._contexts,
+            [*([motion.states] if motion else []), *states],
+            [*inputs, *delays],
+            [*tool, *states, *outputs, *entering],
+        )
+        if any(bends):
+            raise ScenarioError(
+                f"{name} = a law that bends at the operating point "
+                f"{self._point.name!r}, as one that switches there: must have one "
+                "linear model"
+            )
+        n = sum(len(x.indices) for x in states)
+        num_tool = len(motion.states.indices) if motion else 0
+        size = num_tool + n
+        num_all = slopes[-1].shape[1]
+        coordinates = np.eye(size, num_all)
+        rows = slopes[len(tool) :]
+        if motion:
+            coordinates[:num_tool], rates = motion.Coordinates(slopes[: len(tool)])
+            rows = [rates, *rows]
+        by_all = np.vstack(rows)
+        # The coordinates are a function of the state: d/d(coordinates).
+        by_x = by_all[:, :size] @ np.linalg.inv(coordinates[:, :size])
+        by_u = by_all[:, size:]
+        return StateSpace(A=by_x[:size], B=by_u[:size], C=by_x[size:], D=by_u[size:])
 
     def SurfaceDistance(self) -> float:
-        """Returns how far it is to the nearest surface, at most the task's path, in m.
-
-        A path of less than a millimetre says nothing of how the robot bends.
+        """Returns how far it is to the nearest surface, at most 1 m.
 
         Raises:
             ScenarioError: If the point is on a surface.
@@ -330,24 +361,4 @@ class Linearizer:
         if distance < _LEAST_DISTANCE:
             allowed = "off every surface of the environment, for a linear model"
             Refuse("position", p_WT, allowed)
-        path = self._scenario.duration * float(
-            np.linalg.norm(self._scenario.surgeon.velocity)
-        )
-        return min(distance, max(path, _LEAST_SCALE), 1.0)
-
-
-def _Zero(model: StateSpace) -> StateSpace:
-    return StateSpace(A=0 * model.A, B=0 * model.B, C=0 * model.C, D=0 * model.D)
-
-
-def _RelativeError(model: StateSpace, error: StateSpace) -> float:
-    """Returns the largest error relative to the largest entry of its matrix."""
-    parts = [
-        (np.vstack([model.A, model.C]), np.vstack([error.A, error.C])),
-        (np.vstack([model.B, model.D]), np.vstack([error.B, error.D])),
-    ]
-    return max(
-        float(doubt.max() / max(np.abs(matrix).max(), 1e-300))
-        for matrix, doubt in parts
-        if matrix.size
-    )
+        return min(distance, 1.0)

@@ -1,11 +1,11 @@
 """The linear model of any diagram between two of its ports, with its exact delays.
 
-Drake's own Linearize() asks the diagram for automatic differentiation. Blocks that are
-written in Python, ours as well as a user's, have no such conversion, and a delay has no
-finite state; Linearize() then ends the program. LinearizePorts() takes differences of
-the diagram's own derivatives and outputs instead, and keeps delays as delays.
+Drake's own Linearize() takes continuous states only. LinearizePorts() holds modes, cuts
+delays open and keeps them as delays; the slopes are those of AutoDiffXd. A block that
+does not convert to AutoDiffXd gets central differences, it alone, and is named.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,26 +14,21 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     InputPort,
-    InputPortIndex,
     OutputPort,
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import Concatenate, FixedInput, InnerDelay
+from teleop_drake.analysis.cut_diagram import FixedInput, InnerDelay, States
+from teleop_drake.analysis.dual_diagram import DualDiagram, LeafPorts
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
-
-# How much the slopes on both sides of the operating point may differ, as a share of
-# the largest one.
-_BEND = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -49,13 +44,13 @@ class PortModel:
     Attributes:
         model: From [u, d] to [y, what goes into the delays].
         delays: T_i in s, an entry for each signal.
-        error: Estimated error of the matrices, relative to the largest entry.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd.
         held: Systems with a mode or a layer, which is held.
     """
 
     model: StateSpace
     delays: tuple[float, ...]
-    error: float
+    by_differences: tuple[str, ...]
     held: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -64,9 +59,11 @@ class PortModel:
             size - len(self.delays) for size in self.model.D.shape
         )
         delays = ", ".join(f"{delay:g}" for delay in sorted(set(self.delays)))
+        names = ", ".join(self.by_differences)
         return (
             f"PortModel({num_inputs} -> {num_outputs}, {self.model.num_states} states, "
-            f"delays [{delays}] s, error {self.error:.1g}, {len(self.held)} held)"
+            f"delays [{delays}] s, {len(self.held)} held"
+            + (f", by differences: {names})" if names else ")")
         )
 
     def Response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
@@ -120,8 +117,8 @@ def LinearizePorts(
         input_port: Where the deviation is: of a system in the diagram, or its own.
         output_port: Where it is seen: of a system in the diagram, or its own.
         is_opened: Whether the deviation takes the place of what the port receives.
-        step: The longest difference of a state or an input, as a share of its size or
-            of 1 if it is smaller; no surface of an environment may be as near.
+        step: The longest difference for blocks that do not convert to AutoDiffXd, as a
+            share of a value of 1 and more; no surface may be as near.
 
     Returns:
         The model.
@@ -136,179 +133,88 @@ def LinearizePorts(
         port = diagram.get_input_port(i)
         is_known = port.HasValue(context)
         port.FixValue(own, port.Eval(context) if is_known else np.zeros(port.size()))
-    cut = _Cut(diagram, own, input_port, output_port, is_opened=is_opened)
-    model, error = cut.Differentiate(step)
-    if cut.is_closed:
-        model = _Close(model, input_port.size())
-    return PortModel(
-        model=model,
-        delays=tuple(x.delay for x in cut.delays for _ in range(x.size)),
-        error=error,
-        held=cut.held,
-    )
-
-
-class _Cut:
-    """A diagram whose input port and whose delays are set by hand.
-
-    Attributes:
-        delays: The delays.
-        is_closed: Whether something in the diagram feeds the input port.
-        held: Names of the systems whose discrete state is held.
-    """
-
-    def __init__(
-        self,
-        diagram: Diagram,
-        context: Context,
-        input_port: InputPort,
-        output_port: OutputPort,
-        *,
-        is_opened: bool,
-    ):
-        blocks = Flatten(diagram)
-        self._diagram, self._context = diagram, context
-        self._contexts = ContextsIn(diagram, context)
-        for port in (input_port, output_port):
-            if port.get_system() not in self._contexts:
-                Refuse("port", port.GetFullDescription(), "one in the diagram")
-        self._output = output_port
-        self.held = self._Held(blocks)
-        self.delays = [
-            InnerDelay(
-                system=block.system,
-                context=self._contexts[block.system],
-                delay=block.system.delay,
-            )
-            for block in blocks
-            if isinstance(block.system, TransportDelay) and block.system.delay > 0
-        ]
-        ports = _LeafPorts(input_port.get_system(), input_port.get_index())
-        (first,) = (x for x in blocks if x.system is ports[0].get_system())
-        source = first.inputs.get(ports[0].get_name())
-        self._source: OutputPort | None = None
-        if source is not None and not is_opened:
-            self._source = blocks[source.block].system.GetOutputPort(source.port)
-        self.is_closed = self._source is not None
-        self._fixed = FixedInput(
-            ports=ports, contexts=[self._contexts[x.get_system()] for x in ports]
-        )
-        # What they have now stays, whatever a difference does elsewhere.
-        has_value = ports[0].HasValue(self._fixed.contexts[0])
-        value = self._fixed.Get() if has_value else np.zeros(ports[0].size())
-        for delay in self.delays:
-            delay.Set(delay.Get())
-        self._fixed.Set(value)
-
-    def _Held(self, blocks: list[Block]) -> tuple[str, ...]:
-        """Returns what has a discrete state that is held; refuses other such blocks."""
-        held = []
-        for block in blocks:
-            context = self._contexts[block.system]
-            groups = context.num_discrete_state_groups() + context.num_abstract_states()
-            if groups == 0 or isinstance(block.system, TransportDelay):
-                continue
-            is_mode = isinstance(block.system, ModalOperator)
-            if not is_mode and SurfacesOf(block.system) is None:
-                Refuse(
-                    "diagram",
-                    block.path,
-                    "without samples: a block whose state is not continuous has no "
-                    "linear model, exact delays apart",
-                )
-            held.append(block.path)
-        return tuple(held)
-
-    def _Evaluate(self) -> Array:
-        """Returns [dx/dt, y, what goes into the delays, what feeds the input]."""
-        rates = self._diagram.EvalTimeDerivatives(self._context).CopyToVector()
-        ports = [self._output, *([self._source] if self._source is not None else [])]
-        values = [port.Eval(self._contexts[port.get_system()]) for port in ports]
-        inner = [delay.GetInput() for delay in self.delays]
-        return Concatenate([rates, values[0], *inner, *values[1:]])
-
-    def Differentiate(self, step: float) -> tuple[StateSpace, float]:
-        """Returns the model from [u, d] to the outputs of _Evaluate(), and its error.
-
-        Args:
-            step: See LinearizePorts().
-
-        Raises:
-            ValueError: If it bends.
-        """
-        inputs: list[FixedInput | InnerDelay] = [self._fixed, *self.delays]
-        x0 = self._context.get_continuous_state_vector().CopyToVector()
-        u0 = Concatenate([x.Get() for x in inputs])
-        ends = np.cumsum([len(x.Get()) for x in inputs])[:-1]
-
-        def OfState(x: Array) -> Array:
-            self._context.SetContinuousState(x)
-            return self._Evaluate()
-
-        def OfInput(u: Array) -> Array:
-            for port, value in zip(inputs, np.split(u, ends), strict=True):
-                port.Set(value)
-            return self._Evaluate()
-
-        by_x, error_x, bend_x = differentiate(
-            OfState, x0, step * np.maximum(1.0, np.abs(x0))
-        )
-        OfState(x0)
-        by_u, error_u, bend_u = differentiate(
-            OfInput, u0, step * np.maximum(1.0, np.abs(u0))
-        )
-        slopes = np.hstack([by_x, by_u])
-        largest = max(float(np.abs(slopes).max(initial=0.0)), 1e-300)
-        bends = np.hstack([bend_x, bend_u])
-        if bends.max(initial=0.0) > _BEND * largest:
-            Refuse(
-                "context",
-                f"at {self._context.get_time():g} s",
-                "where every law has one slope; one bends here, as at a surface",
-            )
-        n = len(x0)
-        model = StateSpace(A=by_x[:n], B=by_u[:n], C=by_x[n:], D=by_u[n:])
-        error = np.hstack([error_x, error_u]).max(initial=0.0)
-        return model, float(error) / largest
-
-
-def _LeafPorts(system: System, index: InputPortIndex) -> list[InputPort]:
-    """Returns the ports of blocks that an input port of a system is, or leads to."""
-    if not isinstance(system, Diagram):
-        return [system.get_input_port(int(index))]
-    return [
-        port
-        for inner, i in system.GetInputPortLocators(InputPortIndex(int(index)))
-        for port in _LeafPorts(inner, i)
+    contexts, blocks = ContextsIn(diagram, own), Flatten(diagram)
+    for port in (input_port, output_port):
+        if port.get_system() not in contexts:
+            Refuse("port", port.GetFullDescription(), "one in the diagram")
+    held = _Held(blocks, contexts)
+    delays = [
+        InnerDelay(system=x.system, context=contexts[x.system], delay=x.system.delay)
+        for x in blocks
+        if isinstance(x.system, TransportDelay) and x.system.delay > 0
     ]
-
-
-def _Close(model: StateSpace, size: int) -> StateSpace:
-    """Returns a model whose last outputs are added to its first inputs.
-
-    Args:
-        model: From [w, d] to [the others, what w is but for a deviation].
-        size: Of w.
-
-    Returns:
-        From [u, d] to the others, where w = u + what it is without.
-
-    Raises:
-        ValueError: If it is an algebraic loop without a solution.
-    """
-    # w = F [x, u, d] with what feeds it: s = C_s x + D_sw w + D_sd d.
-    C_s, D_s = model.C[-size:], model.D[-size:]
-    loop = np.eye(size) - D_s[:, :size]
-    if np.linalg.matrix_rank(loop) < size:
-        Refuse("input_port", "in an algebraic loop", "where the loop has a solution")
-    by_x = np.linalg.solve(loop, C_s)
-    by_input = np.linalg.solve(loop, np.hstack([np.eye(size), D_s[:, size:]]))
-    B_w, D_w = model.B[:, :size], model.D[:-size, :size]
-    B_d = np.hstack([np.zeros_like(B_w), model.B[:, size:]])
-    D_d = np.hstack([np.zeros_like(D_w), model.D[:-size, size:]])
-    return StateSpace(
-        A=model.A + B_w @ by_x,
-        B=B_d + B_w @ by_input,
-        C=model.C[:-size] + D_w @ by_x,
-        D=D_d + D_w @ by_input,
+    leaves = LeafPorts(input_port)
+    (first,) = (x for x in blocks if x.system is leaves[0].get_system())
+    is_fed = leaves[0].get_name() in first.inputs and not is_opened
+    dual = DualDiagram(
+        diagram,
+        contexts,
+        cut=() if is_fed else leaves,
+        added=leaves if is_fed else (),
+        delays=[x.system for x in delays],
+        step=step,
     )
+    deviation = _Deviation(
+        ports=leaves,
+        contexts=[contexts[x.get_system()] for x in leaves],
+        is_added=is_fed,
+    )
+    states = [
+        States(
+            system=x.system,
+            context=contexts[x.system],
+            indices=np.arange(x.system.num_continuous_states()),
+        )
+        for x in blocks
+        if x.system.num_continuous_states()
+    ]
+    entering = [x.system.get_input_port() for x in delays]
+    slopes, bends = dual.Linearize(
+        contexts, states, [deviation, *delays], [*states, output_port, *entering]
+    )
+    if any(bends):
+        Refuse(
+            "context",
+            f"at {context.get_time():g} s",
+            "where every law has one slope; one bends here, as at a surface",
+        )
+    n, M = sum(len(x.indices) for x in states), np.vstack(slopes)
+    return PortModel(
+        model=StateSpace(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:]),
+        delays=tuple(x.delay for x in delays for _ in range(x.size)),
+        by_differences=tuple(dual.by_differences),
+        held=held,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Deviation(FixedInput):
+    """What is added to the ports, or takes the place of what they receive."""
+
+    is_added: bool
+
+    def Get(self) -> Array:
+        """Returns what there is of it at the operating point."""
+        if self.is_added or not self.ports[0].HasValue(self.contexts[0]):
+            return np.zeros(self.ports[0].size())
+        return super().Get()
+
+
+def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
+    """Returns what has a discrete state that is held; refuses other such blocks."""
+    held = []
+    for block in blocks:
+        context = contexts[block.system]
+        groups = context.num_discrete_state_groups() + context.num_abstract_states()
+        if groups == 0 or isinstance(block.system, TransportDelay):
+            continue
+        is_mode = isinstance(block.system, ModalOperator)
+        if not is_mode and SurfacesOf(block.system) is None:
+            Refuse(
+                "diagram",
+                block.path,
+                "without samples: a block whose state is not continuous has no "
+                "linear model, exact delays apart",
+            )
+        held.append(block.path)
+    return tuple(held)

@@ -24,10 +24,8 @@ was. With the thesis's packets it does not show in L and is removed with whateve
 does not; with others, that carry a force back, it does, and laws.delay_margin knows it.
 Any other hidden mode on or right of the imaginary axis spoils every delay.
 
-Nor do roots count that are too slow to be told from neutral ones. A linear model is
-known only so well: its entries come from differences, and it is that of an instant,
-while the tool moves on (analysis.resolution). PointStability.unresolved says below
-which size nothing is known, RootError by how much a faster root may be off.
+Nor do roots count that are slower than the motion of the operating point, whose model
+is that of an instant (analysis.linearization): PointStability.unresolved.
 
 An operator may close another loop on the contact surface than before it: the thesis's
 commands a velocity until it perceives contact, and holds a force from then on. The loop
@@ -53,7 +51,6 @@ from teleop_drake.analysis.operating_point import (
     OperatingPoints,
     PointOfRest,
 )
-from teleop_drake.analysis.resolution import RootError, UnresolvedRadius
 from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
@@ -108,8 +105,8 @@ class PointStability:
         hidden_modes: Modes that do not show in L, in 1/s, neutral ones apart.
         num_neutral: Number of roots without delay that are not told from 0, hidden
             ones included.
-        unresolved: The size in 1/s below which roots and crossings are not told from
-            neutral ones, and do not count; see analysis.resolution.
+        unresolved: The size in 1/s below which roots and crossings do not count: they
+            are slower than the motion of the operating point, or 0 to rounding.
         slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
             the loop while nothing comes back to the slave. None: it has no other.
         force_mode: The loop on the contact surface from when the operator has perceived
@@ -191,31 +188,6 @@ class PointStability:
         is_neutral: NDArray[np.bool_] = size < self.unresolved
         return is_neutral | (is_exact & (size < slow))
 
-    def RootError(self, root: complex, delay: float) -> float | None:
-        """Returns by how much a root may be off, in 1/s, to first order.
-
-        Args:
-            root: One of Roots(delay).
-            delay: Round-trip delay in s.
-
-        Returns:
-            The bound; None for a root that is not simple, which has none.
-        """
-        error = RootError(self.model, root, delay)
-        return error if np.isfinite(error) else None
-
-    def IsCertain(self, delay: float) -> bool:
-        """Returns whether the rightmost root is farther from the axis than its error.
-
-        Args:
-            delay: Round-trip delay in s.
-        """
-        root = self.RightmostRoot(delay)
-        if root is None:
-            return False
-        error = self.RootError(root, delay)
-        return error is not None and bool(error < abs(root.real))
-
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
 
@@ -240,7 +212,6 @@ class PointStability:
         """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""
         point = self.model.point
         root = self.RightmostRoot(self.delay)
-        root_error = None if root is None else self.RootError(root, self.delay)
         margin = self.margin
         return {
             "name": point.name,
@@ -258,8 +229,6 @@ class PointStability:
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
             "rightmost_root": None if root is None else [root.real, root.imag],
-            "root_error": root_error,
-            "certain": self.IsCertain(self.delay),
             "unresolved_below": self.unresolved,
             "slave_root": (
                 None
@@ -269,7 +238,7 @@ class PointStability:
             "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
             "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
-            "linearization_error": self.model.error,
+            "by_differences": list(self.model.by_differences),
             "force_mode": self.force_mode and self.force_mode.ToRecord(),
         }
 
@@ -340,19 +309,23 @@ def AnalyzeModel(
     """
     cut = CutLoop(model)
     loop, hidden = minimal_realization(cut)
-    unresolved = UnresolvedRadius(model)
-    slow = max(unresolved, _NEUTRAL * np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
-    is_neutral = np.abs(hidden) < slow
+    fastest = float(np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
+    rate = model.motion.rate if model.motion else 0.0
+    unresolved = max(rate, _NEUTRAL * fastest)
+    is_neutral = np.abs(hidden) < unresolved
     # Which modes are hidden does not depend on the delay, and what is not a decaying
     # one among them spoils every delay.
     modes = hidden[~is_neutral]
     crossings = [x for x in find_crossings(loop) if _IsResolved(model, x, unresolved)]
+    if model.motion and not _HasDivergence(loop, max_delay, unresolved):
+        # What passes through 0 does not leave the circle of the motion.
+        crossings = [x for x in crossings if x.frequency > 0]
     intervals = stable_delays(loop, max_delay, crossings, unresolved)
     margin = delay_margin(loop, crossings, unresolved)
     if not _AllDecay(modes):
         intervals, margin = [], None
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
-    slave_roots = slave_roots[np.abs(slave_roots) >= slow]
+    slave_roots = slave_roots[np.abs(slave_roots) >= unresolved]
     slave_roots = slave_roots[np.lexsort((-slave_roots.imag, -slave_roots.real))]
     return PointStability(
         model=model,
@@ -374,12 +347,38 @@ def _AllDecay(modes: NDArray[np.complex128]) -> bool:
     return bool(np.all(modes.real < -_ON_AXIS * np.abs(modes)))
 
 
+def _HasDivergence(loop: StateSpace, delay: float, unresolved: float) -> bool:
+    """Returns whether a real root is right of the axis, and resolved."""
+    roots = characteristic_roots(
+        loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=loop.num_states
+    )
+    return bool(np.any((roots.imag == 0) & (roots.real > unresolved)))
+
+
 def _IsResolved(model: LoopModel, crossing: Crossing, unresolved: float) -> bool:
-    """Returns whether the roots that cross are told from neutral ones."""
-    w = crossing.frequency
-    if w == 0:
+    """Returns whether the roots that cross are faster than the motion.
+
+    With a delay T they are if they move by less than their size while their mode turns
+    by a radian and its signals are under way, in 1/|s| + T. Their rate is that of the
+    root of det(I + L(s) e^(-s T)).
+    """
+    motion, s, T = model.motion, 1j * crossing.frequency, crossing.delay
+    if motion is None or s == 0:
         return True
-    return w > unresolved and w > RootError(model, 1j * w, crossing.delay)
+
+    def Determinant(loop: StateSpace, s: complex) -> complex:
+        resolvent = np.linalg.solve(s * np.eye(loop.num_states) - loop.A, loop.B)
+        L = loop.C @ resolvent + loop.D
+        return complex(np.linalg.det(np.eye(len(L)) + L * np.exp(-s * T)))
+
+    step = 1e-6 * s
+    behind, ahead = motion.loops
+    by_s = sum(
+        Determinant(x, s + step) - Determinant(x, s - step) for x in motion.loops
+    ) / (4 * step)
+    by_time = (Determinant(ahead, s) - Determinant(behind, s)) / motion.time
+    shift = abs(by_time) * (1 / abs(s) + T)
+    return bool(abs(s) > unresolved and shift < abs(s * by_s))
 
 
 def _CountSlow(loop: StateSpace, unresolved: float) -> int:
@@ -510,6 +509,11 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
         notes.append(
             "The delay inside of the predictor is taken to be the round trip, at every "
             "delay."
+        )
+    if model.by_differences:
+        names = ", ".join(model.by_differences)
+        notes.append(
+            f"Slopes by central differences, without conversion to AutoDiffXd: {names}."
         )
     if model.frozen_weights:
         values = "initial values" if model.point.estimates is None else "values there"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import System
+from pydrake.systems.framework import OutputPort, System
 
 from teleop_drake.analysis.cut_diagram import States
 from teleop_drake.robots import RobotConfig
@@ -23,10 +23,6 @@ Array = NDArray[np.float64]
 
 # How far in m the tool may be from where the joints are to put it.
 _TOLERANCE = 1e-6
-
-# A joint that moves the tool less than this share of what another one does is taken to
-# move it by that share, where steps of differences derive from its motion.
-_LEAST_SHARE = 0.1
 
 
 class ToolMotion:
@@ -92,7 +88,7 @@ class ToolMotion:
                 f"robot.JointPositions = {Show(q)}: must put the tool at "
                 f"{Show(p_WT)}, not at {Show(reached)}"
             )
-        J = self._jacobian = np.array(columns).T
+        J = np.array(columns).T
         # The last right singular vectors of J.
         self._free = np.linalg.svd(J)[2][self._n :].T
         if self._m == self._n:
@@ -118,37 +114,19 @@ class ToolMotion:
         without = Accelerations(at_rest)
         return np.array([Accelerations(F) - without for F in np.eye(self._n)]).T
 
-    def Coordinates(self) -> Array:
-        """Returns [r; s; v; w] now."""
-        q, rates = np.split(self.states.Get(), 2)
-        return np.concatenate(
-            [
-                self._Eval("tool_position"),
-                q @ self._free,
-                self._Eval("tool_velocity"),
-                rates @ self._free,
-            ]
-        )
+    def Seen(self) -> list[OutputPort | States]:
+        """Returns what Coordinates() and Rates() are made of, with its slopes."""
+        ports = ("tool_position", "tool_velocity", "tool_acceleration")
+        return [*(self._robot.GetOutputPort(name) for name in ports), self.states]
 
-    def Rates(self) -> Array:
-        """Returns [v; w; dv/dt; dw/dt] now."""
-        rates, accelerations = np.split(self.states.GetRates(), 2)
-        return np.concatenate(
-            [
-                self._Eval("tool_velocity"),
-                rates @ self._free,
-                self._Eval("tool_acceleration"),
-                accelerations @ self._free,
-            ]
-        )
-
-    def Steps(self, path: float, speed: float) -> list[Array]:
-        """Returns the longest steps of q and dq/dt (m each).
+    def Coordinates(self, slopes: Sequence[Array]) -> tuple[Array, Array]:
+        """Returns the slopes of [r; s; v; w] and of their rates.
 
         Args:
-            path: How far the tool may move, in m.
-            speed: How far its velocity may change, in m/s.
+            slopes: Of what is Seen(), by numbers the first of which are the state.
         """
-        per_joint = np.linalg.norm(self._jacobian, axis=0)
-        per_joint = np.maximum(per_joint, _LEAST_SHARE * per_joint.max())
-        return [path / per_joint, speed / per_joint]
+        r, v, a, rates = slopes
+        m, free = self._m, self._free.T
+        q, q_dot = np.split(np.eye(2 * m, r.shape[1]), 2)
+        coordinates = np.vstack([r, free @ q, v, free @ q_dot])
+        return coordinates, np.vstack([v, free @ q_dot, a, free @ rates[m:]])

@@ -1,6 +1,6 @@
 """Adaptive backstepping with robust terms beside the networks."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from teleop_drake.architectures.adaptive_backstepping import (
 )
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import KernelBlock
-from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
@@ -60,15 +59,6 @@ class RobustBackstepping(AdaptiveBackstepping):
             CheckNumber(name, getattr(bounds, name), above=0)
         self._bounds = bounds
         self._Declare(gains, network, robust_rate, robust_errors, bounds=self._bounds)
-
-    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that F_c alone is a state, and where the robust terms bend."""
-        rho1, eps1, rho3, eps3 = self._bounds
-        widths = [eps for rho, eps in ((rho1, eps1), (rho3, eps3)) if rho > 0]
-        part = super().ForLinearModel(estimates)
-        if not widths:
-            return part
-        return replace(part, scale=min(widths), input_scale=min(widths))
 
 
 @dataclass(kw_only=True, eq=False)

@@ -1,6 +1,5 @@
 """A wall that pushes back as Hunt and Crossley have it, and perhaps rubs."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,15 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from teleop_drake.environments.surface import Surface
 from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
-
-# Of the speed at which the normal force ends, or of v_s: far enough from the poles of
-# v_t/sqrt(v_t^2 + v_s^2), which are at i v_s.
-_LINEAR_SHARE = 0.25
 
 
 class ContactWall(KernelBlock):
@@ -85,17 +79,6 @@ class ContactWall(KernelBlock):
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the wall."""
         return (self._surface,)
-
-    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns how slow the motion is in which damping and friction are linear.
-
-        Args:
-            estimates: Has no effect.
-        """
-        _, _, alpha = self._parameters["normal_law"]
-        mu, v_s = self._parameters["friction_law"]
-        scales = [1 / (1.5 * alpha) if alpha else math.inf, v_s if mu else math.inf]
-        return LinearPart(speed_scale=_LINEAR_SHARE * min(scales))
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""

@@ -68,7 +68,7 @@ def StiffnessAndDamping(
     gap = min((abs(float(x.Depth(p))) for x in surfaces), default=np.inf)
     step = min(_STEP, _STEP_SHARE * gap) or _STEP
     steps = np.repeat([step, _SPEED_STEP], n)
-    slope, _, _ = differentiate(
+    slope = differentiate(
         lambda x: ForceAt(environment, x[:n], x[n:]), np.concatenate([p, v]), steps
     )
     return slope[:, :n], slope[:, n:]

@@ -8,14 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from teleop_drake.environments.surface import Surface
 from teleop_drake.environments.wall import PlaneOf, WallConfig
 from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.relaxation import creep_rate, solid_force
 from teleop_drake.validation import REQUIRED, CheckNumber, Number
 
 Array = NDArray[np.float64]
-
-# In m. The law is linear but for losing contact, so there is no step that is too small.
-_SMALL_CREEP = 1e-5
 
 
 class RelaxingTissue(KernelBlock):
@@ -75,14 +71,6 @@ class RelaxingTissue(KernelBlock):
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the tissue at rest."""
         return (self._surface,)
-
-    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that small changes of z leave the tool in contact.
-
-        Args:
-            estimates: Has no effect.
-        """
-        return LinearPart(scale=_SMALL_CREEP)
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""

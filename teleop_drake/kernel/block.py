@@ -79,7 +79,8 @@ def CopyKernel(copy: Any, other: Any) -> None:
         copy.DeclareVectorInputPort(port.get_name(), port.size())
     context = other.CreateDefaultContext()
     if context.num_continuous_states():
-        copy.DeclareContinuousState(context.num_continuous_states())
+        x = context.get_continuous_state()
+        copy.DeclareContinuousState(x.num_q(), x.num_v(), x.num_z())
     for i in range(context.num_discrete_state_groups()):
         copy.DeclareDiscreteState(context.get_discrete_state(i).size())
     ports = [other.get_output_port(i) for i in range(other.num_output_ports())]

@@ -10,7 +10,6 @@ states of the model. Any other block has one, which returns a LinearPart:
 initial one. Other blocks ignore it. A block that has no linear model refuses there.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -52,10 +51,6 @@ class LinearPart:
             None: it does not, or it is no operator.
         delay: Of a block that delays its input by a constant time in s, which then has
             a method Deliver() as DelayBlock; None: it is no delay.
-        scale: How far the continuous states may change, in their unit, before the
-            block leaves what is linear about them; None: as far as a value of size 1.
-        speed_scale: The same of the tool's velocity, in m/s.
-        input_scale: The same of all inputs, in SI units.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
             granted.
     """
@@ -65,9 +60,6 @@ class LinearPart:
     has_modes: bool = False
     held_force: HeldForce | None = None
     delay: float | None = None
-    scale: float | None = None
-    speed_scale: float = math.inf
-    input_scale: float = math.inf
     assumption: str = ""
 
 

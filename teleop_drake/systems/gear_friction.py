@@ -1,10 +1,8 @@
 """Friction between a drive and the tool."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.actuators import delivered_force
 from teleop_drake.validation import CheckNumber
 
@@ -59,13 +57,3 @@ class GearFriction(KernelBlock):
                 )
             },
         )  # fmt: skip
-
-    def ForLinearModel(self, estimates: NDArray[np.float64] | None) -> LinearPart:
-        """Returns at which speed it bends.
-
-        Args:
-            estimates: Has no effect.
-        """
-        if self._friction[0] == 0:
-            return LinearPart()
-        return LinearPart(speed_scale=float(self._friction[1]))

@@ -1,16 +1,11 @@
 """Coulomb friction of an arm's joints."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from teleop_drake.kernel import Kernel, KernelBlock, Term
-from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.joint_friction import friction_torque
 from teleop_drake.validation import CheckNumber, Refuse
-
-# How far the tool may change its speed, in m/s, for each rad/s of v_s: a quarter of v_s
-# at a joint that moves the tool by a tenth of a metre for each rad.
-_SPEED_SHARE = 0.025
 
 
 class JointFriction(KernelBlock):
@@ -61,11 +56,3 @@ class JointFriction(KernelBlock):
         }
         law: Term = (friction_torque, *parameters, "joint_velocity")
         return Kernel(parameters=parameters, outputs={"friction_torque": law})
-
-    def ForLinearModel(self, estimates: NDArray[np.float64] | None) -> LinearPart:
-        """Returns that it is linear as long as the joints hardly change their speed.
-
-        Args:
-            estimates: Has no effect.
-        """
-        return LinearPart(speed_scale=_SPEED_SHARE * self._speed)

@@ -242,8 +242,8 @@ def test_neutral_modes_are_said(capsys):
     _, _, free, _, neutral, *_ = capsys.readouterr().out.splitlines()
     assert free.endswith("stable") and "UNSTABLE" not in free
     assert re.fullmatch(
-        r"Neutral, within the accuracy of the model there: what is slower than "
-        r"0\.00\d+ \(free\) rad/s\.",
+        r"Slower than the tool's motion there, and not counted: "
+        r"below 0\.00\d+ \(free\) rad/s\.",
         neutral,
     )
 

@@ -56,8 +56,10 @@ def test_closed_loop_from_the_diagrams_own_ports():
         diagram.get_output_port(),
     )
     assert model.delays == (T,)
-    assert repr(model).startswith("PortModel(1 -> 1, 1 states, delays [0.13] s, error ")
-    assert model.error < 1e-8 and model.held == ()
+    assert repr(model).startswith(
+        "PortModel(1 -> 1, 1 states, delays [0.13] s, 0 held)"
+    )
+    assert model.by_differences == () and model.held == ()
     expected = Plant() / (1 + LOOP_GAIN)
     np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-8)
 

@@ -139,7 +139,7 @@ class Pendulum(KernelBlock):
         KernelBlock.__init__(self)
         self._g = g
         self.DeclareVectorInputPort("u", 1)
-        self.DeclareContinuousState(2)
+        self.DeclareContinuousState(1, 1, 0)
         self.DeclareOutputs(y=2)
 
     def Kernel(self):

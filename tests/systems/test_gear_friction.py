@@ -16,11 +16,6 @@ def test_its_kernel_is_the_law():
     assert force == pytest.approx([1 - 0.7, 1 + 0.7], rel=1e-4)
 
 
-def test_it_tells_where_it_bends():
-    block = GearFriction(num_axes=1, coulomb=0.3, speed=0.01, viscous=0.2)
-    assert block.ForLinearModel(None).speed_scale == 0.01
-
-
 @pytest.mark.parametrize("name", ["coulomb", "speed", "viscous"])
 def test_what_is_refused(name):
     given = {"coulomb": 0.1, "speed": 0.1, "viscous": 0.1, name: -1.0}

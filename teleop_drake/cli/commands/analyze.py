@@ -266,7 +266,7 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
     ]
     text += _OperatorLine(record["operating_points"])
     text += _Verdict(points, delay)
-    text += _Certainty(points)
+    text += _Slow(points)
     if all(point["absolutely_stable"] is not None for point in record["transparency"]):
         text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
@@ -345,35 +345,23 @@ def _IsStableWithoutDelay(point: Mapping[str, Any]) -> bool:
     return bool(intervals) and intervals[0][0] == 0
 
 
-def _Certainty(points: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Returns sentences: what the linear model is not accurate enough to tell."""
-    text = []
+def _Slow(points: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns a sentence: what the model of an instant cannot tell."""
     slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
-    if slow:
-        sizes = ", ".join(f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow)
-        text.append(
-            f"Neutral, within the accuracy of the model there: what is slower than "
-            f"{sizes} rad/s."
-        )
-    for point in points:
-        root, error = point["rightmost_root"], point["root_error"]
-        if root is None or point["certain"]:
-            continue
-        if not _IsOnAxis(root):
-            doubt = "not known" if error is None else f"known to ± {error:.2g}"
-            text.append(
-                f"Uncertain in {point['name']}: the root's real part is {doubt} 1/s."
-            )
-    return text
+    if not slow:
+        return []
+    sizes = ", ".join(f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow)
+    return [
+        f"Slower than the tool's motion there, and not counted: below {sizes} rad/s."
+    ]
 
 
 def _State(point: Mapping[str, Any]) -> str:
-    """Returns whether the loop is stable, and whether that is certain."""
+    """Returns whether the loop is stable."""
     root = point["rightmost_root"]
     if root is not None and not point["stable"] and _IsOnAxis(root):
         return "NOT DAMPED"
-    word = "stable" if point["stable"] else "UNSTABLE"
-    return word if point["certain"] else f"{word}, uncertain"
+    return "stable" if point["stable"] else "UNSTABLE"
 
 
 def _IsOnAxis(root: Sequence[float]) -> bool:

@@ -1,13 +1,12 @@
-"""Tests of analysis.resolution: what the linear model can tell, and what not."""
+"""Tests of what the linear model of an instant can tell, and what not."""
 
 import math
 
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.linearization import LinearizeLoop
+from teleop_drake.analysis.linearization import LinearizeLoop, MotionRate
 from teleop_drake.analysis.operating_point import OperatingPointAt
-from teleop_drake.analysis.resolution import RootError
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -34,8 +33,9 @@ def test_modes_of_the_motion_itself_are_neutral(speed):
         {"controller.kind": "smith_predictor", "surgeon.velocity": [speed, 0.0]},
     )
     free = AnalyzeStability(scenario)["free"]
-    assert free.is_stable and free.IsCertain(0.2)
-    assert free.stable_delays == [(0.0, 2.0)] and free.margin is None
+    assert free.is_stable
+    assert free.stable_delays == [(0.0, 2.0)]
+    assert free.margin is None or free.margin.delay > 100
     assert not len(free.hidden_modes) and free.num_neutral == 6
     assert free.unresolved == pytest.approx(2.5 * speed, rel=0.3)
     assert free.RightmostRoot(0.2).real == pytest.approx(-0.68, abs=0.02)
@@ -61,41 +61,26 @@ def test_slow_root_that_is_unstable_is_found(speed):
     bone = AnalyzeStability(scenario, points=[point]).points[0]
     root = bone.RightmostRoot(2.0)
     assert 0 < root.real < abs(root) < 0.2
-    assert bone.unresolved < 1e-4 * abs(root)
-    assert not bone.is_stable and bone.IsCertain(2.0)
-    assert bone.RootError(root, 2.0) < 1e-8
+    assert bone.unresolved < 1e-3 * abs(root)
+    assert not bone.is_stable
 
 
-def test_root_error_is_what_the_motion_changes():
-    """The root there and half a radian farther on, of an arm in tissue."""
-    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
-    analysis = AnalyzeStability(scenario)
-    tissue = analysis["tissue"]
-    root = tissue.RightmostRoot(analysis.points[0].delay)
-    error = tissue.RootError(root, 0.2)
-    time = 1 / abs(root) + 0.2
-    x = tissue.model.point.position[0] + 0.1 * time
-    there = AnalyzeStability(scenario, points=[OperatingPointAt(scenario, x)]).points[0]
-    shift = abs(there.RightmostRoot(0.2) - root)
-    assert shift == pytest.approx(error, rel=0.3)
+def test_rate_of_a_motion():
+    """A root a that changes at a rate a' is as slow as its motion where a^2 = |a'|."""
+    A = np.diag([-10.0, 0.0, 0.0]) + np.eye(3, k=1)
+    assert MotionRate(A, 0 * A) == 0
+    A_dot = np.diag([0.0, 0.0, 0.04])
+    # On the last circle that the neutral root reaches, and within a sixth of a decade.
+    assert 0.2 <= MotionRate(A, A_dot) <= 0.2 * 10 ** (1 / 6)
+    units = np.array([1.0, 1e3, 1e-3])
+    scale = units / units[:, None]
+    assert MotionRate(A * scale, A_dot * scale) == pytest.approx(MotionRate(A, A_dot))
 
 
-def test_drift_is_that_of_the_matrices():
-    scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
-    here, there = (
-        LinearizeLoop(scenario, OperatingPointAt(scenario, x)) for x in (0.92, 0.921)
-    )
-    rate = (there.slave.A - here.slave.A) / 0.01
-    np.testing.assert_allclose(here.slave_drift.A, rate, rtol=0.5, atol=0.02)
-    assert not np.any(here.master_drift.A)
-
-
-def test_slider_on_a_spring_has_no_drift():
+def test_slider_on_a_spring_rests_while_it_moves():
     scenario = LoadScenario("one_dof", EverywhereBone(150.0))
-    point = OperatingPointAt(scenario, 0.01)
-    model = LinearizeLoop(scenario, point)
-    np.testing.assert_allclose(model.slave_drift.A, 0, atol=1e-10)
-    assert RootError(model, 0.36 + 16.7j, 0.2) < 1e-9
+    model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.01))
+    assert model.motion.rate == 0
 
 
 def Rate(recording, begin):
