@@ -141,6 +141,7 @@ def LinearizeLoop(
                     scenario,
                     replace(point, position=point.position + t * point.velocity),
                     diagram,
+                    linearizer.dual,
                 ).Linearize()
             )
             for t in (-time, time)

@@ -50,12 +50,23 @@ class Linearizer:
         scenario: A valid one.
         point: The operating point.
         diagram: The teleoperator.
+        dual: What another Linearizer of this diagram has cut open; None: nothing yet.
+
+    Attributes:
+        dual: The diagram, cut open.
 
     Raises:
         ScenarioError: If a block has no linear model.
     """
 
-    def __init__(self, scenario: Scenario, point: OperatingPoint, diagram: Diagram):
+    def __init__(
+        self,
+        scenario: Scenario,
+        point: OperatingPoint,
+        diagram: Diagram,
+        dual: DualDiagram | None = None,
+    ):
+        self.dual = dual
         self._scenario = scenario
         self._point = point
         self._diagram = diagram
@@ -200,7 +211,7 @@ class Linearizer:
         for delay in self._master.delays:
             delay.Settle()
         self._forward_packet.Set(self._Eval("master", "forward_packet"))
-        dual = self._Open()
+        dual = self.dual = self.dual or self._Open()
         free = np.zeros(0, dtype=int)
         if self._point.forward_packet is None:
             # What the master sends whatever it feels, a velocity command say, stays.

@@ -35,4 +35,4 @@ def differentiate(function: Callable[[Array], Array], x0: Array, steps: Array) -
                 row.append(row[k] + (row[k] - table[k]) / (4 ** (k + 1) - 1))
             table = row
         columns.append(table[-1])
-    return np.array(columns).reshape(len(columns), -1).T
+    return np.array(columns).T if columns else np.zeros((len(function(x0)), 0))
