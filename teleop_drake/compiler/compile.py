@@ -22,9 +22,6 @@ def CompileIntegrator(*arguments: Any) -> Integrator:
 
     It is compiled once a process for all diagrams, as nothing in it is a user's, and
     kept in the user's cache.
-
-    Args:
-        arguments: As advance() takes them after the function that it integrates.
     """
     return _Integrator((EVALUATE, *map(TypeOf, arguments)))
 
@@ -39,9 +36,6 @@ def CompileEvaluate(program: Program) -> Evaluate:
     """Returns the function `evaluate` of a program as machine code.
 
     The code is kept in the user's cache.
-
-    Args:
-        program: What to compute.
 
     Raises:
         Untraceable: If a function does what a graph of operations cannot, such as a

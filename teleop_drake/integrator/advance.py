@@ -121,13 +121,7 @@ def _add_sent(
 
 
 def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
-    """Returns the value at x, beyond the ends that of the nearer end.
-
-    Args:
-        knots: Those of Pieces.
-        coefficients: Those of Pieces.
-        x: Where.
-    """
+    """Returns the value at x, beyond the ends that of the nearer end."""
     low, high = 0, len(coefficients) - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -144,13 +138,7 @@ def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
 
 
 def delay_at(t: float, d: int, delays: Delays) -> float:
-    """Returns a delay in s, infinity where packets are shown.
-
-    Args:
-        t: When the signal comes out, s.
-        d: Of the delay.
-        delays: The delays.
-    """
+    """Returns a delay in s, infinity where packets are shown."""
     first, end = delays.piece_ranges[d, 0], delays.piece_ranges[d, 1]
     if first == end:
         return float(delays.times[d])

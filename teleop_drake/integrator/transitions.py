@@ -18,12 +18,7 @@ def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
 
 
 def is_due(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard is not negative.
-
-    Args:
-        transitions: All of them.
-        memory: Its y has the guards.
-    """
+    """Returns whether a guard is not negative."""
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
         if place >= 0 and memory.y[place] >= 0:
@@ -36,10 +31,6 @@ def change_modes(transitions: Transitions, memory: Memory) -> bool:
 
     All see what was there before any of them, and each changes the elements in which
     its new mode differs from that. Discrete updates wait until nothing else is due.
-
-    Args:
-        transitions: All of them.
-        memory: Its y has the guards and the new modes.
     """
     t = memory.clock[0]
     has_changed = False
@@ -70,13 +61,7 @@ def change_modes(transitions: Transitions, memory: Memory) -> bool:
 
 
 def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
-    """Notes the guards at the begin of a step.
-
-    Args:
-        has_jumped: Whether what they were before does not count.
-        transitions: All of them.
-        memory: Its y has the guards.
-    """
+    """Notes the guards at the begin of a step."""
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
@@ -90,10 +75,6 @@ def is_near(transitions: Transitions, memory: Memory) -> bool:
 
     Then it is as near to 0 at the end as it has changed in this step and the last one.
     A guard on its way back has changed in the one or in the other.
-
-    Args:
-        transitions: All of them.
-        memory: Its y has the guards at the end of the step.
     """
     guards = memory.guards
     for k in range(len(transitions.guards)):

@@ -77,12 +77,7 @@ def _Version() -> str:
 
 
 def _Sweep(folder: Path, current: Path) -> None:
-    """Deletes what is not used any more.
-
-    Args:
-        folder: The cache.
-        current: Its part for this version.
-    """
+    """Deletes what is not used any more."""
     now, size = time.time(), 0
     files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
     for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):

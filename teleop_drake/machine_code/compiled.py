@@ -66,12 +66,7 @@ def CompileLaw(law: Law, *constants: Any) -> Law:
 
 
 class CompiledLaw:
-    """A law that is called as machine code, or as it is within Interpreted().
-
-    Args:
-        law: See CompileLaw().
-        constants: The same.
-    """
+    """A law that is called as machine code, or as it is within Interpreted()."""
 
     def __init__(self, law: Law, constants: Sequence[Any]):
         self.law = functools.partial(law, *constants)
@@ -175,11 +170,7 @@ def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
 
 
 class CompiledLoops:
-    """Loops that are called as machine code, or as they are within Interpreted().
-
-    Args:
-        function: See CompileLoops().
-    """
+    """Loops that are called as machine code, or as they are within Interpreted()."""
 
     def __init__(self, function: Callable[..., None]):
         self.function = function

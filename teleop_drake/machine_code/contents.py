@@ -28,9 +28,6 @@ class Opaque:
 class Contents:
     """What there is in values that can change, as it is now.
 
-    Args:
-        value: Where to begin.
-
     Attributes:
         arrays: Those with Numbers in them.
     """

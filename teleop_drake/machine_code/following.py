@@ -15,7 +15,7 @@ from types import (
     MethodType,
     ModuleType,
 )
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -24,18 +24,24 @@ from teleop_drake.machine_code.symbols import AsNumbers, Table, Untraceable
 from teleop_drake.machine_code.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
 from teleop_drake.machine_code.tracing import Graph, MustJoinCaller
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def Traced(trace: Callable[[Graph], T]) -> T:
-    """Returns what tracing returns.
+def Traced(trace: Callable[Concatenate[Graph, P], T]) -> Callable[P, T]:
+    """Returns a function that traces others in a new graph.
 
-    Args:
-        trace: Notes in an empty graph what functions do.
-
-    Raises:
-        Untraceable: If they do what a graph cannot, or change anything.
+    It raises Untraceable if they do what a graph cannot, or change anything.
     """
+
+    @functools.wraps(trace)
+    def Trace(*arguments: P.args, **keywords: P.kwargs) -> T:
+        return _Trace(lambda graph: trace(graph, *arguments, **keywords))
+
+    return Trace
+
+
+def _Trace(trace: Callable[[Graph], T]) -> T:
     joined: set[CodeType] = set()
     surroundings: dict[int, _Surrounding] = {}
     try:
@@ -155,12 +161,7 @@ class _Module(Opaque):
 
 
 class _Followed(Opaque):
-    """A function that notes what it and its helpers do.
-
-    Args:
-        graph: Where to note it.
-        function: The function.
-    """
+    """A function that notes what it and its helpers do."""
 
     def __init__(self, graph: Graph, function: FunctionType):
         self._graph, self._function = graph, function

@@ -60,11 +60,7 @@ def Target() -> str:
 
 
 def ObjectFile(code: str) -> bytes:
-    """Returns LLVM's code as an object file.
-
-    Args:
-        code: In LLVM's language.
-    """
+    """Returns LLVM's code as an object file."""
     import llvmlite.binding as llvm
 
     for_long, for_other = Targets()
@@ -112,11 +108,7 @@ class Library:
         self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
-        """Returns where a function or variable is.
-
-        Args:
-            name: One of the names that were asked for.
-        """
+        """Returns where a function or variable is."""
         return int(self._addresses[name])
 
     def RaiseFault(self) -> None:
@@ -137,11 +129,6 @@ _EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
 
 class Evaluate:
     """A function `evaluate` in machine code; see `source`.
-
-    Args:
-        address: Where it is. It takes pointers in the place of arrays.
-        owner: What has to stay for it.
-        is_from_cache: Whether it has not been compiled now.
 
     Attributes:
         address: Where it is.
@@ -189,13 +176,7 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
 def BoundLoops(
     library: Library, name: str, types: Sequence[Type]
 ) -> Callable[..., None]:
-    """Returns a function of typed_code that returns nothing.
-
-    Args:
-        library: Has it.
-        name: Of the function.
-        types: Of its arguments, arrays and whole numbers.
-    """
+    """Returns a function of typed_code that returns nothing."""
     slots = [
         ctypes.c_void_p if part == "ptr" else ctypes.c_int64
         for kind in types
@@ -212,11 +193,7 @@ def BoundLoops(
 
 
 class Integrator:
-    """integrator.advance.advance() in machine code.
-
-    Args:
-        library: Has it.
-    """
+    """integrator.advance.advance() in machine code."""
 
     def __init__(self, library: Library):
         self._library = library

@@ -4,7 +4,6 @@ LLVM gets no loops, no arrays beside the arguments, and nothing to guess about t
 So it is done in a fraction of the time that it takes for general code.
 """
 
-import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FunctionType
@@ -22,13 +21,8 @@ from teleop_drake.machine_code.symbols import (
     Table,
     Untraceable,
 )
-from teleop_drake.machine_code.tracing import (
-    BOOLEAN,
-    Branch,
-    Graph,
-    Leaf,
-    Node,
-)
+from teleop_drake.machine_code.tracing import BOOLEAN, Branch, Graph, Leaf, Node
+from teleop_drake.machine_code.typed_values import ConstantText
 
 Stores = dict[tuple[str, int], Any]
 
@@ -63,7 +57,9 @@ class ScalarProgram:
     more_stores: Stores
 
 
+@Traced
 def TraceProgram(
+    graph: Graph,
     text: str,
     names: dict[str, Callable[..., Any]],
     sizes: tuple[int, int, int],
@@ -73,6 +69,7 @@ def TraceProgram(
     """Returns what a generated function `evaluate` computes.
 
     Args:
+        graph: An empty one.
         text: Its source; see `source`.
         names: What it calls.
         sizes: Of y, x and m.
@@ -82,19 +79,6 @@ def TraceProgram(
     Raises:
         Untraceable: If one of its functions does what a graph cannot.
     """
-    return Traced(
-        lambda graph: _TraceProgram(graph, text, names, sizes, num_parameters, integers)
-    )
-
-
-def _TraceProgram(
-    graph: Graph,
-    text: str,
-    names: dict[str, Callable[..., Any]],
-    sizes: tuple[int, int, int],
-    num_parameters: int,
-    integers: NDArray[np.int64],
-) -> ScalarProgram:
     num_y, num_x, num_m = sizes
     x, m, p, y = (
         _Given(graph, name, size)
@@ -130,10 +114,12 @@ def _TraceProgram(
     return ScalarProgram(graph, stores, more)
 
 
-def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
+@Traced
+def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
     Args:
+        graph: An empty one.
         law: It returns an array.
         samples: Arguments like those it will get. Whole numbers and arrays of them are
             not in p: they are part of the structure.
@@ -141,10 +127,6 @@ def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     Raises:
         Untraceable: If it does what a graph cannot.
     """
-    return Traced(lambda graph: _TraceLaw(graph, law, samples))
-
-
-def _TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     graph.is_given_finite = False
     leaves = LeavesOf(samples)
     p = _Given(graph, "p", sum(np.size(x) for x in leaves if not IsWhole(x)))
@@ -285,11 +267,7 @@ class _Writer:
                 pending += _Places(node.arguments)
 
     def Store(self, stores: Sequence[tuple[tuple[str, int], Any]]) -> None:
-        """Writes what computes values and puts them where they belong.
-
-        Args:
-            stores: An array's name and the place in it, and the value.
-        """
+        """Writes what computes values and puts them where they belong."""
         for (name, i), value in stores:
             operand = self._Value(value)
             pointer = self._Pointer(name, i)
@@ -298,9 +276,8 @@ class _Writer:
     def _Value(self, argument: Any) -> str:
         """Returns an operand, after the code that computes it."""
         if not isinstance(argument, Ref):
-            if isinstance(argument, (bool, np.bool_)):
-                return "true" if argument else "false"
-            return "0x" + struct.pack(">d", float(argument)).hex().upper()
+            is_boolean = isinstance(argument, (bool, np.bool_))
+            return ConstantText((bool if is_boolean else float)(argument))
         known = self._Known(argument.place)
         if known is None:
             for place in sorted(self._NeededFor([argument.place])):

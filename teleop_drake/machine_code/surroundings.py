@@ -192,12 +192,7 @@ class Surroundings:
 
 
 class UpToDate(Generic[_T]):
-    """A value that depends on functions, made anew when their surroundings change.
-
-    Args:
-        functions: The functions.
-        make: Returns the value.
-    """
+    """A value that depends on functions, made anew when their surroundings change."""
 
     def __init__(self, functions: Iterable[Any], make: Callable[[], _T]):
         self._functions, self._make = tuple(functions), make

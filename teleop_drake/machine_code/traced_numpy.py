@@ -275,12 +275,7 @@ def _Determinant(A: Any) -> Any:
 
 
 def _Rotation(off_diagonal: Any, difference: Any) -> tuple[Any, Any]:
-    """Returns cosine and sine of the rotation that makes [a, c; c, b] diagonal.
-
-    Args:
-        off_diagonal: c.
-        difference: b - a.
-    """
+    """Returns cosine and sine of the rotation that makes [a, c; c, b] diagonal."""
     is_needed = off_diagonal != 0.0
     zeta = difference / (2.0 * Where(is_needed, off_diagonal, 1.0))
     root = abs(zeta) + (zeta * zeta + 1.0) ** 0.5
