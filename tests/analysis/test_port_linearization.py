@@ -61,7 +61,7 @@ def test_closed_loop_from_the_diagrams_own_ports():
     )
     assert model.by_differences == () and model.held == ()
     expected = Plant() / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-8)
+    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
 
 
 def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
@@ -73,7 +73,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         diagram, context, feedback.get_input_port(), plant.get_output_port()
     )
     expected = -LOOP_GAIN / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-8)
+    np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
     # Cut in the middle of the nested diagram: minus the loop gain.
     gain = feedback.GetSubsystemByName("gain")
     opened = LinearizePorts(
@@ -83,7 +83,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         plant.get_output_port(),
         is_opened=True,
     )
-    np.testing.assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-8)
+    np.testing.assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "wave_variables"])

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximat
 
 from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.kernel import Kernel, KernelBlock, times
+from teleop_drake.kernel import Delay, Kernel, KernelBlock, times
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.validation import ScenarioError
 
@@ -223,3 +223,18 @@ def test_the_adaptive_law_has_derivatives():
         (Rate(law, x + h * e) - Rate(law, x - h * e)) / (2 * h) for e in np.eye(len(x))
     ]
     np.testing.assert_allclose(exact, np.array(columns).T, rtol=1e-6, atol=1e-6)
+
+
+class Late(KernelBlock):
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+
+    def Kernel(self):
+        delay = Delay(signal="u", output="y", initial_value=[0.0], time=1.0)
+        return Kernel(delays=[delay])
+
+
+def test_a_delay_says_what_linearises_it():
+    with pytest.raises(ValueError, match=r"call teleop_drake\.LinearizePorts\(\)"):
+        Late().ToAutoDiffXd()
