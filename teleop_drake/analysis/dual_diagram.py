@@ -312,7 +312,7 @@ def _Try(dual: Any, system: System, context: Context) -> None:
         port = system.get_input_port(i)
         has_value = port.HasValue(context)
         value = port.Eval(context) if has_value else np.zeros(port.size())
-        dual.get_input_port(i).FixValue(own, InitializeAutoDiff(value).ravel())
+        dual.get_input_port(i).FixValue(own, value)
     dual.EvalTimeDerivatives(own)
     for i in range(dual.num_output_ports()):
         dual.get_output_port(i).Eval(own)

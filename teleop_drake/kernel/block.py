@@ -312,7 +312,7 @@ class _Reader(TermReader[_Value]):
             Refuse(f"{owner}: {self._place}", name, Choices(name, names))
         port = block.GetInputPort(name)
         self.tickets.add(port.ticket())
-        evaluate = self._Dual(port.Eval)
+        evaluate = self._Dual(lambda context: port.Eval(context))
         if name not in block.optional_inputs:
             return evaluate
         has_value, nothing = port.HasValue, np.zeros(port.size())
