@@ -316,8 +316,9 @@ class Recording:
             times: (M,) in s, clamped to the span of the recording.
 
         Returns:
-            (M, k) values, to 1e-4 of the signal's range in a run of simulate(); before
-            a jump at the very instant of the jump.
+            (M, k) values, to 1e-4 of the signal's range in a run of simulate(), in
+            Drake's Simulator to 5e-4 for what comes out of a delay; before a jump at
+            the very instant of the jump.
         """
         return interpolate(self.time, self[name], self.steps, np.asarray(times))
 
