@@ -58,17 +58,25 @@ class Study:
         return sum(len(plan.points) for plan in self.plans.values())
 
 
+_STUDIES = Path(__file__).parents[1] / "studies"
+
+
+def StudyNames() -> list[str]:
+    """Returns the names of the built-in studies in alphabetical order."""
+    return sorted(path.stem for path in _STUDIES.glob("*.yaml"))
+
+
 def LoadStudy(file: str | os.PathLike[str]) -> Study:
     """Reads a study and checks everything that can be wrong before it runs.
 
     Args:
-        file: A YAML file. Paths of scenarios in it are relative to it.
+        file: A built-in name, or a YAML file. Paths of scenarios are relative to it.
 
     Raises:
         ScenarioError: If a key or a value is not allowed.
         SweepError: If a grid cannot be used.
     """
-    path = Path(file)
+    path = _STUDIES / f"{file}.yaml" if file in StudyNames() else Path(file)
     tree = ParseFile(path, ReadText(path))
     for key in tree:
         CheckChoice("key", key, _KEYS)

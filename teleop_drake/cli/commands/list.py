@@ -19,12 +19,14 @@ def Execute(args: argparse.Namespace) -> int:
         ScenarioNames,
     )
     from teleop_drake.scenario.scenario import ReadScenario
+    from teleop_drake.sweep.study import StudyNames
 
     print("Scenarios")
     width = max(map(len, ScenarioNames()))
     for name in ScenarioNames():
         tree, _ = ReadScenario(name)  # To load and check them all takes a second.
         print(f"  {name:<{width}} {' '.join(tree['description'].split())}")
+    print("Studies\n  " + ", ".join(StudyNames()))
     print("Controllers\n  " + ", ".join(CONTROLLERS + TRACKING_CONTROLLERS))
     others = [kind for kind in ARCHITECTURES if kind not in CONTROLLERS]
     print("Other architectures\n  " + ", ".join(others))

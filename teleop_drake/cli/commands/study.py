@@ -22,7 +22,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "and metrics. `study FILE --shard I/N` for each I, on any machines, and then "
         "`study FILE merge`, make what `study FILE` makes."
     )
-    parser.add_argument("file", metavar="FILE", help="a YAML file")
+    parser.add_argument("file", metavar="FILE", help="a YAML file or a built-in study")
     parser.add_argument(
         "action",
         nargs="?",
