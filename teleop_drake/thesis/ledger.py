@@ -23,7 +23,6 @@ def Ledger(runs: ThesisRuns, only: str = "") -> list[Row]:
     """Returns a row for each claim, in the thesis's order.
 
     Args:
-        runs: What simulates.
         only: The beginning of the keys of the claims, such as "4-"; empty: all.
     """
     claims = (claim for claim in LoadClaims() if claim.key.startswith(only))

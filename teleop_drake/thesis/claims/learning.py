@@ -27,10 +27,8 @@ INSIDE = np.stack(
 def CommandedPath(recording: Recording) -> np.ndarray:
     """Returns where the command has led the tool, in m (T, n).
 
-    That is the integral of the velocity command as it arrives at the slave.
-
-    Args:
-        recording: A run of direct force or of the adaptive controller.
+    That is the integral of the velocity command as it arrives at the slave of direct
+    force or of the adaptive controller.
     """
     scenario = recording.teleoperation
     v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
@@ -54,7 +52,6 @@ def UnrepresentedShare(
     adaptation finds constant weights that leave less of this run.
 
     Args:
-        recording: A run of the adaptive controller in layers, see ForceRate.
         num_speeds: 1: the basis functions of the run, which see the position. More:
             each of them times as many Gaussians of v_x, equidistant over the speeds
             of the run and as wide as their spacing.
@@ -86,7 +83,6 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     leaves to its first network.
 
     Args:
-        scenario: One with the adaptive controller and a robot that Drake simulates.
         points: Positions of the tool in m (M, n).
 
     Raises:
@@ -119,7 +115,6 @@ def UnlearnedWeight(
     Its weights are those at the end of the run.
 
     Args:
-        recording: A run of the adaptive controller.
         points: Positions of the tool in m (M, n).
         drift: WeightDrift() of the run's scenario there (M, n).
     """

@@ -95,7 +95,6 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray
     """Returns the networks' basis functions Phi (T, N) at the samples of a run.
 
     Args:
-        recording: A run of the adaptive controller.
         count: Per axis, of another lattice with the same bounds; None: the run's.
     """
     config = recording.scenario.controller.network

@@ -58,13 +58,8 @@ def WritePicture(
         picture: A figure, whose layout is fixed thereby, or a diagram, drawn as the
             boxes of its own parts.
         stem: The path without the suffix, in an existing folder.
-        formats: Of saving.FORMATS.
-
-    Returns:
-        The paths of the files, in the order of the formats.
 
     Raises:
-        OSError: If a file cannot be written.
         RuntimeError: If nothing here can lay out a block diagram.
     """
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
