@@ -11,7 +11,6 @@ def ContextsIn(system: System, context: Context) -> dict[System, Context]:
     user, between two runs of it.
 
     Args:
-        system: A diagram, or a block.
         context: Its Context, of which those returned are parts.
     """
     contexts = {system: context}

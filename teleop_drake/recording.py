@@ -1,4 +1,4 @@
-"""What a simulation leaves behind: plain arrays, events and solver statistics."""
+"""The record of a simulation: plain arrays, events and solver statistics."""
 
 import importlib
 import json
@@ -140,9 +140,6 @@ class Recording:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal.
-
-        Args:
-            name: One of `signals`.
 
         Raises:
             UnknownSignal: If there is none of that name.
@@ -312,7 +309,6 @@ class Recording:
         """Returns a signal between its samples.
 
         Args:
-            name: Name of the signal.
             times: (M,) in s, clamped to the span of the recording.
 
         Returns:
@@ -382,9 +378,6 @@ def _Extra(name: str) -> Any:
 
 def LoadRecording(path: str | Path) -> Recording:
     """Reads a recording that Recording.Save() wrote.
-
-    Args:
-        path: The .npz file.
 
     Raises:
         OSError: If the file cannot be read.

@@ -51,9 +51,6 @@ _UNITS = {
 def UnitOf(name: str) -> str | None:
     """Returns the unit of a signal that has a value for each task axis.
 
-    Args:
-        name: Of any signal.
-
     Returns:
         The SI unit; None for a signal that is no vector of the task space, or of which
         only its block knows what it is.
@@ -62,11 +59,7 @@ def UnitOf(name: str) -> str | None:
 
 
 def AxesOf(num_axes: int) -> tuple[str, ...]:
-    """Returns the names of the task axes: x, y, z, and numbers from 4 on.
-
-    Args:
-        num_axes: How many there are.
-    """
+    """Returns the names of the task axes: x, y, z, and numbers from 4 on."""
     return tuple("xyz"[k] if k < 3 else str(k + 1) for k in range(num_axes))
 
 
@@ -83,9 +76,6 @@ def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
     A loop, with a `robot` that has a tool, has those of NamedSignals(). Of any other
     diagram they are the vector outputs that it exports or, if it exports none,
     `system.port` for those of its systems.
-
-    Args:
-        diagram: What is run.
 
     Raises:
         ValueError: If there are none.

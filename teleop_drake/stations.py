@@ -182,7 +182,6 @@ def MakeArchitecture(
     """Makes the architecture that the scenario names.
 
     Args:
-        scenario: Its field controller is used.
         control_law: A control law of your own, which takes the place of the
             scenario's; it gets the thesis's packets. See MakeSlaveStation.
         facts: What the defaults derive from; None: the scenario's.

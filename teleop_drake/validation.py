@@ -1,4 +1,4 @@
-"""What is said of bad input, and the checks that every part of the package shares.
+"""Checks of input and their messages, for every part of the package.
 
 All of them refuse with one line: the field, its value and what is allowed.
 """
@@ -37,8 +37,6 @@ def Number(
         default: Its default.
         unit: Its unit, for the message.
         above: Lower bound that is not allowed itself.
-        minimum: Least value allowed.
-        maximum: Largest value allowed.
     """
     limits = {"unit": unit, "above": above, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata={_NUMBER: limits})
@@ -141,8 +139,6 @@ def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
     """Raises a ScenarioError.
 
     Args:
-        path: The field, dotted.
-        value: What it has.
         allowed: What it must be, after "must be".
     """
     raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
@@ -188,12 +184,8 @@ def CheckNumber(
     """Refuses what is not finite or not within the bounds; takes None for missing.
 
     Args:
-        path: The field, dotted.
-        value: What it has.
         unit: Its unit, for the message.
         above: Lower bound that is not allowed itself.
-        minimum: Least value allowed.
-        maximum: Largest value allowed.
 
     Raises:
         ScenarioError: If it is refused.
@@ -244,9 +236,6 @@ def CheckGain(
     """Checks a gain, a number or a symmetric matrix, and returns it as a matrix (n, n).
 
     Args:
-        path: The field, dotted.
-        value: What it has.
-        num_axes: n.
         may_be_zero: Whether the matrix may be semidefinite; else it is definite.
         may_be_null: Whether None is allowed, of which zeros are returned.
 

@@ -1,4 +1,4 @@
-"""What the linearizer holds of a diagram: states, cut delays and fixed inputs."""
+"""A diagram with its delays cut: states, delayed signals and fixed inputs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -92,9 +92,6 @@ def Leaves(system: System) -> Iterator[System]:
 def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
     """Returns the operator that holds a force after contact, and what it tells.
 
-    Args:
-        system: The master station.
-
     Returns:
         The block and its force; None: no block in it tells any.
     """
@@ -131,7 +128,6 @@ def CutOpen(
 
     Args:
         system: The part; its name goes before the fields that are refused.
-        contexts: Of every block.
         estimates: The state of an adaptive law in it; None: the initial one.
         may_delay: Whether there may be delays inside.
 

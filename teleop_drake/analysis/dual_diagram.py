@@ -155,7 +155,6 @@ class DualDiagram:
         Args:
             contexts: Of every system in the original diagram: the operating point.
             states: The slopes are by these, first.
-            inputs: Then by these.
             seen: Rates of states, and values at ports.
         """
         rough = [x for x in self._blocks.values() if isinstance(x, _Differences)]
@@ -187,9 +186,6 @@ class DualDiagram:
 
         Args:
             contexts: See Linearize().
-            states: The same.
-            inputs: The same.
-            seen: The same.
             shift: Is added to states and inputs.
         """
         given = [x.Get() for x in (*states, *inputs)]

@@ -62,7 +62,6 @@ def ChannelEnergyBalance(
     the product of the recording's polynomials is integrated exactly.
 
     Args:
-        recording: A run of a teleoperation.
         force: Where the forward packet has its force; None: its first half, as in
             the thesis's packet [F_h; v_d].
         velocity: Where the return packet has its velocity; None: its second half, as in
@@ -110,9 +109,6 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     It works for every architecture. AddTwoPortEnergy computes the same energy in the
     diagram, during the run. Both agree to 0.1 % of the range of the energy, even where
     forces jump or are not smooth.
-
-    Args:
-        recording: A run of a teleoperation.
 
     Raises:
         ValueError: If it is the recording of something else.
@@ -164,11 +160,8 @@ def AddChannelEnergy(
 
     Args:
         builder: Of the diagram with the loop.
-        num_axes: n.
         forward_sent: Packet [F_h; v_d] (2n) at the master.
-        forward_received: The same at the slave.
         return_sent: Packet [p_WT; v_WT] (2n) at the slave.
-        return_received: The same at the master.
 
     Returns:
         The system, whose output ports are energy and power.

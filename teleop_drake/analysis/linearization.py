@@ -113,8 +113,6 @@ def LinearizeLoop(
     operator's device would have settled to.
 
     Args:
-        scenario: A valid one.
-        point: The operating point.
         teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
             systems of your own perhaps; None makes the scenario's.
 
@@ -167,11 +165,6 @@ def LinearizeTwoPort(
 
     As LinearizeLoop, at the same forces and velocities. It does not depend on who
     holds the device.
-
-    Args:
-        scenario: A valid one.
-        point: The operating point.
-        teleoperator: As for LinearizeLoop.
 
     Raises:
         ScenarioError: As LinearizeLoop.

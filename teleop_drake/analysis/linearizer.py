@@ -320,12 +320,6 @@ class Linearizer:
         """Returns the model of one side of the loop at what the Contexts hold.
 
         Args:
-            dual: The diagram, with its channels cut.
-            name: What the side is called in messages.
-            inputs: What is set; the delays inside follow.
-            outputs: What is seen; what goes into the delays follows.
-            states: Those of the model, without the robot's.
-            delays: Those inside.
             motion: Of the robot, whose coordinates come before the other states; None:
                 there is no robot.
         """

@@ -1,4 +1,4 @@
-"""Where on the tool's path the loop is linearised."""
+"""Operating points on the tool's path."""
 
 import math
 from collections.abc import Callable
@@ -183,8 +183,6 @@ def PointOfRest(
     stays where the given point is, unless something gives way there.
 
     Args:
-        point: One behind the contact surface.
-        environment: The block.
         force: What the operator holds, in N (n).
 
     Returns:
@@ -227,10 +225,8 @@ def OperatingPointAt(
     at rest.
 
     Args:
-        scenario: A valid one.
         position: p_WT along the normal of the contact surface or, where there is none,
             of the puncture surface or else along x, in m.
-        environment: As for OperatingPoints.
 
     Raises:
         ScenarioError: If the path does not lead there or the robot does not reach it.
@@ -266,7 +262,6 @@ def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
     the force that the operator holds if it has perceived contact.
 
     Args:
-        recording: A run of a teleoperation.
         time: In s; not the instant of a jump.
 
     Raises:

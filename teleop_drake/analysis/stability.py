@@ -167,7 +167,6 @@ class PointStability:
 
         Args:
             delay: Round-trip delay in s.
-            count: How many.
         """
         loop = self.loop
         more = count + self.num_neutral
@@ -303,7 +302,6 @@ def AnalyzeModel(
     """Analyses the loop at an operating point.
 
     Args:
-        model: From LinearizeLoop.
         delay: Round-trip delay of the scenario in s.
         max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
     """

@@ -86,7 +86,6 @@ def ChartStability(
     """Analyses a scenario for many values of a key.
 
     Args:
-        name_or_path: As for LoadScenario.
         key: A dotted path to a number, for example environment.layers.bone.stiffness;
             or POSITION, where the tool is on its path in m (see OperatingPointAt),
             instead of one operating point in each layer. On a surface, where there is

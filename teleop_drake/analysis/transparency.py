@@ -1,4 +1,4 @@
-"""What the operator feels through the channels, and whether it can become unstable.
+"""Transparency and absolute stability of the loop that the operator feels.
 
 The teleoperator is a two-port between the operator's hand and the environment. Its
 admittance matrix y(j w), (2n, 2n), is put together from both sides, linearised, and
@@ -115,7 +115,6 @@ def EnvironmentImpedance(
     """Returns Z_e(j w) = d_e + k_e/(j w) of the environment (K, n, n), (2.14).
 
     Args:
-        scenario: With the environment.
         point: The operating point; its velocity has no effect.
         frequencies: w in rad/s (K), > 0.
     """

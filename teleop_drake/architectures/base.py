@@ -1,4 +1,4 @@
-"""What every control architecture tells: the base of their configs.
+"""Base of the configs of control architectures.
 
 An architecture is a pair: a master side, which stands between the operator and the
 channels, and a slave side, which is the station at the robot. They speak in packets,
@@ -133,7 +133,6 @@ def MakeLawArchitecture(control_law: System, start: Sequence[float]) -> Architec
     Neither a force nor a command arrives at first, and the tool is felt at rest.
 
     Args:
-        control_law: See MakeSlaveStation for its ports.
         start: p_WT at time 0 in m (n).
 
     Raises:

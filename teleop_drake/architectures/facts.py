@@ -1,4 +1,4 @@
-"""What an architecture may know of the rest of the loop."""
+"""Facts of the loop from which an architecture derives its defaults."""
 
 from dataclasses import dataclass
 

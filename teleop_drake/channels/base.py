@@ -1,4 +1,4 @@
-"""What every kind of channel tells: the base of their configs."""
+"""Base of the configs of channels."""
 
 import math
 from abc import ABC, abstractmethod
@@ -82,7 +82,6 @@ class ChannelConfig(KindConfig, ABC):
         """Makes the block: input `signal`, output `delayed_signal` (size each).
 
         Args:
-            size: Width of the packets.
             initial_value: What arrives before the first packet does (size).
             duration: How long the simulation lasts, s.
             stream: Name of the random numbers; another one gives other numbers.

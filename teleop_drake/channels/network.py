@@ -124,7 +124,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
 
         Args:
             duration: How long packets are sent, s.
-            stream: Name of the random numbers.
             path: The channel's field in a scenario, for messages.
         """
         CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)

@@ -275,10 +275,6 @@ class PacketNetwork:
     def Shown(self, k: int, receiver: Receiver) -> float:
         """Returns when a receiver shows packet k if it has no newer one (s).
 
-        Args:
-            k: Number of the packet.
-            receiver: The receiver.
-
         Raises:
             ValueError: If it is sent beyond the duration of the profile.
         """

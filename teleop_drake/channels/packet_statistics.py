@@ -1,4 +1,4 @@
-"""What one channel did to its packets until the end of a run."""
+"""Packet statistics of one channel over a run."""
 
 import math
 from dataclasses import dataclass
@@ -56,8 +56,6 @@ def ComputePacketStatistics(
     """Returns what a network and a receiver make of the packets sent before a time.
 
     Args:
-        network: The network.
-        receiver: The receiver.
         end_time: In s; what arrives later has not been received.
     """
     h = network.sample_period

@@ -1,4 +1,4 @@
-"""What the receiver of a network makes of its packets."""
+"""Receivers of a network's packets."""
 
 from dataclasses import dataclass
 

@@ -116,7 +116,6 @@ def ReadTrace(
 
     Args:
         path: The field that names the file, for messages.
-        file: The file.
         unit: Of the delays, one of UNITS; None: that at the end of the column's name
             (`delay_ms`), s if there is none; ping's are ms.
         columns: The names of the columns of time and delay, or that of the delay

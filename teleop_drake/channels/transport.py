@@ -78,12 +78,7 @@ class TransportDelay(ChannelBlock):
         return LinearPart(delay=self._delay)
 
     def Deliver(self, context: Context, value: Array) -> None:
-        """Lets the block deliver a value now: its only sample, which arrives now.
-
-        Args:
-            context: Of the block.
-            value: As wide as the signal.
-        """
+        """Lets the block deliver a value now: its only sample, which arrives now."""
         now = context.get_time()
         history = SampleHistory(times=(now,), values=np.array([value]), now=now)
         context.SetAbstractState(0, history)

@@ -1,4 +1,4 @@
-"""What the kinds of channels have in common whose delay varies with time."""
+"""Base of the channels whose delay varies with time."""
 
 from dataclasses import dataclass, field, replace
 from typing import ClassVar

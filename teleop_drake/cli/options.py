@@ -247,7 +247,6 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     """Returns the overrides that --channel stands for, none without it.
 
     Args:
-        args: The options.
         imports: Whether to look up, and so to import, a channel of the user's own.
 
     Raises:

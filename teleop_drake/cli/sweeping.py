@@ -1,4 +1,4 @@
-"""What commands that sweep have in common: workers, and what is shown at the end."""
+"""Options, workers and reports shared by the commands that sweep."""
 
 import argparse
 import sys
@@ -55,13 +55,8 @@ def ReportSweep(
     """Draws a sweep into its folder, and prints how it ended and what was written.
 
     Args:
-        result: The sweep.
-        plan: What it was to be.
         metrics: The metrics to draw; empty: some, of those that any run has.
-        folder: Its folder.
-        is_silent: Whether to print nothing.
         is_separate: Whether each metric has a file of its own.
-        formats: Of the figures.
     """
     from teleop_drake.sweep import (
         TableNames,

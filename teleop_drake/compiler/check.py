@@ -1,4 +1,4 @@
-"""Whether kernels compute what their blocks do."""
+"""Comparison of kernels with their blocks at an instant."""
 
 from collections.abc import Iterable
 
@@ -29,10 +29,6 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
     with sinusoids at its inputs, in Drake's Simulator and by its kernel: they show
     whether its modes change when and as they should. For that it becomes part of a
     diagram, and cannot be part of another one.
-
-    Args:
-        system: The block or the diagram.
-        num_states: How often to compare.
 
     Returns:
         The transitions, by the names in the kernel, that did not happen in the run and
@@ -102,10 +98,7 @@ def CheckNear(
     """Checks an Evaluator at random states around a Context.
 
     Args:
-        evaluator: Of the system.
-        system: A diagram.
         context: Its context, which is left as it is.
-        num_states: How often to compare.
 
     Raises:
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
@@ -132,10 +125,7 @@ def CheckVisited(
     """Checks an Evaluator where a run has been: time, state, modes, delayed signals.
 
     Args:
-        evaluator: Of the system.
-        system: A diagram.
         context: Its context, which does not stay as it is.
-        visited: Where the run has been.
 
     Raises:
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
@@ -196,9 +186,6 @@ def Compare(
     """Compares what an Evaluator computes in a context with what Drake does.
 
     Args:
-        evaluator: Of the system.
-        system: A block or a diagram.
-        context: Its context.
         delayed: As Evaluate() takes it. What delays deliver is not compared then.
 
     Raises:

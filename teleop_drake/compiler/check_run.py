@@ -1,4 +1,4 @@
-"""Whether a block does over time what its kernel says: transitions and delays."""
+"""Comparison of kernels with their blocks over time: transitions and delays."""
 
 import math
 from collections.abc import Iterable, Iterator

@@ -37,7 +37,6 @@ def KernelOf(system: System, context: Context) -> Kernel:
     Args:
         system: The block: one of a user's own, one of Drake's primitives, or a
             MultibodyPlant.
-        context: Its context.
 
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
@@ -117,7 +116,6 @@ class Evaluator:
         """Returns the outputs and the time derivatives in a context.
 
         Args:
-            context: Of the diagram.
             delayed: A y with what comes out of delays; None: their initial values.
 
         Returns:
@@ -133,9 +131,6 @@ class Evaluator:
 
     def ReadContext(self, context: Context) -> tuple[Array, Array, Array]:
         """Returns what `evaluate` takes from a context.
-
-        Args:
-            context: Of the diagram.
 
         Returns:
             x, m, and y with what no kernel delivers.

@@ -52,7 +52,6 @@ def Flatten(system: System) -> list[Block]:
         """Follows the connections inside of a system.
 
         Args:
-            system: The system.
             sources: What its own input ports are connected to, by their indices.
         """
         if not isinstance(system, Diagram):
@@ -98,7 +97,6 @@ def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
     Args:
         blocks: Those of the Diagram, by Flatten().
         system: A block, or a Diagram in the Diagram.
-        index: Of the output port.
     """
     pathname, port = _OutputPort(system, index)
     places = [block.system.GetSystemPathname() for block in blocks]

@@ -84,10 +84,8 @@ def plant_rate(
     """Returns [v; v_dot] of a plant.
 
     Args:
-        tree: Its links.
         actuated: The velocity that each actuator acts on.
         effort_limits: What each actuator can do at most, N m or N.
-        state: [q; v].
         actuation: What each actuator is to do, N m or N.
         generalized_force: What else acts on the joints, N m or N (n).
     """
@@ -109,10 +107,8 @@ def body_accelerations(
     """Returns accelerations of points of links, one after another, m/s^2 (3 k).
 
     Args:
-        tree: The links.
         links: Index of the link that each point belongs to.
         points: The points in the links' frames, m (k, 3).
-        state: [q; v].
         rate: What plant_rate() returns.
     """
     q, v = np.split(state, 2)
@@ -255,7 +251,6 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     translational acceleration of each body's origin, by the body's index.
 
     Args:
-        plant: A finalized, continuous plant.
         context: Its context, which has the parameters.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a MultibodyPlant is made of, read out once into flat arrays."""
+"""The bodies and joints of a MultibodyPlant as flat arrays."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +49,6 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     """Reads a plant whose joints are welds, revolute and prismatic.
 
     Args:
-        plant: A finalized, continuous plant.
         context: Its context, which has the parameters.
 
     Raises:

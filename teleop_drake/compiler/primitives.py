@@ -57,8 +57,6 @@ def sine(order: int, u: Any, amplitude: Array, frequency: Array, phase: Array) -
     Args:
         order: Of the derivative, 0 to 2.
         u: The time, or as many numbers as there are amplitudes.
-        amplitude: Amplitudes.
-        frequency: Frequencies.
         phase: Phases in rad.
     """
     quarter_turns = order * (np.pi / 2)
@@ -69,10 +67,6 @@ def sine(order: int, u: Any, amplitude: Array, frequency: Array, phase: Array) -
 
 def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     """Returns the kernel of one of Drake's own blocks, None if it is none of them.
-
-    Args:
-        system: The block.
-        context: Its context.
 
     Raises:
         UnsupportedSystem: If it is one, but not in a form that can be compiled.

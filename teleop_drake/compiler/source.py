@@ -30,12 +30,7 @@ _Texts = list[tuple[str, int | None]]
 
 
 def put(target: Any, value: Any) -> None:
-    """Copies a vector to where another one of its size is.
-
-    Args:
-        target: What to copy to.
-        value: The vector.
-    """
+    """Copies a vector to where another one of its size is."""
     if len(value) != len(target):
         raise ValueError("a function returned a vector of another size")
     for i in range(len(target)):
@@ -123,11 +118,7 @@ class Program:
         self.sizes = self._num_y, num_x, num_m
 
     def OwnerOf(self, function: Callable[..., Any]) -> System | None:
-        """Returns the first block whose kernel has a function.
-
-        Args:
-            function: The function.
-        """
+        """Returns the first block whose kernel has a function."""
         for output, (_, _, term) in self._terms.items():
             if isinstance(term, tuple) and function in term:
                 return self._blocks[output.block].system

@@ -1,4 +1,4 @@
-"""What cannot be compiled, and why."""
+"""The error of a system that cannot be compiled."""
 
 from pydrake.systems.framework import System
 

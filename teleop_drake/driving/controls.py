@@ -1,4 +1,4 @@
-"""What one drives with: sliders and keys in Meshcat, or a gamepad."""
+"""Controls for driving: sliders and keys in Meshcat, or a gamepad."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -191,8 +191,6 @@ def MakeControls(
 
     Args:
         meshcat: Where. Controls that are there already are deleted.
-        scenario: As it was loaded.
-        needs_gamepad: Whether only the gamepad commands.
     """
     kind = scenario.controller.kind
     return MeshcatControls(

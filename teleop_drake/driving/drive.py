@@ -313,7 +313,6 @@ def AsRecorded(segment: Segment, file: str) -> Recording:
     """Returns the recording with a scenario that repeats what the hand did.
 
     Args:
-        segment: What was driven.
         file: The CSV file with its command, as it is named in the scenario. Other files
             are named by absolute paths, so that the scenario can be written anywhere.
     """

@@ -1,4 +1,4 @@
-"""What counts when one drives: overshoot, impact, time."""
+"""The score of a drive: overshoot, impact, time."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What may be changed while one drives."""
+"""Settings that may change during a drive."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

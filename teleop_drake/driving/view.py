@@ -1,4 +1,4 @@
-"""What one sees while driving: the scene, and strips of what is felt."""
+"""The view of a drive: the scene, and strips of the felt force."""
 
 from collections import deque
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What the tool meets: a file for each kind of environment."""
+"""Environments of the tool: a file for each kind."""
 
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.friction_wall import FrictionWallConfig

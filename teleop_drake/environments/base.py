@@ -1,4 +1,4 @@
-"""What every kind of environment tells: the base of their configs."""
+"""Base of the configs of environments."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -104,11 +104,7 @@ class HuntCrossleyConfig(WallConfig):
     damping: float = Number(0.0, "s/m", minimum=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> ContactWall:
-        """Makes the block; see EnvironmentConfig.MakeEnvironment.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-        """
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
         (surface,) = self.Surfaces(start)
         return ContactWall(
             surface=surface,

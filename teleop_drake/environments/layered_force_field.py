@@ -181,7 +181,6 @@ def LayerSurfaces(
 
     Args:
         layers: By ascending start.
-        num_axes: n, number of task axes.
         starts_inside: Whether the tool starts in a layer, so that there is no empty
             space in front of the first one.
         direction: Along which they follow each other (n); None: along x.
@@ -224,7 +223,6 @@ def CheckLayerValues(path: str, layer: Layer) -> None:
 
     Args:
         path: Its place in a scenario, for messages.
-        layer: The layer.
 
     Raises:
         ScenarioError: Naming the first bad field, its value and what is allowed.

@@ -72,11 +72,7 @@ class LayersEnvironmentConfig(EnvironmentConfig):
         )
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surfaces that the block tells.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-        """
+        """Returns the surfaces that the block tells."""
         is_inside = self._StartsInside(start)
         return LayerSurfaces(self.layers, np.size(start), is_inside, self.direction)
 

@@ -27,7 +27,6 @@ def StackSlopes(
     """Returns stiffness and damping in a stack of materials; see StackNormal.
 
     Args:
-        surfaces: Of the environment.
         p_WT: Where, in m (n).
 
     Returns:
@@ -51,7 +50,6 @@ def StiffnessAndDamping(
     From what its surfaces tell, or else by differences of its force.
 
     Args:
-        environment: The block; see EnvironmentConfig.MakeEnvironment.
         p_WT: Where, in m (n).
         v_WT: With which velocity, in m/s (n); None: at rest.
 
@@ -78,7 +76,6 @@ def ForceAt(environment: System, p_WT: Array, v_WT: Array) -> Array:
     """Returns the force on an environment in N (n), in its default state.
 
     Args:
-        environment: The block.
         p_WT: Where the tool is, in m (n).
         v_WT: Its velocity in m/s (n).
     """

@@ -101,11 +101,7 @@ class StandardLinearSolidConfig(WallConfig):
     relaxation_time: float = Number(1.0, "s", above=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> RelaxingTissue:
-        """Makes the block; see EnvironmentConfig.MakeEnvironment.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-        """
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
         (surface,) = self.Surfaces(start)
         return RelaxingTissue(
             surface=surface,

@@ -1,4 +1,4 @@
-"""What an environment tells of itself: its surfaces, and what lies behind them."""
+"""Surfaces of an environment, and the material behind them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -108,11 +108,7 @@ class Surface:
 
     @classmethod
     def FromRecord(cls, record: dict[str, Any]) -> "Surface":
-        """Returns the surface that ToRecord() has written.
-
-        Args:
-            record: What it returned.
-        """
+        """Returns the surface that ToRecord() has written."""
         material = record["material"]
         return cls(**{**record, "material": material and Material(**material)})
 
@@ -124,7 +120,6 @@ def UnitNormal(
 
     Args:
         direction: Of any length but 0 (n), or None.
-        num_axes: n.
         path: Its field in a scenario, for messages.
 
     Raises:
@@ -149,10 +144,8 @@ def PlaneSurface(
     """Returns the surface on which p_WT . normal is `start`.
 
     Args:
-        name: What it is called.
         start: In m; may be infinite.
         normal_W: Its unit normal (n).
-        material: What is behind it.
     """
     point_W = np.zeros_like(normal_W)
     # Not 0 times a start of -inf.
@@ -178,12 +171,7 @@ def SurfacesOf(system: System) -> tuple[Surface, ...] | None:
 
 
 def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:
-    """Returns the first surface of a name, None if there is none.
-
-    Args:
-        surfaces: Of the environment.
-        name: CONTACT for example.
-    """
+    """Returns the first surface of a name, None if there is none."""
     return next((surface for surface in surfaces if surface.name == name), None)
 
 
@@ -191,10 +179,6 @@ def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
     """Returns along which direction (n) positions are told: into a surface, else x.
 
     Into the contact surface if there is one, else into the puncture surface.
-
-    Args:
-        surfaces: Of the environment.
-        num_axes: n.
     """
     for name in (CONTACT, PUNCTURE):
         surface = FindSurface(surfaces, name)
@@ -208,7 +192,6 @@ def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:
     """Returns the surface which is nearest in front of a point, None if none is.
 
     Args:
-        surfaces: Of the environment.
         p_WT: The point in m (n).
     """
     passed = [x for x in surfaces if x.Depth(p_WT) >= 0]
@@ -219,7 +202,6 @@ def MaterialAt(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Material | None:
     """Returns what is behind the surface that is nearest in front of a point.
 
     Args:
-        surfaces: Of the environment.
         p_WT: The point in m (n).
     """
     surface = LastPassed(surfaces, p_WT)
@@ -231,9 +213,6 @@ def StackNormal(surfaces: Sequence[Surface]) -> Array | None:
 
     Of a stack the force is known everywhere: nothing in front of the first surface, and
     behind each of them the law of its material.
-
-    Args:
-        surfaces: Of the environment.
 
     Returns:
         The normal (n), None if they are no stack.

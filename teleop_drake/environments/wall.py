@@ -1,4 +1,4 @@
-"""What environments behind one plane have in common."""
+"""Base of the environments behind one plane."""
 
 from dataclasses import dataclass
 
@@ -31,11 +31,7 @@ class WallConfig(EnvironmentConfig):
             UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surface that the block tells.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-        """
+        """Returns the surface that the block tells."""
         normal_W = UnitNormal(self.direction, np.size(start))
         return (PlaneSurface(CONTACT, self.start, normal_W),)
 

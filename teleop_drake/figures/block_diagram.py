@@ -132,7 +132,6 @@ def WriteDiagram(
     format. A .dot file has one graph of boxes in boxes, as `DiagramDot` returns it.
 
     Args:
-        system: any Drake system.
         path: ends in .svg, .png (200 dots per inch), .pdf or .dot.
         max_depth: how many levels of nested diagrams to open, see `DiagramDot`.
 
@@ -226,7 +225,6 @@ def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
     """Leaves out ports that nothing is connected to, of boxes with many.
 
     Args:
-        text: The DOT text of a diagram.
         used: What something is connected to: the system and the port, as `u0` or `y0`.
     """
     result: list[str] = []

@@ -1,4 +1,4 @@
-"""What the networks of a run did to their packets, against time."""
+"""Figure of the packets of a run's networks, against time."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What a notebook shows of a run: its metrics and a small figure."""
+"""A run in a notebook: its metrics and a small figure."""
 
 import base64
 import html

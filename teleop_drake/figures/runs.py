@@ -145,7 +145,6 @@ def PlotRun(
     a Diagram of one's own it plots every signal against time.
 
     Args:
-        recording: The run.
         task: What says which panels there are; None: the task of its scenario.
         signals: Names of the signals to show, any of the recording; None: those that
             the task shows.

@@ -31,7 +31,6 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
     text `Description`, in an .svg as its title, in a .pdf as its subject.
 
     Args:
-        figure: The figure.
         path: Where to; the suffix, .png, .svg or .pdf, decides the format.
 
     Raises:

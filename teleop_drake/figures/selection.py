@@ -1,4 +1,4 @@
-"""What of some runs a figure shows: which signals, and which part of the time."""
+"""Selection of signals and of a window of time for a figure."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,8 +20,6 @@ def SelectRows(
     """Returns the rows of a figure that show some signals, in the order asked for.
 
     Args:
-        rows: Those that there are.
-        recordings: The runs, at least one.
         signals: Names of signals; of one without a row among them, every component
             gets one. None: all rows.
 

@@ -1,4 +1,4 @@
-"""What the figures have in common: colours, sizes for print, names and units."""
+"""Style of the figures: colours, sizes for print, names and units."""
 
 import io
 import math

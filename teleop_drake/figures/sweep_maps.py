@@ -34,7 +34,6 @@ def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> 
     A cell has the worst of its seeds. What else is varied gets panels of its own.
 
     Args:
-        result: The sweep.
         boundaries: Where the loop ceases to be stable; see FindBoundaries().
 
     Raises:
@@ -82,7 +81,6 @@ def PlotMap(
     white where a run has no such number. What else is varied gets panels of its own.
 
     Args:
-        result: The sweep.
         *metrics: Of MetricUnits(result.scenario), one or more, for example
             "collision.peak_force".
         boundaries: Where the loop ceases to be stable; see FindBoundaries().

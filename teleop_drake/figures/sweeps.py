@@ -43,7 +43,6 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     If no delay is varied, the first numbers that are take its place.
 
     Args:
-        result: The sweep.
         *metrics: Of MetricUnits(result.scenario), one or more, for example
             "collision.peak_force".
 
@@ -153,7 +152,6 @@ def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
     number.
 
     Args:
-        result: The sweep.
         *metrics: Of MetricUnits(result.scenario), one or more.
 
     Raises:

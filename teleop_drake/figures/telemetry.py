@@ -1,4 +1,4 @@
-"""What a figure shows of the insides of a controller: signals of many components."""
+"""Figures of a controller's internal signals, which have many components."""
 
 import math
 from typing import Any

@@ -71,17 +71,7 @@ def _add_past(
     delays: Delays,
     memory: Memory,
 ) -> None:
-    """Adds a signal as it was at a time to what comes out of its delay.
-
-    Args:
-        s: The time in s.
-        is_after: Whether a jump at this very time had happened.
-        weight: What to multiply it by.
-        d: Of the delay.
-        column: Where its values begin among those of all.
-        delays: The delays.
-        memory: Has the polynomials.
-    """
+    """Adds a signal as it was at a time to what comes out of its delay."""
     num = memory.counts[POLYNOMIALS]
     first, size = delays.outputs[d], delays.sizes[d]
     # The last polynomial that begins before s, or at s.
@@ -532,8 +522,6 @@ def advance(
     """Integrates until a time, or until there is no room, or for a number of tries.
 
     Args:
-        evaluate: The system.
-        problem: What belongs to it.
         memory: The state, and room for what is recorded: of each step three rows within
             it and one at its end, and another one at the same time after a break.
         t_end: In s. What happens at this very time has not happened yet.

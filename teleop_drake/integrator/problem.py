@@ -157,14 +157,10 @@ def make_memory(
     """Returns what advance() starts with.
 
     Args:
-        problem: What is integrated.
-        x: Continuous state.
-        m: Discrete state.
         y: Signals, with what is fed from outside.
         time: In s. What is due before has happened.
         first_step: Length of the first step in s.
         room: For how many polynomials and rows.
-        room_for_breaks: For how many breaks.
     """
     n, width = len(x), len(problem.delays.initial_values)
     transitions, periods = problem.transitions, problem.transitions.periods

@@ -188,9 +188,6 @@ class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
         """Returns when a sample or what is delayed will jump next, s; infinity: never.
 
         A step that ends at this very time is not disturbed by the jump.
-
-        Args:
-            context: The Context of this block.
         """
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self._kernel_events.ticks]

@@ -1,4 +1,4 @@
-"""What a block computes, said so that it can be compiled.
+"""The description of a block's computation, from which it can be compiled.
 
 A block offers a kernel with a method `Kernel()` of a few lines. It names pure
 functions and what they take. The block's callbacks in Drake call the same functions;

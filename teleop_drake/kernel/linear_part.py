@@ -1,4 +1,4 @@
-"""What a block tells whoever linearises the loop that it is in.
+"""A block's contribution to the linear model of its loop.
 
 A block without a method ForLinearModel() has continuous states only, all of which are
 states of the model. Any other block has one, which returns a LinearPart:
@@ -67,12 +67,7 @@ class DelayBlock(Protocol):
     """A block with one input and one output that delays by a constant time."""
 
     def Deliver(self, context: Context, value: NDArray[np.float64]) -> None:
-        """Lets it deliver a value now.
-
-        Args:
-            context: Of the block.
-            value: As wide as the signal.
-        """
+        """Lets it deliver a value now."""
 
 
 def LinearPartOf(
@@ -81,7 +76,6 @@ def LinearPartOf(
     """Returns what a block tells, or what holds for one that tells nothing.
 
     Args:
-        system: The block.
         estimates: State of an adaptive law; None: its initial one.
 
     Raises:

@@ -49,7 +49,6 @@ def DeclareTicks(
 
     Args:
         block: What is updated. The number of the last tick is an abstract state of it.
-        ticks: When.
         update: A method of the block, or a function that it keeps, as Drake calls it;
             None: steps end there.
     """

@@ -1,4 +1,4 @@
-"""What stands between a control law and a robot: friction of gears, sampled sensors."""
+"""Models of drives and sensors: friction of gears, sampled measurements."""
 
 import numpy as np
 from numpy.typing import NDArray

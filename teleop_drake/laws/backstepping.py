@@ -296,8 +296,6 @@ def damped_rate(
     Steps 1 to 4 of the proof hold with damping(s) for G1 s and with its slope for G1.
 
     Args:
-        gains: The constants of the law.
-        state: The state of the law.
         Phi: Basis functions at the present input (N).
         Phi_dot: Their time rate in 1/s (N).
         s: Auxiliary error in m/s (n).

@@ -51,7 +51,6 @@ def intended_velocity(state: Array, human: HumanOperator) -> Array:
 
     Args:
         state: [v_i, y, w], and e behind them if the goal is a velocity.
-        human: Who it is.
     """
     n = human.velocity.size
     return state[:n] + state[2 * n : 3 * n]
@@ -67,7 +66,6 @@ def rate_to_position(
         time: t in s.
         felt: [p, v] of the tool, tau ago, in m and m/s (2 n).
         haptic_force: F_h in N (n).
-        human: Who it is.
     """
     n = human.velocity.size
     error = human.start + human.velocity * time - felt[:n]
@@ -83,7 +81,6 @@ def rate_to_velocity(
         state: [v_i, y, w, e] in m/s, m, m/s and m (4 n).
         felt: [p, v] of the tool, tau ago, in m and m/s (2 n).
         haptic_force: F_h in N (n).
-        human: Who it is.
     """
     n = human.velocity.size
     rest = _muscles_and_arm(state, state[3 * n :], haptic_force, human)

@@ -1,4 +1,4 @@
-"""What an arm does with the joints that its task leaves free.
+"""Control of the joints that an arm's task leaves free.
 
 The task takes v = J_v(q) dq/dt (n). The law chooses the joint accelerations
 

@@ -101,8 +101,6 @@ def Follow(
 
     Args:
         graph: Where to note what it does with numbers.
-        value: What it has.
-        name: What it calls that.
         function: The function; None if there is none yet.
     """
     try:

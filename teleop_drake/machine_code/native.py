@@ -161,8 +161,6 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
 
     Args:
         library: It has `evaluate`, which only needs p.
-        p: Where the arguments will be.
-        dx: Where the result will be.
     """
     function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in (p, dx)]

@@ -69,11 +69,7 @@ def TraceProgram(
     """Returns what a generated function `evaluate` computes.
 
     Args:
-        graph: An empty one.
-        text: Its source; see `source`.
-        names: What it calls.
         sizes: Of y, x and m.
-        num_parameters: Size of p.
         integers: q, which is part of the structure.
 
     Raises:
@@ -119,8 +115,6 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
     Args:
-        graph: An empty one.
-        law: It returns an array.
         samples: Arguments like those it will get. Whole numbers and arrays of them are
             not in p: they are part of the structure.
 

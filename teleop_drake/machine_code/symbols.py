@@ -93,9 +93,7 @@ def _Operator(
     """Returns a method for an operator with two sides.
 
     Args:
-        name: The operation.
         fold: Returns the result if it is no operation `name`, else None.
-        swapped: Whether the number is on the right.
     """
 
     def Operate(self: "Number", other: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What functions of numpy, math and Python do with the Numbers of a graph.
+"""Functions of numpy, math and Python on the Numbers of a graph.
 
 A function of numpy that is not here is refused when it gets Numbers.
 """

@@ -304,7 +304,6 @@ def _Flat(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
     """Returns what a value is made of, and the numbers in it that may differ.
 
     Args:
-        value: What a function returned.
         known: Its arguments. What is part of them is no new value. None: that does not
             matter, and neither does what kind of numbers there are.
     """

@@ -103,9 +103,6 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
 def closed_loop_matrix(loop: StateSpace) -> Array:
     """Returns A of the closed loop without delay: A - B (I + D)^-1 C.
 
-    Args:
-        loop: L.
-
     Raises:
         ValueError: If I + D is singular: the loop is not well posed without delay.
     """
@@ -120,9 +117,6 @@ def sweep_frequencies(loop: StateSpace) -> Array:
 
     They lie logarithmically, and close together around each pole near the axis, from
     far below the slowest mode to where |L(j w)| has come within reach of D.
-
-    Args:
-        loop: L.
     """
     poles = np.linalg.eigvals(loop.A)
     modes = np.abs(np.concatenate([poles, np.linalg.eigvals(closed_loop_matrix(loop))]))
@@ -147,9 +141,6 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
     """Returns all frequencies at which roots of (1) cross, ascending.
 
     Where |l| only touches 1, no root changes sides and none is reported.
-
-    Args:
-        loop: L, minimal.
     """
     if loop.num_states == 0 or len(loop.D) == 0:
         return []
@@ -179,11 +170,7 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
 
 
 def neutral_root_count(loop: StateSpace) -> int:
-    """Returns the number of roots at s = 0, the same for every delay.
-
-    Args:
-        loop: L, minimal.
-    """
+    """Returns the number of roots at s = 0, the same for every delay."""
     if loop.num_states == 0:
         return 0
     sizes = np.linalg.svd(closed_loop_matrix(loop), compute_uv=False)
@@ -196,7 +183,6 @@ def unstable_root_count(loop: StateSpace, slow: float = 0.0) -> int:
     Roots on the axis do not count, and those at 0 are on it.
 
     Args:
-        loop: L, minimal.
         slow: Below which size in 1/s a root is not told from one at 0.
     """
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
@@ -214,9 +200,6 @@ def is_delay_robust(loop: StateSpace) -> bool:
 
     Source: D. Henry, "Linear autonomous neutral functional differential equations",
     J. Differ. Equ. 15 (1974).
-
-    Args:
-        loop: L.
     """
     if not loop.D.size:
         return True
@@ -279,7 +262,6 @@ def stable_delays(
     Neutral roots apart, all roots lie left of the imaginary axis there.
 
     Args:
-        loop: L, minimal.
         max_delay: Up to which delay in s; an interval that ends there goes on.
         crossings: Those of find_crossings(loop) that count, if they are known.
         slow: Below which size in 1/s a root is not told from one at 0.
@@ -307,7 +289,6 @@ def delay_margin(
     loop is not stable without delay, or with every delay.
 
     Args:
-        loop: L, minimal.
         crossings: Those of find_crossings(loop) that count, if they are known.
         slow: Below which size in 1/s a root is not told from one at 0.
     """

@@ -47,7 +47,6 @@ def fit_pieces(
 
     Args:
         function: Continuous, and smooth between its nonsmooth points.
-        start: Where it begins.
         end: Where it ends, > start.
         nonsmooth_times: Where a derivative jumps; no piece reaches across one.
         tolerance: What they may differ by, as a share of the function, or of 1 where it

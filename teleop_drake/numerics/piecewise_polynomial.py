@@ -10,7 +10,6 @@ def evaluate_pieces(time: float, breaks: Array, coefficients: Array) -> Array:
     """Returns the value at a time (n); zero before the first break and from the last.
 
     Args:
-        time: t.
         breaks: (K + 1,) ascending; piece k reaches from breaks[k] to breaks[k + 1].
         coefficients: (K, d + 1, n); piece k is the sum of coefficients[k, i]
             (t - breaks[k])^i.

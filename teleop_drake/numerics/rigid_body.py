@@ -93,7 +93,6 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
     """Returns poses and velocities of all links.
 
     Args:
-        tree: The links.
         q: Positions of the joints in rad or m (n).
         v: Their velocities in rad/s or m/s (n).
     """
@@ -147,7 +146,6 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     The bias has the Coriolis, centrifugal and gravity terms, N m or N.
 
     Args:
-        tree: The links.
         motion: As calc_motion() returns it.
         v: Velocities of the joints in rad/s or m/s (n).
     """
@@ -183,7 +181,6 @@ def calc_joint_accelerations(
     """Returns v_dot of M v_dot = forces - D v - bias, rad/s^2 or m/s^2 (n).
 
     Args:
-        tree: The links.
         q: Positions of the joints in rad or m (n).
         v: Their velocities in rad/s or m/s (n).
         forces: What acts on the joints, their damping and gravity aside, N m or N (n).
@@ -198,7 +195,6 @@ def calc_jacobian(
     """Returns a point's position (3) and the Jacobian of [w; velocity] there (6, n).
 
     Args:
-        tree: The links.
         motion: As calc_motion() returns it.
         link: Index of the link, -1 for the world.
         point: The point in the link's frame, m (3).
@@ -223,7 +219,6 @@ def calc_point_accelerations(
     """Returns the accelerations of points in the world's axes, m/s^2 (k, 3).
 
     Args:
-        tree: The links.
         motion: As calc_motion() returns it.
         links: Index of each point's link, -1 for the world (k).
         points: The points in the links' frames, m (k, 3).

@@ -61,7 +61,6 @@ class StateSpace:
 
         Args:
             first: Its states, inputs and outputs come first.
-            second: The other one.
         """
 
         def stack(one: Array, two: Array) -> Array:
@@ -104,10 +103,6 @@ def minimal_realization(
     SIAM J. Control 1 (1963); the staircase form is that of P. Van Dooren, "The
     generalized eigenstructure problem in linear system theory", IEEE Trans. Autom.
     Control 26 (1981).
-
-    Args:
-        system: The system.
-        tolerance: See REALIZATION_TOLERANCE.
 
     Returns:
         The minimal system, in coordinates without a meaning of their own, and the

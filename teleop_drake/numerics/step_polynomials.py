@@ -68,7 +68,6 @@ def lagrange(at: Array, degree: int) -> Array:
 
     Args:
         at: (...,) shares of a step, 0 at its begin and 1 at its end.
-        degree: d.
     """
     nodes = shares(degree)
     result = np.ones((*at.shape, degree + 1))
@@ -215,7 +214,6 @@ def integrate_product(first: Array, second: Array) -> Array:
 
     Args:
         first: (S, d + 1, k) a signal in its steps.
-        second: The same of another one.
     """
     mass = _mass(first.shape[1] - 1)
     integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)

@@ -1,4 +1,4 @@
-"""Who holds the haptic device: a file for each kind of operator."""
+"""Operators of the haptic device: a file for each kind."""
 
 from teleop_drake.kinds import KindTable
 from teleop_drake.operators.base import OperatorConfig

@@ -1,4 +1,4 @@
-"""What every kind of operator tells: the base of their configs."""
+"""Base of the configs of operators."""
 
 import math
 from abc import ABC, abstractmethod

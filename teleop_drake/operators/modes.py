@@ -1,4 +1,4 @@
-"""What the operators have in common: a velocity until contact is felt, then a force."""
+"""Base of the operators: a velocity until contact is felt, then a force."""
 
 import math
 from abc import abstractmethod

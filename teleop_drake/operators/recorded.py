@@ -74,8 +74,6 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
 
     Args:
         path: The field that names the file, for messages.
-        file: The file.
-        num_axes: n.
 
     Returns:
         Times (N,) in s and velocities (N, n) in m/s, at least two of each.

@@ -1,4 +1,4 @@
-"""What every kind of robot tells: the bases of their configs."""
+"""Bases of the configs of robots."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

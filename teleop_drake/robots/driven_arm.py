@@ -1,4 +1,4 @@
-"""What an arm's own controller does beside the task: weight, posture, limits."""
+"""An arm's own controller: weight, posture, limits."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -106,10 +106,6 @@ class DrivenArmConfig(PlantRobotConfig):
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant.
-
-        Args:
-            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3);
-                None: that of the field.
 
         Raises:
             ScenarioError: If a parameter is not allowed.

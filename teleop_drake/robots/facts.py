@@ -1,4 +1,4 @@
-"""What a robot is, asked of the system that stands in the diagram."""
+"""Facts of a robot, read from its system in the diagram."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Where the joints of a plant have to be for its tool to be at a point."""
+"""Inverse kinematics: joint positions that put the tool at a point."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,10 +123,7 @@ def _Solve(
     """Returns the solver's q, and whether it calls that a solution.
 
     Args:
-        plant: The plant.
         p: The point (n).
-        posture: What q is to be near.
-        guess: Where to begin.
         nearest: Whether to come as near to the point as possible, instead of to it.
     """
     problem = InverseKinematics(plant)

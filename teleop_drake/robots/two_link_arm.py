@@ -49,10 +49,6 @@ class TwoLinkArmConfig(PlantRobotConfig):
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the joint angles that put the tool at a point, (A.14).
 
-        Returns:
-            q in rad (2): q2 < 0 for the elbow `up`, q2 > 0 for `down`, with which at
-            (0.85, 0) the elbow is at y < 0.
-
         Raises:
             ScenarioError: If the point is out of reach, or a field is wrong. The arm
                 keeps |sin(q2)| >= 0.05, away from its singular poses, stretched and

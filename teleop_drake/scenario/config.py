@@ -203,11 +203,7 @@ def DefaultSimulator() -> SimulatorConfig:
 
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
-    """Checks `simulator`.
-
-    Args:
-        simulator: What to check.
-    """
+    """Checks `simulator`."""
     CheckChoice(
         "simulator.integration_scheme",
         simulator.integration_scheme,

@@ -1,4 +1,4 @@
-"""What the robot of a scenario is, for the defaults that derive from it."""
+"""Facts of a scenario's robot, from which defaults derive."""
 
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, RobotConfig, RobotFacts
 from teleop_drake.scenario.tree import ToTree
@@ -14,9 +14,6 @@ def FactsOfConfig(robot: RobotConfig) -> RobotFacts:
     To make one takes as long as to run machine code, and a sweep asks for the same
     robot again and again. So they are remembered, of kinds of the package that name no
     file.
-
-    Args:
-        robot: A valid one.
     """
     names_file = any(getattr(robot, name) is not None for name in robot.file_fields)
     if names_file or type(robot) not in ROBOT_KINDS.kinds:

@@ -84,7 +84,6 @@ def ScaleForces(
     The accuracy of the solver stays; it is absolute, and some states go by f.
 
     Args:
-        scenario: What to scale.
         factor: f, > 0.
         robot: What takes the place of the scenario's robot, about f times as heavy at
             the tool; None: a slider's mass and damping are scaled.

@@ -310,7 +310,6 @@ def ReadScenario(
 
     Args:
         name_or_path: As LoadScenario() takes it.
-        overrides: Strings "PATH=VALUE".
 
     Returns:
         The tree, and the kinds and the task of a user's own in it by their fields.
@@ -365,7 +364,6 @@ def OverriddenPaths(
 
     Args:
         name_or_path: A built-in name or a YAML file.
-        overrides: Strings "PATH=VALUE".
 
     Returns:
         Dotted paths with the numbers of elements, never their names; two for `delay`.
@@ -424,7 +422,6 @@ def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
     """Returns the tree of a scenario file; `delay` has become that of both channels.
 
     Args:
-        path: The file, for messages.
         text: What ReadText() returned.
 
     Raises:
@@ -459,7 +456,6 @@ def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
 
     Args:
         tree: What is in the scenario file; it is changed.
-        folder: Where the scenario file is.
 
     Raises:
         ScenarioError: If a key is unknown or a value has the wrong type.
@@ -470,11 +466,7 @@ def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
 
 
 def ScenarioFiles(scenario: AnyScenario) -> dict[str, str]:
-    """Returns the files that a scenario names, by their dotted fields.
-
-    Args:
-        scenario: Any, its values unchecked.
-    """
+    """Returns the files that a scenario names, by their dotted fields."""
     return {
         f"{item.name}.{key}": file
         for item in dataclasses.fields(scenario)
@@ -588,7 +580,6 @@ def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
 
     Args:
         start: p_WT at time 0 in m (n).
-        surfaces: Of the environment.
 
     Raises:
         ScenarioError: If it does, or a surface is not one for n axes.

@@ -74,7 +74,6 @@ def DumpYaml(tree: Any, **options: Any) -> str:
     """Returns a YAML text from which ParseYaml() gives the same tree.
 
     Args:
-        tree: What to write.
         **options: As yaml.dump() takes them.
     """
     return str(yaml.dump(tree, Dumper=_Dumper, **options))
@@ -85,10 +84,6 @@ def ParseYaml(text: str, origin: str) -> Any:
 
     It is YAML 1.1, in which 1_000 and 0x10 are numbers, and so are 1e-2, +1e3 and -.5,
     which YAML 1.1 takes for text.
-
-    Args:
-        text: The text.
-        origin: What it is, for messages.
 
     Raises:
         ScenarioError: if it is not YAML, or a key stands twice.
@@ -128,7 +123,6 @@ def ParseFile(path: Path, text: str) -> dict[Any, Any]:
     """Returns the tree of a scenario file.
 
     Args:
-        path: The file, for messages.
         text: What ReadText() returned.
 
     Raises:
@@ -178,10 +172,6 @@ _Dumper.add_representer(Given, _Dumper.represent_dict)
 def GetPath(tree: Any, dotted: str) -> Any:
     """Returns one value in a tree of dicts and lists.
 
-    Args:
-        tree: Where from.
-        dotted: The path of the value.
-
     Raises:
         ScenarioError: If there is no such value.
     """
@@ -192,11 +182,6 @@ def GetPath(tree: Any, dotted: str) -> Any:
 
 def SetPath(tree: Any, dotted: str, value: Any) -> str:
     """Replaces one value in a tree of dicts and lists.
-
-    Args:
-        tree: Where to.
-        dotted: The path of the value.
-        value: What to put there.
 
     Returns:
         The path with the numbers of elements instead of their names: the same for all
@@ -284,7 +269,6 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
 
     Args:
         tree: What ToTree() returned, or a file or its user made of it.
-        schema: The dataclass of the config.
 
     Raises:
         ScenarioError: on unknown keys and wrong types.

@@ -61,10 +61,7 @@ def RunCompiled(
     """Runs a diagram as machine code.
 
     Args:
-        diagram: What to run.
-        config: How accurately.
         duration: How long, s.
-        speed_limit: When to end early.
         progress: Called now and then with the simulated time in s.
         advance: As simulate() takes it.
         structure: Keeps the program for others; None: it is not kept.
@@ -133,9 +130,6 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
     """Returns why a scenario runs in Drake's Simulator only; empty: it does not.
 
     Nothing is compiled for that.
-
-    Args:
-        scenario: A valid one.
     """
     try:
         _CheckSolver(scenario.simulator)
@@ -204,11 +198,7 @@ class _Stepper:
         return self.termination != "completed" or self._interruption.has_come
 
     def AdvanceTo(self, time: float) -> None:
-        """Simulates until a time, or less far if the run ends before.
-
-        Args:
-            time: In s.
-        """
+        """Simulates until a time, or less far if the run ends before."""
         run, end = self._run, min(time, self._duration)
         while (
             run.time < end - _SAME
@@ -239,13 +229,7 @@ class _Stepper:
         return {name: rows[-1, place] for name, place in self._places.items()}
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
-        """Sets an input that is not connected; nothing may jump thereby.
-
-        Args:
-            system: The block, anywhere in the diagram.
-            port: Its input port.
-            values: What comes in from now on.
-        """
+        """Sets an input that is not connected; nothing may jump thereby."""
         self._run.Feed(system, port, values)
 
     def Recorded(self) -> Series:

@@ -64,11 +64,7 @@ def IsDivergence(error: BaseException, root_context: Context) -> bool:
 
 
 def IsArithmetic(error: BaseException) -> bool:
-    """Returns whether an error is of numbers: a singular matrix, an overflow.
-
-    Args:
-        error: The error.
-    """
+    """Returns whether an error is of numbers: a singular matrix, an overflow."""
     return isinstance(error, ArithmeticError | np.linalg.LinAlgError)
 
 

@@ -1,4 +1,4 @@
-"""Where a run leaves the range of a joint."""
+"""The monitor of joint ranges."""
 
 import math
 
@@ -20,7 +20,6 @@ def EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     system `plant`, or whose joints turn without limit, is left as it is.
 
     Args:
-        diagram: What was run.
         run: What came out; `diverged` afterwards if a joint left its range.
     """
     robot = diagram.GetSubsystemByName("robot")

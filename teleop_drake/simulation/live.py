@@ -39,7 +39,6 @@ class LiveRun(Protocol):
 
         Args:
             system: The block, anywhere in the diagram.
-            port: Its input port.
             values: What comes in from now on.
         """
 
@@ -88,7 +87,6 @@ class DrakeRun:
 
         Args:
             system: The block, anywhere in the diagram.
-            port: Its input port.
             values: What comes in from now on.
         """
         for root in (

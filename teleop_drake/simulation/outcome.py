@@ -1,4 +1,4 @@
-"""What comes out of a run, whatever it was run with."""
+"""The outcome of a run, with either engine."""
 
 from dataclasses import dataclass, field
 

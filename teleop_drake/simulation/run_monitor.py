@@ -1,4 +1,4 @@
-"""What watches a run: it records, and ends what cannot go on."""
+"""The monitor of a run: it records, and ends a run that cannot go on."""
 
 import math
 import signal
@@ -48,7 +48,6 @@ class Pace:
         """Looks at how far a run has come, after 10 000 steps again.
 
         Args:
-            num_steps: How many it has taken.
             time: How far it has come, s.
 
         Raises:

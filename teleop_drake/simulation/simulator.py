@@ -152,7 +152,6 @@ class TeleoperatorSimulator(Simulator):
 
         Args:
             boundary_time: In s.
-            interruptible: Whether Ctrl-C ends it.
 
         Returns:
             Where and why it ended.

@@ -109,11 +109,7 @@ def MakeGuarded(diagram: Diagram) -> Diagram:
 
 
 def GuardOf(guarded: Diagram) -> StaleCacheGuard:
-    """Returns the guard in a Diagram that MakeGuarded() made.
-
-    Args:
-        guarded: That Diagram.
-    """
+    """Returns the guard in a Diagram that MakeGuarded() made."""
     guard = guarded.GetSubsystemByName(_NAME)
     assert isinstance(guard, StaleCacheGuard)
     return guard

@@ -1,4 +1,4 @@
-"""Where the steps of a run end, and how long they may be.
+"""Ends and longest lengths of the steps of a run.
 
 The blocks say what there is to know, each by a member that it has or has not:
 
@@ -41,12 +41,7 @@ _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
 def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
-    """Returns the longest step in s that the systems in a diagram allow, or infinity.
-
-    Args:
-        diagram: What is simulated.
-        of_delays: Whether delays count.
-    """
+    """Returns the longest step in s that the systems in a diagram allow, or infinity."""
     return min(
         (
             getattr(system, "longest_step", math.inf)
@@ -138,17 +133,12 @@ class Stepping:
 
         Args:
             step: The longest that it may be, in s.
-            integrator: What takes the steps.
         """
         self._rejected_step = self.step_limit = step
         integrator.set_maximum_step_size(step)
 
     def EndStep(self, root_context: Context, integrator: IntegratorBase) -> bool:
         """Takes note of the end of a step, and limits the next ones.
-
-        Args:
-            root_context: The Context of the Simulator.
-            integrator: What takes the steps.
 
         Returns:
             Whether AdvanceTo() has to end here.
@@ -177,11 +167,7 @@ class Stepping:
         return is_next or time == self._crossing_time or time in self._jump_times
 
     def NextStop(self, root_context: Context) -> float:
-        """Returns where the simulator should stop next, in s; infinity: nowhere.
-
-        Args:
-            root_context: The Context of the Simulator.
-        """
+        """Returns where the simulator should stop next, in s; infinity: nowhere."""
         self._next_jump = self._FindNextJump(root_context)
         self._stop = min(
             self._next_jump, root_context.get_time() + self._ApproachTime()

@@ -1,4 +1,4 @@
-"""Where the step that is tried began, so that it can be tried again.
+"""The beginning of a trial step, from which it can be repeated.
 
 Drake's error control rejects a step for its error only. What happens otherwise, with
 1.51.1 and 1.58.0: an exception that a block, or MultibodyPlant, raises within a step
@@ -31,20 +31,13 @@ class TrialStep:
         self._is_at_start = False
 
     def Begin(self, root_context: Context) -> None:
-        """Notes that a step begins, maybe with events that change the state yet.
-
-        Args:
-            root_context: The Context of the Simulator.
-        """
+        """Notes that a step begins, maybe with events that change the state yet."""
         self._time = root_context.get_time()
         self._state = root_context.get_continuous_state_vector().CopyToVector()
         self._is_at_start = True
 
     def Look(self, root_context: Context) -> None:
         """Looks at the state of which rates are to be evaluated.
-
-        Args:
-            root_context: The Context of the Simulator.
 
         Raises:
             FloatingPointError: If the state is not finite.
@@ -76,9 +69,6 @@ class TrialStep:
 
         What is due at the start has happened. So that it does not happen again, the
         time is the next larger number.
-
-        Args:
-            root_context: The Context of the Simulator.
         """
         time = max(math.nextafter(self._time, math.inf), sys.float_info.min)
         root_context.SetTime(time)

@@ -48,10 +48,7 @@ def FindBoundaries(
     """Analyses the loops of a sweep for the values of one of its keys.
 
     Args:
-        plan: The sweep.
         delay_key: Its key that is a delay: delay, forward_delay or return_delay.
-        key: The other key.
-        values: Its values.
         others: The values of further keys that the sweep varies.
 
     Returns:

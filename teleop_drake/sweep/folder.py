@@ -225,8 +225,6 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
     """Writes the tables of a sweep as CSV files; returns their paths.
 
     Args:
-        result: The sweep.
-        folder: Where to.
         prefix: What the files' names begin with.
     """
     makers: dict[str, Callable[[SweepResult], list[dict[str, Any]]]] = {

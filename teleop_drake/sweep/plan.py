@@ -1,4 +1,4 @@
-"""What a sweep is going to do: its grid, checked before anything runs."""
+"""The plan of a sweep: its grid, checked before anything runs."""
 
 import contextlib
 import hashlib
@@ -255,8 +255,6 @@ def _CheckPaths(
     """Refuses what would have no effect because a later value replaces it.
 
     Args:
-        overrides: For all runs.
-        axes: Keys of the grid.
         replaced: What the paths of the overrides and those of the keys are other names
             of; None: of themselves.
     """

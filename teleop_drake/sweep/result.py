@@ -1,4 +1,4 @@
-"""What comes out of a sweep: records, and the metrics in them by name."""
+"""The result of a sweep: records, and the metrics in them by name."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -138,7 +138,6 @@ def SelectMetrics(
     """Returns the scalar metrics that names stand for.
 
     Args:
-        scenario: What is simulated.
         names: Scalar metrics, or groups such as "collision" or "velocity_rms_error".
             None selects those that most people look at.
 
@@ -158,12 +157,7 @@ def SelectMetrics(
 
 
 def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`.
-
-    Args:
-        metrics: As RunSummary has them.
-        prefix: What all names begin with.
-    """
+    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`."""
     flat: dict[str, Any] = {}
     for key, value in metrics.items():
         if isinstance(value, Mapping):

@@ -163,7 +163,6 @@ def MergeParts(
     """Makes one sweep of parts that RunPart has done.
 
     Args:
-        plan: That of the parts.
         parts: Their folders, in the order of the parts: all there are.
         out: Folder of the sweep; one that was merged before is written anew.
         notice: Called with what the user should know of the folders.

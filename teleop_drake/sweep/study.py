@@ -113,8 +113,6 @@ def RunStudy(
     """Does a study, or a part of it.
 
     Args:
-        study: By LoadStudy.
-        out: Folder of the study.
         part: (I, N) to do the I-th of N parts; None: all.
         executor: Where to simulate; None: in WorkerProcesses.
         jobs: Number of WorkerProcesses; None: one for each processor.
@@ -168,8 +166,6 @@ def MergeStudy(
     """Makes one study of the parts in its folder.
 
     Args:
-        study: By LoadStudy.
-        out: Folder of the study.
         notice: Called with what the user should know of the folders.
 
     Returns:

@@ -64,13 +64,7 @@ class WorkerProcesses(Executor):
     def submit(
         self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs
     ) -> Future[_T]:
-        """Schedules a call; its function, arguments and result must be picklable.
-
-        Args:
-            fn: What to call.
-            *args: Its positional arguments.
-            **kwargs: Its keyword arguments.
-        """
+        """Schedules a call; its function, arguments and result must be picklable."""
         return self._threads.submit(self._Call, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -180,7 +174,6 @@ def _Serve(connection: Connection, environment: dict[str, str]) -> None:
     """Answers calls until the other end of the pipe is closed.
 
     Args:
-        connection: Brings them.
         environment: Of the process that started this one. A server may have another.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -1,4 +1,4 @@
-"""What holds the joints that the task leaves free."""
+"""The controller of the joints that the task leaves free."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,4 +1,4 @@
-"""What is asked of the operator and the robot, and what counts: a file a task."""
+"""Tasks of operator and robot with their metrics: a file for each."""
 
 from typing import Any
 
@@ -15,9 +15,6 @@ TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Trackin
 
 def TaskOf(scenario: AnyScenario) -> Task[Any]:
     """Returns the task that a scenario names, else that of its class.
-
-    Args:
-        scenario: Any.
 
     Raises:
         ScenarioError: If it names a task that is none, or it is that of the recording

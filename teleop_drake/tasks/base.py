@@ -60,9 +60,6 @@ class Task(ABC, Generic[_S]):
     def Check(self, scenario: _S) -> None:
         """Checks a scenario, and what derives from several of its fields.
 
-        Args:
-            scenario: Any.
-
         Raises:
             ScenarioError: If it is not valid.
             ValueError: If what derives from it is not allowed.
@@ -70,11 +67,7 @@ class Task(ABC, Generic[_S]):
         scenario.Validate()
 
     def Channels(self, scenario: _S) -> dict[str, ChannelConfig]:
-        """Returns the channels of a scenario by the names of their fields.
-
-        Args:
-            scenario: Any.
-        """
+        """Returns the channels of a scenario by the names of their fields."""
         fields = {
             field.name: getattr(scenario, field.name)
             for field in dataclasses.fields(scenario)
@@ -92,9 +85,6 @@ class Task(ABC, Generic[_S]):
         Every vector output of its systems is recorded by its name. Among them are
         tool_position, tool_velocity, environment_force and control_force (n each).
 
-        Args:
-            scenario: What to make.
-
         Returns:
             The Diagram. Its default context is the start.
 
@@ -104,11 +94,7 @@ class Task(ABC, Generic[_S]):
 
     @abstractmethod
     def MakeSpeedLimit(self, scenario: _S) -> SpeedLimit:
-        """Returns what speed of the tool ends a run as diverged.
-
-        Args:
-            scenario: A valid one.
-        """
+        """Returns what speed of the tool ends a run as diverged."""
 
     @abstractmethod
     def FindEvents(self, recording: Recording) -> list[Event]:

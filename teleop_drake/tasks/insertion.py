@@ -33,9 +33,6 @@ class Insertion(Task[Scenario]):
     def Check(self, scenario: Scenario) -> None:
         """Checks a scenario, and the architecture that derives from it.
 
-        Args:
-            scenario: Any.
-
         Raises:
             ScenarioError: If it is not valid.
             ValueError: If what derives from it is not allowed.
@@ -46,20 +43,13 @@ class Insertion(Task[Scenario]):
     def MakeDiagram(self, scenario: Scenario) -> Diagram:
         """Makes the teleoperator.
 
-        Args:
-            scenario: What to make.
-
         Raises:
             ScenarioError: If the scenario is not valid.
         """
         return MakeTeleoperator(scenario)
 
     def MakeSpeedLimit(self, scenario: Scenario) -> SpeedLimit:
-        """Returns the multiple of the commanded speed that ends a run as diverged.
-
-        Args:
-            scenario: A valid one.
-        """
+        """Returns the multiple of the commanded speed that ends a run as diverged."""
         ratio = scenario.divergence_speed_ratio
         return SpeedLimit(
             speed=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
@@ -100,11 +90,7 @@ class Insertion(Task[Scenario]):
         return InsertionMetrics(recording)
 
     def Particulars(self, recording: Recording) -> dict[str, Any]:
-        """Returns forward_delay and return_delay in s.
-
-        Args:
-            recording: A run.
-        """
+        """Returns forward_delay and return_delay in s."""
         scenario = recording.teleoperation
         return {
             "forward_delay": float(scenario.forward_channel.delay),

@@ -1,4 +1,4 @@
-"""What counts in an insertion: overshoots, the puncture, the collision, the errors.
+"""Metrics of an insertion: overshoots, the puncture, the collision, the errors.
 
 Instants are located, not sampled; see teleop_drake.tasks.pieces.
 """

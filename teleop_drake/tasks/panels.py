@@ -1,4 +1,4 @@
-"""What the figures of a run show: plain data, which teleop_drake.figures draws."""
+"""Panels of a run's figures: plain data, which teleop_drake.figures draws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -71,7 +71,6 @@ def Split(recording: Recording, instants: Sequence[float] = ()) -> Pieces:
     """Returns the pieces of a run; one of no length if it has no steps.
 
     Args:
-        recording: The run.
         instants: Times in s at which a piece ends and the next one begins.
     """
     time, steps = recording.time, recording.steps
@@ -116,7 +115,6 @@ def Maximum(y: np.ndarray, first: int, last: int) -> float:
 
     Args:
         y: (M, d + 1) the signal in the pieces.
-        first: Number of the first piece.
         last: Number of the piece after the last one. If it is not after the first
             one, the value where the first one begins is the maximum.
     """

@@ -36,29 +36,18 @@ class Tracking(Task[TrackingScenario]):
     def MakeDiagram(self, scenario: TrackingScenario) -> Diagram:
         """Makes the tracking of chapter 3.
 
-        Args:
-            scenario: What to make.
-
         Raises:
             ScenarioError: If the scenario is not valid.
         """
         return MakeNetworkTracking(scenario)
 
     def MakeSpeedLimit(self, scenario: TrackingScenario) -> SpeedLimit:
-        """Returns the speed of the scenario that ends a run as diverged.
-
-        Args:
-            scenario: A valid one.
-        """
+        """Returns the speed of the scenario that ends a run as diverged."""
         speed = scenario.divergence_speed
         return SpeedLimit(speed=speed, name=f"{speed:g} m/s")
 
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns no event: nothing is met and nobody switches.
-
-        Args:
-            recording: A run.
-        """
+        """Returns no event: nothing is met and nobody switches."""
         return []
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
@@ -73,11 +62,7 @@ class Tracking(Task[TrackingScenario]):
         return TrackingMetrics(recording)
 
     def Particulars(self, recording: Recording) -> dict[str, Any]:
-        """Returns diverged, and diverged_at in s or None.
-
-        Args:
-            recording: A run.
-        """
+        """Returns diverged, and diverged_at in s or None."""
         has_diverged = recording.termination == "diverged"
         return {
             "diverged": has_diverged,
@@ -88,9 +73,6 @@ class Tracking(Task[TrackingScenario]):
         """Returns the position, the tracking error and the disturbance.
 
         The desired position and the estimate of the disturbance are beside them.
-
-        Args:
-            recordings: Runs.
         """
         return AxisPanels(
             rows=[
@@ -178,9 +160,6 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
                          +-----------+
 
     The controller does not feel the disturbance: it learns it from the motion.
-
-    Args:
-        scenario: What to build.
 
     Returns:
         The Diagram, named `network_tracking`. Its default context is the start.

@@ -1,1 +1,1 @@
-"""What is particular to the 2012 thesis: its figures, claims and errata."""
+"""All that is particular to the 2012 thesis: figures, claims and errata."""

@@ -62,7 +62,6 @@ def Reproduce(
     one of the same name.
 
     Args:
-        out: An existing folder.
         only: Numbers of figures, to make these and nothing else.
         formats: Of the figures: png, svg or pdf. The report is made of svg, which is
             therefore written with it in any case.

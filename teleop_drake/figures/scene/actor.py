@@ -219,7 +219,6 @@ class Actor:
         """Returns where a dot begins and ends its way (3) in m.
 
         Args:
-            lane: `forward` or `return`.
             sent_from: Where the hand or the tool was when it left, m (n).
             arrives_at: Where the tool is when it comes down, m (n).
         """
@@ -234,8 +233,6 @@ class Actor:
         """Draws the packets that are under way in one direction.
 
         Args:
-            pen: What they are drawn with.
-            lane: `forward` or `return`.
             points: Where they are (3), m; of more than there are dots, the first ones.
         """
         for i in range(self.num_dots):

@@ -1,4 +1,4 @@
-"""What the scene is drawn with: now, or at an instant of an animation."""
+"""Pen of the scene: it draws now, or at an instant of an animation."""
 
 from collections.abc import Callable, Sequence
 

@@ -281,7 +281,6 @@ def AddScene(
     Args:
         builder: Of the diagram, with `robot` and what else there is of the loop.
         scenario: What it was made for, or its name or file.
-        meshcat: Where to.
         period: Between two pictures, s. The solver's steps end there.
         newtons: Force of the longest arrow, N; None: see Scene.
 
@@ -323,7 +322,6 @@ def MakeScene(
 
     Args:
         scenario: What is seen, or its name or file.
-        meshcat: Where to.
         surfaces: Of the environment; None: those of the scenario's.
         newtons: Force of the longest arrow, N; None: see Scene.
     """

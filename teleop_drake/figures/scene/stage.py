@@ -1,4 +1,4 @@
-"""What the scene stands on: directions, scale, camera, and the slabs of material."""
+"""Stage of the scene: directions, scale, camera, and the slabs of material."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -105,8 +105,6 @@ def MakeStage(
     """Returns a stage on which a task is seen.
 
     Args:
-        visuals: Of the robot.
-        surfaces: Of the environment.
         positions: Where the tool is sometime, at least at the start (N, n), m.
         num_runs: Number of runs, one below the other.
         has_operator: Whether there is a hand above the tool.

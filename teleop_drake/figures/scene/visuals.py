@@ -1,4 +1,4 @@
-"""What a robot looks like: its shapes, and where they are at given joint positions."""
+"""Shapes of a robot, and their poses at given joint positions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

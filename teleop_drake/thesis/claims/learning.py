@@ -1,4 +1,4 @@
-"""What the networks of chapters 4 and 5 could learn, and what they have learned."""
+"""Weights that the networks of chapters 4 and 5 learn, and the best ones."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the claims measure on recordings, beyond the metrics.
+"""Measures of recordings for the claims, beyond the metrics.
 
 Times are in s, from the start of the run; signals are in SI units.
 """
