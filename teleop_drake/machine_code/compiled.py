@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import BoundEvaluate, BoundLoops, Library
+from teleop_drake.machine_code.native import BoundEvaluate, Library
 from teleop_drake.machine_code.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
 from teleop_drake.machine_code.surroundings import Surroundings, UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
-from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_values import TypeOf
 
 Array = NDArray[np.float64]
 Law = Callable[..., Array]
@@ -154,38 +152,3 @@ def _StructureOf(sample: Any) -> Any:
     if isinstance(sample, tuple):
         return type(sample), *map(_StructureOf, sample)
     return np.asarray(sample).tolist() if IsWhole(sample) else np.shape(sample)
-
-
-def CompileLoops(function: Callable[..., None]) -> Callable[..., None]:
-    """Returns loops over arrays as machine code.
-
-    Unlike a law, they are compiled once a process, whatever changes around them.
-
-    Args:
-        function: In the part of Python that typed_code compiles. It takes whole numbers
-            and arrays, of the same numbers of dimensions each time, and returns
-            nothing.
-    """
-    return CompiledLoops(function)
-
-
-class CompiledLoops:
-    """Loops that are called as machine code, or as they are within Interpreted()."""
-
-    def __init__(self, function: Callable[..., None]):
-        self.function = function
-        self._call: Callable[..., None] | None = None
-
-    def __call__(self, *arguments: Any) -> None:
-        """Calls the function; its arrays are contiguous."""
-        if _is_interpreted.get():
-            self.function(*arguments)
-            return
-        if self._call is None:
-            types = tuple(map(TypeOf, arguments))
-            function = cast(FunctionType, self.function)
-            data, _ = Kept(function.__name__, MakeTypedCode(function, types))
-            self._call = BoundLoops(
-                Library(data, function.__name__, "fault"), function.__name__, types
-            )
-        self._call(*arguments)

@@ -4,14 +4,14 @@ import ctypes
 import functools
 import itertools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.machine_code.typed_values import Header, PartsOf, Type
+from teleop_drake.machine_code.typed_values import Header
 
 Array = NDArray[np.float64]
 
@@ -169,25 +169,6 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     call = functools.partial(function, ctypes.c_double(0.0), *taken, ctypes.c_int32(0))
     call.__dict__["owners"] = library, p, dx
     return call
-
-
-def BoundLoops(
-    library: Library, name: str, types: Sequence[Type]
-) -> Callable[..., None]:
-    """Returns a function of typed_code that returns nothing."""
-    slots = [
-        ctypes.c_void_p if part == "ptr" else ctypes.c_int64
-        for kind in types
-        for part in PartsOf(kind)
-    ]
-    function = ctypes.PYFUNCTYPE(None, *slots)(library.Address(name))
-
-    def Call(*arguments: Any) -> None:
-        function(*(x for value in arguments for x in Header(value)))
-        library.RaiseFault()
-
-    Call.__dict__["owner"] = library
-    return Call
 
 
 class Integrator:

@@ -41,7 +41,7 @@ _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
 def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
-    """Returns the longest step in s that the systems in a diagram allow, or infinity."""
+    """Returns the longest step in s that a diagram's systems allow, or infinity."""
     return min(
         (
             getattr(system, "longest_step", math.inf)

@@ -331,7 +331,7 @@ import functools, json, sys
 import numpy as np
 from teleop_drake.machine_code import compiled
 if sys.argv[1] == "without":
-    compiled.CompileLaw, compiled.CompileLoops = functools.partial, lambda loops: loops
+    compiled.CompileLaw = functools.partial
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics

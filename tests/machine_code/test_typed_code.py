@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from teleop_drake.machine_code.compiled import CompileLoops
 from teleop_drake.machine_code.native import Library, ObjectFile
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_values import (
@@ -15,6 +14,7 @@ from teleop_drake.machine_code.typed_values import (
     INTEGER,
     Header,
     NotTyped,
+    PartsOf,
     TypeOf,
 )
 
@@ -118,13 +118,35 @@ def last(x, i):
     return x[i - 1]
 
 
+def compiled(function, *samples):
+    """Returns a function of arrays and whole numbers, as machine code."""
+    types = [TypeOf(sample) for sample in samples]
+    library = Library(
+        ObjectFile(MakeTypedCode(function, types)), function.__name__, "fault"
+    )
+    slots = [
+        ctypes.c_void_p if part == "ptr" else ctypes.c_int64
+        for kind in types
+        for part in PartsOf(kind)
+    ]
+    address = library.Address(function.__name__)
+
+    def call(*arguments):
+        parts = (part for argument in arguments for part in Header(argument))
+        ctypes.CFUNCTYPE(None, *slots)(address)(*parts)
+        library.RaiseFault()
+
+    return call
+
+
 def test_an_index_is_in_its_array_or_an_error():
     x = np.array([1.0, 2.0, 4.0])
     for function, inside, outside in (
         (last_of, (-3, -1, 0, 2), (-4, 3)),
         (rows_of, (0, 1), (-1, 2, -3)),
     ):
-        loops, line = CompileLoops(function), function.__code__.co_firstlineno + 1
+        loops = compiled(function, x, np.zeros(1), 0)
+        line = function.__code__.co_firstlineno + 1
         for i in inside:
             result, expected = np.zeros(1), np.zeros(1)
             loops(x, result, i)
