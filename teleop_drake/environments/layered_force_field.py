@@ -20,8 +20,6 @@ from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
     Layer,
     contact_position,
-    layer_regions,
-    layer_row,
     layer_table,
     layered_force,
     puncture_position,
@@ -29,7 +27,6 @@ from teleop_drake.laws.layered_force import (
 from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]
-Regions = NDArray[np.int64]
 
 
 class LayeredForceField(KernelBlock):
@@ -50,14 +47,14 @@ class LayeredForceField(KernelBlock):
     | out  | environment_force | n    | N, exerted BY the robot             |
     | out  | layer             | 1    | index of the layer at x, -1: before |
 
-    State (discrete, 1): the region the tool is in. A region is a layer; between two of
-    them the force jumps or bends. If the Context has an accuracy (context.SetAccuracy),
-    the instant at which the tool leaves its region is located and the force of a step
-    is computed with the law of one region throughout. A tool on a border is in the
-    region that begins there. Without an accuracy the position alone decides, also in
-    the middle of a step: the region is the kernel's initial mode.
+    State (discrete, 1): the layer the tool is in, counted from 1; 0: before the first.
+    Between two layers the force jumps or bends. If the Context has an accuracy
+    (context.SetAccuracy), the instant at which the tool leaves its layer is located and
+    the force of a step is that of one layer throughout. A tool on a border is in the
+    layer that begins there. Without an accuracy the position alone decides, also in the
+    middle of a step: the layer is the kernel's initial mode.
 
-    Initial value: the region at the initial position.
+    Initial value: the layer at the initial position.
 
     Direct feedthrough: from both inputs to environment_force; from tool_position to
     layer.
@@ -95,15 +92,14 @@ class LayeredForceField(KernelBlock):
         _CheckLayers(layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
-        table, regions = layer_table(layers), layer_regions(layers)
-        starts = table[regions[1:, 0], 0]
+        table = layer_table(layers)
+        starts = table[:, 0]
         self._parameters = {
             "layers": table,
-            "regions": regions,
             "axis": np.array([UnitNormal(direction, num_axes), point], dtype=float),
-            # The last number before each region, and where the next one begins.
-            "before": np.array([-math.inf, *np.nextafter(starts, -math.inf)]),
-            "ends": np.array([*starts, math.inf]),
+            # The last number before each layer, and where the next one begins.
+            "before": np.nextafter(starts, -math.inf),
+            "ends": np.array([*starts[1:], math.inf]),
         }
         self.DeclareVectorInputPort("tool_position", num_axes)
         self.DeclareVectorInputPort("tool_velocity", num_axes)
@@ -120,50 +116,48 @@ class LayeredForceField(KernelBlock):
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""
-        law = ("layers", "regions", "axis", "mode", "tool_position")
-        region: Term = (region_at, "ends", "axis", "tool_position")
+        here: Term = (layer_at, "layers", "axis", "tool_position")
         guard = (outside, "before", "ends", "axis", "mode", "tool_position")
-        leaves = {"leaves_region": Transition(guard=guard, mode=region)}
+        has_borders = np.isfinite(self._parameters["ends"]).any()
+        leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
+        law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
         return Kernel(
             parameters=self._parameters,
             outputs={
-                "environment_force": (force_in_region, *law, "tool_velocity"),
-                "layer": (layer_in_region, *law),
+                "environment_force": (force_in_layer, *law),
+                "layer": (index_of_layer, "mode"),
             },
-            initial_mode=region,
-            transitions=leaves if len(self._parameters["regions"]) > 1 else {},
+            initial_mode=here,
+            transitions=leaves if has_borders else {},
         )
 
 
-def force_in_region(
-    layers: Array, regions: Regions, axis: Array, mode: Array, p_WT: Array, v_WT: Array
+def force_in_layer(
+    layers: Array, axis: Array, mode: Array, p_WT: Array, v_WT: Array
 ) -> Array:
-    """Returns layered_force() in the region that is the mode."""
-    return layered_force(layers, regions, int(mode[0]), axis, p_WT, v_WT)
+    """Returns layered_force() in the layer that is the mode, 0 for the empty space."""
+    return layered_force(layers[int(mode[0])], axis, p_WT, v_WT)
 
 
-def layer_in_region(
-    layers: Array, regions: Regions, axis: Array, mode: Array, p_WT: Array
-) -> Array:
-    """Returns the index of the layer at the tool, -1 before the first one."""
+def index_of_layer(mode: Array) -> Array:
+    """Returns the index of the layer, -1 before the first one."""
+    return mode - 1.0
+
+
+def layer_at(layers: Array, axis: Array, p_WT: Array) -> Array:
+    """Returns the mode where the tool is; a start belongs to the layer behind it."""
     x = np.sum(p_WT * axis[0])
-    return np.array([layer_row(layers, regions, int(mode[0]), x) - 1.0])
-
-
-def region_at(ends: Array, axis: Array, p_WT: Array) -> Array:
-    """Returns the region that the tool is in."""
-    x = np.sum(p_WT * axis[0])
-    return np.array([1.0 * np.searchsorted(ends, x, side="right")])
+    return np.array([np.searchsorted(layers[:, 0], x, side="right") - 1.0])
 
 
 def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -> Array:
-    """Returns how far the tool is outside of the region that is the mode, m.
+    """Returns how far the tool is outside of the layer that is the mode, m.
 
     Not negative from the end on, and from the last number before the begin back: at
     the begin, the tool is inside.
     """
-    x, region = np.sum(p_WT * axis[0]), int(mode[0])
-    return np.array([max(x - ends[region], before[region] - x)])
+    x, layer = np.sum(p_WT * axis[0]), int(mode[0])
+    return np.array([max(x - ends[layer], before[layer] - x)])
 
 
 def LayerSurfaces(

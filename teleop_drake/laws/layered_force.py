@@ -70,49 +70,26 @@ def layer_force(layer: Layer, x: float, v: float) -> float:
     return spring_damper_force(layer.stiffness, layer.reference, layer.damping, x, v)
 
 
-def layered_force(
-    layers: Array,
-    regions: NDArray[np.int64],
-    region: int,
-    axis: Array,
-    p_WT: Array,
-    v_WT: Array,
-) -> Array:
+def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     """Returns the force in N on the material by a tool (n).
 
-    Equations (2.14) to (2.16), with the layers of one region only, and x taken along
-    an axis. Across the axis a spring pulls the tool towards it.
+    Equations (2.14) to (2.16), with x taken along an axis. Across the axis a spring
+    pulls the tool towards it.
 
     Args:
-        layers: As layer_table() makes it.
-        regions: As layer_regions() makes it.
-        region: The region that the tool is in.
+        layer: Its row of layer_table().
         axis: Its unit vector, and a point on it in m (2, n).
         p_WT: Position of the tool in m (n).
         v_WT: Its velocity in m/s (n).
     """
     along, point = axis[0], axis[1]
+    _, stiffness, reference, damping, lateral_stiffness = layer
     x, v = np.sum(p_WT * along), np.sum(v_WT * along)
-    row = layer_row(layers, regions, region, x)
-    stiffness, reference, damping = layers[row, 1], layers[row, 2], layers[row, 3]
     F_x = spring_damper_force(stiffness, reference, damping, x, v)
     offset = p_WT - point
     lateral = offset - np.sum(offset * along) * along
-    F_e: Array = F_x * along + layers[row, 4] * lateral
+    F_e: Array = F_x * along + lateral_stiffness * lateral
     return F_e
-
-
-def layer_row(layers: Array, regions: NDArray[np.int64], region: int, x: float) -> int:
-    """Returns the row of the layer at x, or of the one next to x in the region.
-
-    Args:
-        layers: As layer_table() makes it.
-        regions: As layer_regions() makes it.
-        region: The region that the tool is in.
-        x: Position of the tool in m; a start belongs to the layer that begins there.
-    """
-    row = np.searchsorted(layers[:, 0], x, side="right") - 1
-    return int(min(max(row, regions[region, 0]), regions[region, 1]))
 
 
 def layer_table(layers: Sequence[Layer]) -> Array:
@@ -135,20 +112,6 @@ def layer_table(layers: Sequence[Layer]) -> Array:
             for layer in (EMPTY_SPACE, *layers)
         ]
     )
-
-
-def layer_regions(layers: Sequence[Layer]) -> NDArray[np.int64]:
-    """Returns the first and the last row of layer_table() in each region (k, 2).
-
-    A region is a layer: between two of them the force jumps or bends.
-
-    Args:
-        layers: By ascending start.
-    """
-    # Layers without a beginning leave no empty space before them.
-    first = 1 if layers and layers[0].start == -math.inf else 0
-    rows = np.arange(first, len(layers) + 1)
-    return np.column_stack((rows, rows))
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

@@ -55,28 +55,6 @@ class StateSpace:
         """Number n of states."""
         return len(self.A)
 
-    @staticmethod
-    def block_diagonal(first: "StateSpace", second: "StateSpace") -> "StateSpace":
-        """Returns two systems side by side, not connected.
-
-        Args:
-            first: Its states, inputs and outputs come first.
-        """
-
-        def stack(one: Array, two: Array) -> Array:
-            corners = (
-                np.zeros((len(one), two.shape[1])),
-                np.zeros((len(two), one.shape[1])),
-            )
-            return np.block([[one, corners[0]], [corners[1], two]])
-
-        return StateSpace(
-            A=stack(first.A, second.A),
-            B=stack(first.B, second.B),
-            C=stack(first.C, second.C),
-            D=stack(first.D, second.D),
-        )
-
     def frequency_response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns G(j w) (K, p, m).
 

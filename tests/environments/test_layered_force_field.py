@@ -20,8 +20,8 @@ from sources import Step
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments.layered_force_field import (
     LayeredForceField,
+    layer_at,
     outside,
-    region_at,
 )
 from teleop_drake.scenario import LayerConfig
 
@@ -145,8 +145,8 @@ def test_crossing_a_jump_is_integrated_accurately(locate):
     assert position.get_output_port().Eval(position.GetMyContextFromRoot(context))[
         0
     ] == pytest.approx(1.0 + 3.0 - math.log(2), abs=1e-7)
-    region = dut.GetMyContextFromRoot(context).get_discrete_state_vector()[0]
-    assert region == (1 if locate else 0)
+    layer = dut.GetMyContextFromRoot(context).get_discrete_state_vector()[0]
+    assert layer == (2 if locate else 1)
 
 
 def test_tool_may_come_back():
@@ -161,21 +161,21 @@ def test_tool_may_come_back():
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     context.SetAccuracy(1e-6)
-    regions = set()
+    modes = set()
     simulator.set_monitor(
-        lambda root: regions.add(
+        lambda root: modes.add(
             dut.GetMyContextFromRoot(root).get_discrete_state_vector()[0]
         )
     )
     simulator.AdvanceTo(4.0)
-    assert regions == {0.0, 1.0}
+    assert modes == {1.0, 2.0}
     # It is thrown back with the speed at which it came.
     assert velocity.get_output_port().Eval(velocity.GetMyContextFromRoot(context))[
         0
     ] == pytest.approx(-1.0, abs=1e-3)
 
 
-def test_initial_region_follows_the_initial_position():
+def test_initial_layer_follows_the_initial_position():
     builder = DiagramBuilder()
     dut = builder.AddSystem(LayeredForceField(layers=Layers(), num_axes=1))
     source = builder.AddSystem(ConstantVectorSource([0.01]))
@@ -185,15 +185,15 @@ def test_initial_region_follows_the_initial_position():
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.Initialize()
     context = dut.GetMyContextFromRoot(simulator.get_context())
-    assert context.get_discrete_state_vector()[0] == 1
+    assert context.get_discrete_state_vector()[0] == 2
     assert dut.GetOutputPort("environment_force").Eval(context)[0] == 0
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "region"),
-    [(0.5, 1.0, 1), (1.5, 1.0, 1), (1.5, np.nextafter(1.0, 0.0), 0), (0.5, 2.5, 2)],
+    ("before", "after", "layer"),
+    [(0.5, 1.0, 2), (1.5, 1.0, 2), (1.5, np.nextafter(1.0, 0.0), 1), (0.5, 2.5, 3)],
 )
-def test_a_position_that_jumps(before, after, region):
+def test_a_position_that_jumps(before, after, layer):
     """On a border the tool is in the layer that begins there, in both engines."""
     layers = [
         LayerConfig(name="air", start=-math.inf),
@@ -209,13 +209,13 @@ def test_a_position_that_jumps(before, after, region):
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.AdvanceTo(0.2)
     context = dut.GetMyContextFromRoot(simulator.get_context())
-    assert context.get_discrete_state_vector()[0] == region
+    assert context.get_discrete_state_vector()[0] == layer
     parameters = dut.Kernel().parameters
     before, ends, axis = (parameters[name] for name in ("before", "ends", "axis"))
     p_WT = np.array([after])
-    assert region_at(ends, axis, p_WT) == region
-    for mode in map(np.array, ([0], [1], [2])):
-        assert (outside(before, ends, axis, mode, p_WT) >= 0) == (mode != region)
+    assert layer_at(parameters["layers"], axis, p_WT) == layer
+    for mode in map(np.array, ([1], [2], [3])):
+        assert (outside(before, ends, axis, mode, p_WT) >= 0) == (mode != layer)
 
 
 def test_feedthrough():

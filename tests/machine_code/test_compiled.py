@@ -13,8 +13,8 @@ from grids import Slow
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.environments.layered_force_field import (
-    force_in_region,
-    layer_in_region,
+    force_in_layer,
+    layer_at,
 )
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
@@ -24,7 +24,7 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.contact import wall_force
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.layered_force import layer_regions, layer_table
+from teleop_drake.laws.layered_force import layer_table
 from teleop_drake.laws.robust_backstepping import (
     RobustBounds,
     robust_errors,
@@ -86,17 +86,12 @@ def test_layered_force():
         LayerConfig(name="c", start=2.0, stiffness=7.0, reference=2.0, damping=1.0),
     ]
     layers[-1].lateral_stiffness = 3.0
-    table, regions = layer_table(layers), layer_regions(layers)
-    assert regions.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    table = layer_table(layers)
     axis = np.array([[0.6, 0.8], [1.0, -2.0]])
-    samples = [
-        (np.array([region]), *motion)
-        for motion in rng.uniform(-1, 3, size=(20, 2, 2))
-        for region in (0.0, 1.0, 2.0, 3.0)
-    ]
-    constants = (table, regions, axis)
-    AssertSame(force_in_region, constants, samples)
-    AssertSame(layer_in_region, constants, [sample[:2] for sample in samples])
+    motions = rng.uniform(-1, 3, size=(20, 2, 2))
+    samples = [(np.array([layer]), *motion) for motion in motions for layer in range(4)]
+    AssertSame(force_in_layer, (table, axis), samples)
+    AssertSame(layer_at, (table, axis), [(p_WT,) for p_WT, _ in motions])
 
 
 def test_wall_force():
