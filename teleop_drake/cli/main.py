@@ -76,8 +76,8 @@ _COMMANDS = {
     "show": "Print the resolved scenario as YAML.",
     "run": "Simulate a scenario and print its metrics.",
     "compare": "Compare controllers: a table and a figure.",
-    "sweep": "Simulate a scenario for many delays, controllers and other values.",
-    "study": "Simulate what a file describes: several scenarios, or a part of them.",
+    "sweep": "Simulate a scenario, or a study's several, for many delays, controllers "
+    "and other values.",
     "analyze": "Find the delays at which the loop is stable, and why it fails at "
     "others.",
     "replay": "Show a run, or several, in 3-D: in the browser, or as a page.",

@@ -16,7 +16,7 @@ what one job of an array of jobs does; it stands in folders `part-I-of-N` of tho
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +64,14 @@ _STUDIES = Path(__file__).parents[1] / "studies"
 def StudyNames() -> list[str]:
     """Returns the names of the built-in studies in alphabetical order."""
     return sorted(path.stem for path in _STUDIES.glob("*.yaml"))
+
+
+def IsStudy(name: str) -> bool:
+    """Returns whether a name is that of a study, or of a file with one."""
+    if name in StudyNames():
+        return True
+    path = Path(name)
+    return path.is_file() and "scenarios" in ParseFile(path, ReadText(path))
 
 
 def LoadStudy(file: str | os.PathLike[str]) -> Study:
@@ -160,12 +168,15 @@ def RunStudy(
 def MergeStudy(
     study: Study,
     out: str | os.PathLike[str],
+    folders: Sequence[str | os.PathLike[str]],
     *,
     notice: Callable[[str], None] | None = None,
 ) -> dict[str, SweepResult]:
-    """Makes one study of the parts in its folder.
+    """Makes one study of its parts.
 
     Args:
+        out: Folder of the study.
+        folders: Where the parts are, each a folder that RunStudy() wrote to.
         notice: Called with what the user should know of the folders.
 
     Returns:
@@ -176,7 +187,12 @@ def MergeStudy(
         OSError: If a file cannot be written.
     """
     return {
-        name: MergeParts(plan, _Parts(Path(out, name)), Path(out, name), notice=notice)
+        name: MergeParts(
+            plan,
+            _Parts([Path(folder, name) for folder in folders]),
+            Path(out, name),
+            notice=notice,
+        )
         for name, plan in study.plans.items()
     }
 
@@ -196,19 +212,20 @@ def ParsePart(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _Parts(folder: Path) -> list[Path]:
+def _Parts(folders: Sequence[Path]) -> list[Path]:
     """Returns the folders of all parts, which must be there."""
-    counts = {path.name.rpartition("-")[2] for path in folder.glob("part-*-of-*")}
-    title = f"out = {str(folder)!r}"
+    found = {x.name: x for path in folders for x in path.glob("part-*-of-*")}
+    counts = {name.rpartition("-")[2] for name in found}
+    title = f"parts in {', '.join(map(str, folders))}"
     if len(counts) != 1:
-        found = f"of {', '.join(sorted(counts))}" if counts else "none"
-        raise SweepError(f"{title}: must have the parts of one N, and has {found}")
+        several = f"of {', '.join(sorted(counts))}" if counts else "none"
+        raise SweepError(f"{title}: must be those of one N, and are {several}")
     count = int(counts.pop())
-    paths = [folder / f"part-{i + 1}-of-{count}" for i in range(count)]
-    missing = [path.name for path in paths if not (path / "sweep.json").exists()]
-    if missing:
-        raise SweepError(f"{title}: must have all parts, and lacks {missing[0]}")
-    return paths
+    names = [f"part-{i + 1}-of-{count}" for i in range(count)]
+    for name in names:
+        if name not in found or not (found[name] / "sweep.json").exists():
+            raise SweepError(f"{title}: must be all, and lack {name}")
+    return [found[name] for name in names]
 
 
 def _Scenarios(tree: Mapping[str, Any], folder: Path) -> list[str]:

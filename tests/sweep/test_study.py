@@ -50,15 +50,15 @@ def test_parts_make_the_whole(capsys):
     Mine(capsys)
     one = ["--jobs", "1", "--quiet"]
     file = Write(STUDY + "metrics: [velocity_rms_error]\n")
-    assert main(["study", file, *one, "--out", "whole"]) == 0
+    assert main(["sweep", file, *one, "--out", "whole"]) == 0
     out = capsys.readouterr().out
     assert "one_dof: 3 runs, 3 completed" in out
-    assert main(["study", file, *one, "--out", "parts", "--shard", "1/2"]) == 0
-    assert main(["study", file, "merge", "--out", "parts"]) == 2
-    assert "lacks part-2-of-2" in capsys.readouterr().err
-    assert main(["study", file, *one, "--out", "parts", "--shard", "2/2"]) == 0
+    assert main(["sweep", file, *one, "--out", "parts", "--shard", "1/2"]) == 0
+    assert main(["sweep", file, "--merge", "parts", "--out", "parts"]) == 2
+    assert "lack part-2-of-2" in capsys.readouterr().err
+    assert main(["sweep", file, *one, "--out", "parts", "--shard", "2/2"]) == 0
     capsys.readouterr()
-    merge = ["study", file, "merge", "--out", "parts", "--json", "-"]
+    merge = ["sweep", file, "--merge", "parts", "--out", "parts", "--json", "-"]
     assert main(merge) == 0
     records = json.loads(capsys.readouterr().out)
     assert {name: len(runs) for name, runs in records.items()} == {
@@ -73,12 +73,26 @@ def test_parts_make_the_whole(capsys):
     assert set(told["versions"]) == {"teleop-drake", "drake", "numpy", "llvmlite"}
 
 
+def test_a_sweep_of_one_scenario_in_parts(capsys):
+    """On two machines: the parts are in two folders."""
+    sweep = ["sweep", "one_dof", "--delay", "0.01,0.02,0.03", "--duration", "0.2"]
+    options = ["--controllers", "direct_force", "--metrics", "velocity_rms_error"]
+    sweep += [*options, "--jobs", "1", "--quiet"]
+    assert main([*sweep, "--out", "whole"]) == 0
+    for i in ("1", "2"):
+        assert main([*sweep, "--shard", f"{i}/2", "--out", f"machine{i}"]) == 0
+    jobs = sweep.index("--jobs")
+    merge = [*sweep[:jobs], "--merge", "machine1", "machine2", "--out", "merged"]
+    assert main(merge) == 0
+    assert Files("merged") == Files("whole")
+
+
 def test_a_part_of_another_study_is_noticed(capsys):
     text = STUDY.replace(", mine.yaml", "")
     one = ["--jobs", "1", "--quiet"]
-    assert main(["study", Write(text), *one, "--shard", "1/1"]) == 0
+    assert main(["sweep", Write(text), *one, "--shard", "1/1"]) == 0
     other = Write(text.replace("0.04:3", "0.02:3"), "other.yaml")
-    assert main(["study", other, "merge"]) == 2
+    assert main(["sweep", other, "--merge", "out"]) == 2
     assert "holds a sweep with other parameters (axes" in capsys.readouterr().err
 
 
@@ -106,7 +120,7 @@ def test_bad_studies(old, new, message, capsys):
     assert text != STUDY
     if "mine.yaml" in text and "none" not in new:
         text = text.replace(", mine.yaml", "")
-    assert main(["study", Write(text), "--quiet"]) == 2
+    assert main(["sweep", Write(text), "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(message, line), line
     assert not Path("out").exists()
@@ -118,10 +132,15 @@ def test_bad_options(capsys):
         ("--shard", "0/3"): "'0/3': must be I/N with 1 <= I <= N",
         ("--shard", "4/3"): "'4/3': must be I/N",
         ("--shard", "1/2", "--json", "-"): "--json: must be left out with --shard",
-        ("merge", "--jobs", "2"): "--jobs: must be left out where parts are merged",
-        ("merge",): "must have the parts of one N, and has none",
+        ("--merge", "out", "--jobs", "2"): "--jobs: must be left out where parts are",
+        (
+            "--merge",
+            "out",
+        ): "parts in out/one_dof: must be those of one N",
+        ("--delay", "0.1"): "--delay: must be left out with a study, which says it",
+        ("--engine", "drake"): "--engine: must be left out with a study",
     }.items():
-        assert main(["study", file, *arguments]) == 2
+        assert main(["sweep", file, *arguments]) == 2
         assert message in capsys.readouterr().err
     assert study.ParsePart("3/20") == (3, 20)
     with pytest.raises(SweepError):

@@ -3,7 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.options import (
@@ -24,12 +24,18 @@ from teleop_drake.cli.sweeping import (
     ReportSweep,
 )
 
+if TYPE_CHECKING:
+    from teleop_drake.sweep.study import Study
+
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     parser.epilog = (
         "VALUES are START:STOP:COUNT or A,B,... in YAML. A sweep that was interrupted, "
-        "or killed, goes on with --resume."
+        "or killed, goes on with --resume. In the place of SCENARIO a study may stand: "
+        "a built-in one, or a file with the keys scenarios, controllers, grid, seeds, "
+        "overrides, engine and metrics. It takes none of the options for these, and "
+        "has a folder for each scenario."
     )
     AddScenarioOptions(parser, has_controller=False, is_sweep=True)
     parser.add_argument(
@@ -59,6 +65,17 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="metrics to draw, for example collision.peak_force or a whole group such "
         "as puncture (default: a few; runs.csv has all)",
     )
+    parser.add_argument(
+        "--shard",
+        metavar="I/N",
+        help="do the I-th of N parts of the runs, as a job of an array",
+    )
+    parser.add_argument(
+        "--merge",
+        nargs="+",
+        metavar="DIR",
+        help="simulate nothing; put the parts in these folders together in --out",
+    )
     AddSweepOptions(parser)
     AddEngineOption(parser)
     AddFormatOption(parser)
@@ -71,47 +88,60 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def Execute(args: argparse.Namespace) -> int:
-    """Simulates all runs of a sweep, and draws them."""
-    from teleop_drake.scenario import ScenarioError
-    from teleop_drake.sweep import (
-        PlanSweep,
-        RunSweep,
-        SelectMetrics,
-        SweepError,
+# What a study says itself, by the option that says it of a scenario.
+_OF_A_SCENARIO = {
+    name: f"--{name.replace('_', '-')}"
+    for name in (
+        *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
+        *("set", "controllers", "vary", "seeds", "metrics"),
     )
+}
 
-    if args.jobs is not None and args.dask is not None:
-        raise BadInput("--jobs: must be left out with --dask, which has workers")
+
+def Execute(args: argparse.Namespace) -> int:
+    """Simulates all runs of a sweep, or a part of them, and draws them."""
+    from teleop_drake.scenario import ScenarioError
+    from teleop_drake.sweep import SelectMetrics, SweepError
+    from teleop_drake.sweep.study import MergeStudy, ParsePart, RunStudy
+
+    _CheckOptions(args)
     CheckJson(args.json)
     formats = FormatsOf(args)
     num_finished = num_runs = 0
+
+    def Notice(text: str) -> None:
+        print(f"teleop-drake: {text}", file=sys.stderr)
+
     try:
-        grid, overrides = Grid(args)
-        plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
-        metrics = []
-        if args.metrics is not None:
-            names = [name.strip() for name in args.metrics.split(",")]
-            metrics = SelectMetrics(plan.scenario, names)
-        with (
-            DaskExecutor(args.dask, args.quiet) as executor,
-            SweepProgress(args.quiet) as show,
-        ):
+        part = None if args.shard is None else ParsePart(args.shard)
+        study = _Study(args)
+        metrics = {
+            name: SelectMetrics(plan.scenario, study.metrics) if study.metrics else []
+            for name, plan in study.plans.items()
+        }
+        if args.merge is not None:
+            results = MergeStudy(study, args.out, args.merge, notice=Notice)
+        else:
+            with (
+                DaskExecutor(args.dask, args.quiet) as executor,
+                SweepProgress(args.quiet) as show,
+            ):
 
-            def Report(finished: int, runs: int) -> None:
-                nonlocal num_finished, num_runs
-                num_finished, num_runs = finished, runs
-                show(finished, runs)
+                def Report(finished: int, runs: int) -> None:
+                    nonlocal num_finished, num_runs
+                    num_finished, num_runs = finished, runs
+                    show(finished, runs)
 
-            result = RunSweep(
-                plan,
-                executor=executor,
-                jobs=args.jobs,
-                out=args.out,
-                resume=args.resume,
-                progress=Report,
-                notice=lambda text: print(f"teleop-drake: {text}", file=sys.stderr),
-            )
+                results = RunStudy(
+                    study,
+                    args.out,
+                    part=part,
+                    executor=executor,
+                    jobs=args.jobs,
+                    resume=args.resume,
+                    progress=Report,
+                    notice=Notice,
+                )
     except (ScenarioError, SweepError) as e:
         raise BadInput(e) from None
     except RuntimeError as e:  # The executor gave up.
@@ -122,18 +152,59 @@ def Execute(args: argparse.Namespace) -> int:
             f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
             "--resume does the rest",
         )
-    ReportSweep(
-        result,
-        plan,
-        metrics,
-        Path(args.out),
-        is_silent=args.json == "-",
-        is_separate=args.separate,
-        formats=formats,
-    )
+    is_silent = args.json == "-"
+    if part is not None:
+        if not is_silent:
+            print(f"Part {args.shard} is done. When all are: --merge {args.out}")
+        return 0
+    for name, result in results.items():
+        ReportSweep(
+            result,
+            study.plans[name],
+            metrics[name],
+            Path(args.out, name),
+            is_silent=is_silent,
+            is_separate=args.separate,
+            formats=formats,
+        )
     if args.json is not None:
-        WriteJson(args.json, result.records)
-    return ExitCode(result)
+        records = {name: result.records for name, result in results.items()}
+        WriteJson(args.json, records.get("", records))
+    return max(ExitCode(result) for result in results.values())
+
+
+def _CheckOptions(args: argparse.Namespace) -> None:
+    """Refuses options that exclude each other."""
+    if args.jobs is not None and args.dask is not None:
+        raise BadInput("--jobs: must be left out with --dask, which has workers")
+    if args.shard is not None and args.json is not None:
+        raise BadInput("--json: must be left out with --shard; --merge has all records")
+    if args.merge is not None:
+        for option in ("shard", "jobs", "dask", "resume"):
+            if getattr(args, option):
+                raise BadInput(f"--{option}: must be left out where parts are merged")
+
+
+def _Study(args: argparse.Namespace) -> "Study":
+    """Returns the study that is named, or one of the scenario, in no folder of its own.
+
+    Raises:
+        BadInput: If the study has an option of a scenario.
+    """
+    from teleop_drake.sweep import PlanSweep
+    from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
+
+    if IsStudy(args.scenario):
+        given = [x for name, x in _OF_A_SCENARIO.items() if getattr(args, name)]
+        if args.engine != "auto":
+            given.append("--engine")
+        for option in given:
+            raise BadInput(f"{option}: must be left out with a study, which says it")
+        return LoadStudy(args.scenario)
+    grid, overrides = Grid(args)
+    plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
+    metrics = args.metrics and [name.strip() for name in args.metrics.split(",")]
+    return Study(plans={"": plan}, metrics=metrics)
 
 
 # Options that stand for keys of a grid.
