@@ -111,12 +111,25 @@ class DualDiagram:
                     output = adder.get_output_port()
                 builder.Connect(output, target)
         self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-        for system, dual in self._blocks.items():
-            own, context = self._Of(dual), contexts[system]
-            for i in range(context.num_numeric_parameter_groups()):
-                values = context.get_numeric_parameter(i).CopyToVector()
-                own.get_mutable_numeric_parameter(i).SetFromVector(values)
+        self._originals = contexts
+        self._context: Any = None
+        self._contexts_by_size: dict[int, Any] = {}
+
+    def _UseContext(self, size: int) -> None:
+        """Uses a Context of its own for each number of derivatives.
+
+        Drake's blocks add to numbers that are there from before, without a look at how
+        many derivatives these have.
+        """
+        if size not in self._contexts_by_size:
+            self._context = self._diagram.CreateDefaultContext()
+            self._contexts_by_size[size] = self._context
+            for system, dual in self._blocks.items():
+                own, context = self._Of(dual), self._originals[system]
+                for i in range(context.num_numeric_parameter_groups()):
+                    values = context.get_numeric_parameter(i).CopyToVector()
+                    own.get_mutable_numeric_parameter(i).SetFromVector(values)
+        self._context = self._contexts_by_size[size]
 
     def _OutputOf(self, source: Source) -> Any:
         system = self._flat[source.block].system
@@ -192,6 +205,7 @@ class DualDiagram:
         flat = np.concatenate([np.zeros(0), *given])
         size = len(flat)
         seeds = InitializeAutoDiff(flat + shift, np.eye(size)).ravel()
+        self._UseContext(size)
         ends = np.cumsum([len(x) for x in given])
         parts = [seeds[e - len(x) : e] for e, x in zip(ends, given, strict=True)]
         self._SetPoint(contexts)
