@@ -198,14 +198,14 @@ class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
         return self._kernel_events.Witnesses(context)
 
 
-def _Callback(block: Any, name: str) -> Callable[[Context, BasicVector], None]:
+def _Callback(owner: Any, name: str) -> Callable[[Context, BasicVector], None]:
     """Returns what Drake calls for a port, which does not keep the block alive."""
-    reference = weakref.ref(block)
+    reference = weakref.ref(owner)
 
     def Calc(context: Context, output: BasicVector) -> None:
-        alive = reference()
-        assert alive is not None
-        output.SetFromVector(alive._kernel_outputs[name](context))
+        block = reference()
+        assert block is not None
+        output.SetFromVector(block._kernel_outputs[name](context))
 
     return Calc
 

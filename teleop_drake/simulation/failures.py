@@ -107,8 +107,9 @@ def _BlockOf(error: BaseException) -> str:
     """Returns the path of the block whose Python raised an error; empty: none's."""
     path, traceback = "", error.__traceback__
     while traceback is not None:
-        block = traceback.tb_frame.f_locals.get("self")
-        if isinstance(block, System):
-            path = block.GetSystemPathname().split("::_::")[-1]
+        for name in ("self", "block"):  # A method's, and a KernelBlock's callback's.
+            block = traceback.tb_frame.f_locals.get(name)
+            if isinstance(block, System):
+                path = block.GetSystemPathname().split("::_::")[-1]
         traceback = traceback.tb_next
     return path

@@ -15,7 +15,7 @@ import teleop_drake
 import teleop_drake.simulation
 from teleop_drake.cli import main
 from teleop_drake.cli.main import MakeParser
-from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.environments import layered_force_field
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     ARCHITECTURES,
@@ -375,10 +375,10 @@ def test_an_interrupt_is_one_also_if_machine_code_made_another_error_of_it(
 
 
 def test_an_error_of_a_block_is_one_line(monkeypatch, capsys):
-    def fail(self, context, output):
+    def fail(layers, axis, mode, p_WT, v_WT):
         raise RuntimeError("my own bug")
 
-    monkeypatch.setattr(LayeredForceField, "_CalcForce", fail)
+    monkeypatch.setattr(layered_force_field, "force_in_layer", fail)
     assert main(["run", "one_dof", "--engine", "drake"]) == 1
     assert capsys.readouterr().err == (
         "teleop-drake: error: the run failed: RuntimeError: my own bug "

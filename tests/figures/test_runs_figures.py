@@ -8,14 +8,14 @@ import pytest
 from grids import Slow
 from matplotlib import pyplot
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from surfaces import Border
 
 from teleop_drake.figures.runs import PlotComparison, PlotRun, PlotWeights, SaveFigure
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.figures.selection import SelectTime
-from teleop_drake.figures.style import RunStyle
+from teleop_drake.figures.style import COLORS, RunStyle
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 
@@ -347,6 +347,46 @@ def test_runs_of_every_architecture_fit_on_a_page():
     for ax in axes:
         low, high = ax.get_xlim()
         assert sum(low <= tick <= high for tick in ax.get_xticks()) >= 3
+
+
+# Linear RGB as it is seen without red, green and blue cones: Machado, Oliveira and
+# Fernandes, "A physiologically-based model ..." (2009).
+CONES = {
+    "all": np.eye(3),
+    "no red": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "no green": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "no blue": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+
+
+@pytest.mark.parametrize("cones", CONES)
+def test_the_colour_blind_can_tell_the_runs_apart(cones):
+    """Distances in CIE Lab, of which 2.3 is just noticeable."""
+    rgb = np.array([to_rgb(color) for color in COLORS])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(linear @ np.transpose(CONES[cones]), 0, 1)
+    to_xyz = [
+        [0.4339, 0.3762, 0.1899],
+        [0.2126, 0.7152, 0.0722],
+        [0.0177, 0.1095, 0.8729],
+    ]
+    xyz = seen @ np.transpose(to_xyz)
+    X, Y, Z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116).T
+    lab = np.array([116 * Y, 500 * (X - Y), 200 * (Y - Z)]).T
+    distances = [np.linalg.norm(a - b) for a, b in itertools.combinations(lab, 2)]
+    assert min(distances) > 15
 
 
 def test_what_cannot_be_shown_is_refused():
