@@ -1,9 +1,12 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all, and the formats of figures."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+FIGURE_FORMATS = ("png", "svg", "pdf")
+"""Formats in which figures are written: known without Matplotlib's import."""
 
 
 @contextmanager

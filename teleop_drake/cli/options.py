@@ -117,15 +117,14 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     Raises:
         BadInput: If one is none.
     """
-    from teleop_drake.figures.saving import FORMATS
+    from teleop_drake.files import FIGURE_FORMATS
     from teleop_drake.validation import Choices
 
     formats = [name.strip() for name in args.format.split(",")]
     for name in formats:
-        if name not in FORMATS:
-            raise BadInput(
-                f"--format = {args.format!r}: must be {Choices(name, FORMATS)}"
-            )
+        if name not in FIGURE_FORMATS:
+            allowed = Choices(name, FIGURE_FORMATS)
+            raise BadInput(f"--format = {args.format!r}: must be {allowed}")
     return list(dict.fromkeys(formats))
 
 

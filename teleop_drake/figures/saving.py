@@ -18,9 +18,6 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 _DESCRIPTIONS = {".png": "Description", ".svg": "Title", ".pdf": "Subject"}
 
-FORMATS = tuple(suffix[1:] for suffix in _METADATA)
-"""What a figure can be written as."""
-
 
 def SaveFigure(figure: Figure, path: str | Path) -> None:
     """Writes a figure; the same figure gives the same bytes.

@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+import sys
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +32,12 @@ from teleop_drake.validation import Choices, Refuse
 _Value = Callable[[Context], Any]
 
 
-@TemplateSystem.define("KernelBlock_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
+@TemplateSystem.define(  # type: ignore[untyped-decorator]
+    # Without a scope Drake looks for the module in the stack, half a second long.
+    "KernelBlock_",
+    T_list=[float, AutoDiffXd],
+    scope=sys.modules[__name__],
+)
 def KernelBlock_(T: Any) -> Any:
     """Returns the base of kernel blocks for a scalar type.
 

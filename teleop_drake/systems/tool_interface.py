@@ -1,5 +1,6 @@
 """The tool of a robot arm seen from outside: motion in task space, forces on it."""
 
+import sys
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,12 @@ from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import Refuse
 
 
-@TemplateSystem.define("ToolInterface_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
+@TemplateSystem.define(  # type: ignore[untyped-decorator]
+    # Without a scope Drake looks for the module in the stack, half a second long.
+    "ToolInterface_",
+    T_list=[float, AutoDiffXd],
+    scope=sys.modules[__name__],
+)
 def ToolInterface_(T: Any) -> Any:
     """Returns ToolInterface for a scalar type."""
 
