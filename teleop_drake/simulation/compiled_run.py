@@ -28,7 +28,7 @@ from teleop_drake.simulation.outcome import Outcome
 from teleop_drake.simulation.run_monitor import Interruption, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.simulation.structure import Loop, Structure
+from teleop_drake.simulation.structure import Loop, Structure, WhyNotSolved
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.base import SpeedLimit
 
@@ -142,11 +142,8 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
 
 def _CheckSolver(config: SimulatorConfig) -> None:
     """Raises CannotCompile if another solver is asked for."""
-    if config.integration_scheme != "runge_kutta5" or not config.use_error_control:
-        raise CannotCompile(
-            "compiled runs use runge_kutta5 with error control, not "
-            f"{config.integration_scheme}"
-        )
+    if why := WhyNotSolved(config):
+        raise CannotCompile(why)
 
 
 class _Stepper:

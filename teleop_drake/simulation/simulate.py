@@ -222,6 +222,7 @@ def _Run(
             with Interpreted():  # There are too few calls to pay compiling.
                 run = RunCompiled(*what, structure, loop)
         except CannotCompile as error:
+            assert loop is None, "the diagram of a loop has other channels"
             notes = [f"Run in Drake's Simulator: {error}."]
     run = run or _RunInDrake(*what)
     if run.termination == "diverged":

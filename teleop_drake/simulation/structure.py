@@ -11,6 +11,7 @@ import copy
 import dataclasses
 from typing import Any, NamedTuple
 
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.architectures.facts import Facts
@@ -81,7 +82,7 @@ class Structure:
     def Find(self) -> Loop | None:
         """Returns the loop with the channels of the scenario, if one was kept."""
         loop = _loops.get(self._key)
-        if loop is None:
+        if loop is None or WhyNotSolved(self._scenario.simulator):
             return None
         evaluator, channels = copy.copy(loop.evaluator), {}
         evaluator.program = program = copy.copy(evaluator.program)
@@ -128,6 +129,14 @@ class Structure:
 
 
 _loops: dict[str, Loop] = {}
+
+
+def WhyNotSolved(config: SimulatorConfig) -> str:
+    """Returns why machine code has not the solver that is asked for; empty: it has."""
+    if config.integration_scheme == "runge_kutta5" and config.use_error_control:
+        return ""
+    scheme = config.integration_scheme
+    return f"compiled runs use runge_kutta5 with error control, not {scheme}"
 
 
 def _Key(scenario: Any, task: Task[Any]) -> str:

@@ -121,3 +121,17 @@ def test_kinds_of_a_users_own_are_made_anew(made, monkeypatch):
     simulate(scenario)
     simulate(scenario)
     assert len(made) == 2
+
+
+def test_a_run_in_drake_has_its_own_channels(loops):
+    """Another solver than machine code has does not take over a loop's diagram."""
+    simulate(Load("one_dof", "direct_force", CHANNELS[0], CHANNELS[0]))
+    assert loops
+    other = Load(
+        *("one_dof", "direct_force", CHANNELS[1], CHANNELS[1]),
+        **{"simulator.integration_scheme": "runge_kutta3"},
+    )
+    after = simulate(other)
+    loops.clear()
+    assert after.solver.engine == "drake"
+    assert Numbers(after) == Numbers(simulate(other))
