@@ -20,7 +20,7 @@ from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
 from teleop_drake.simulation import MakeSimulator
@@ -36,9 +36,9 @@ def MakeOneDofByHand() -> Diagram:
         "haptic_device",
         HapticDevice(numerator=[25, 50], denominator=[1, 25, 0], num_axes=1),
     )
-    surgeon = builder.AddNamedSystem(
+    operator = builder.AddNamedSystem(
         "surgeon",
-        Surgeon(
+        ConstantVelocityOperator(
             velocity=[0.001],
             contact_force=[0.005],
             contact_surface=Surface("contact", point_W=[0.015], normal_W=[1.0]),
@@ -98,14 +98,14 @@ def MakeOneDofByHand() -> Diagram:
     unpack_return = builder.AddNamedSystem("unpack_return", Demultiplexer([1, 1]))
 
     # Now the wires, in the order in which a signal runs through the loop.
-    velocity_command = surgeon.GetOutputPort("velocity_command")
+    velocity_command = operator.GetOutputPort("velocity_command")
     builder.Connect(velocity_command, haptic_device.GetInputPort("velocity_command"))
     builder.Connect(
         haptic_device.GetOutputPort("haptic_force"),
-        surgeon.GetInputPort("haptic_force"),
+        operator.GetInputPort("haptic_force"),
     )
     builder.Connect(
-        surgeon.GetOutputPort("force_command"), pack_forward.get_input_port(0)
+        operator.GetOutputPort("force_command"), pack_forward.get_input_port(0)
     )
     builder.Connect(velocity_command, pack_forward.get_input_port(1))
     builder.Connect(
@@ -141,7 +141,7 @@ def MakeOneDofByHand() -> Diagram:
         return_channel.GetOutputPort("delayed_signal"), unpack_return.get_input_port()
     )
     builder.Connect(
-        unpack_return.get_output_port(0), surgeon.GetInputPort("felt_position")
+        unpack_return.get_output_port(0), operator.GetInputPort("felt_position")
     )
     builder.Connect(
         unpack_return.get_output_port(1), haptic_device.GetInputPort("felt_velocity")

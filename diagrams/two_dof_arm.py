@@ -23,7 +23,7 @@ def MakeTwoDofArm(scenario: Scenario) -> Diagram:
     builder = DiagramBuilder()
     master = builder.AddNamedSystem("master", MakeMasterStation(scenario))
     # Until something arrives, the robot gets neither a force nor a command, and the
-    # surgeon feels the tool at rest at its start.
+    # operator feels the tool at rest at its start.
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
         scenario.forward_channel.MakeChannel(size=4, initial_value=[0.0] * 4),

@@ -57,7 +57,7 @@ def MakeMasterStation(
     |------|----------------|------|----------------------------------|
     | in   | return_packet  | m_r  | of the packet; thesis [m; m/s]   |
     | out  | forward_packet | m_f  | of the packet; thesis [N; m/s]   |
-    | out  | surgeon_mode   | 1    | see Surgeon                      |
+    | out  | surgeon_mode   | 1    | see ModalOperator                      |
 
     A master side stands between the hand and the channels: it hears what the operator
     applies and commands, and says what the operator feels. With one, the station has
@@ -87,7 +87,7 @@ def MakeMasterStation(
     if surfaces is None:
         surfaces = scenario.Surfaces()
     builder = DiagramBuilder()
-    surgeon = builder.AddNamedSystem(
+    operator = builder.AddNamedSystem(
         "surgeon",
         operator
         or scenario.surgeon.MakeOperator(
@@ -103,23 +103,23 @@ def MakeMasterStation(
             num_axes=n,
         ),
     )
-    force = surgeon.GetOutputPort("force_command")
-    command = surgeon.GetOutputPort("velocity_command")
+    force = operator.GetOutputPort("force_command")
+    command = operator.GetOutputPort("velocity_command")
     inputs, outputs = _AddMasterSide(builder, master_side, n)
     builder.ExportInput(inputs["return_packet"], "return_packet")
     for source, target, input_name in (
-        (outputs["felt_position"], surgeon, "felt_position"),
-        (outputs["felt_velocity"], surgeon, "felt_velocity"),
+        (outputs["felt_position"], operator, "felt_position"),
+        (outputs["felt_velocity"], operator, "felt_velocity"),
         (outputs["felt_velocity"], device, "felt_velocity"),
         (command, device, "velocity_command"),
-        (device.GetOutputPort("haptic_force"), surgeon, "haptic_force"),
+        (device.GetOutputPort("haptic_force"), operator, "haptic_force"),
     ):
         if target.HasInputPort(input_name):
             builder.Connect(source, target.GetInputPort(input_name))
     builder.Connect(force, inputs["haptic_force"])
     builder.Connect(command, inputs["velocity_command"])
     builder.ExportOutput(outputs.pop("forward_packet"), "forward_packet")
-    builder.ExportOutput(surgeon.GetOutputPort("mode"), "surgeon_mode")
+    builder.ExportOutput(operator.GetOutputPort("mode"), "surgeon_mode")
     if master_side is not None:
         builder.ExportOutput(command, "velocity_command")
         builder.ExportOutput(force, "force_command")

@@ -4,7 +4,7 @@ It shares no code with the package: numpy and scipy only, and the equations are 
 out here once more. The loop is a delay differential equation, solved by the method of
 steps: DOP853 steps never longer than the shortest delay, each kept as the polynomial
 that DOP853 interpolates with, so that the delayed signals are read to the accuracy of
-the steps. Every known discontinuity (the surgeon's steps, their arrival, their echoes)
+the steps. Every known discontinuity (the operator's steps, their arrival, their echoes)
 and every located one (a layer boundary crossed) ends a segment, and inside a segment
 layer and modes are frozen: no step ever straddles a jump.
 
@@ -138,7 +138,7 @@ class Task:
     """Everything that defines a run.
 
     `controller` None is direct force application, less `local_damping` times v.
-    `contact_force` None: the surgeon stays in velocity mode; `stop_time` inf: for ever.
+    `contact_force` None: the operator keeps to velocity mode; `stop_time` inf: always.
     `numerator` (b1, b0) and `denominator` (1, a1, a0) are the haptic device's.
     """
 
@@ -279,7 +279,7 @@ class Result:
         self._ends: list[float] = []
         q = task.robot.start_joints()
         self.p_start, _ = task.robot.tool(q, np.zeros(n))
-        # The surgeon perceives contact at this time. One who starts there knows.
+        # The operator perceives contact at this time. One who starts there knows.
         self.perceived = inf
         surface = task.contact_index()
         self.perceives = surface is not None and task.contact_force is not None
@@ -311,7 +311,7 @@ class Result:
         return F_e
 
     def command(self, t):
-        """The surgeon's v_d and force at t; force None means the haptic device's."""
+        """The operator's v_d and force at t; force None means the haptic device's."""
         task, still = self.task, np.zeros(self.n)
         if t < 0:
             return still, still
@@ -345,7 +345,7 @@ class Result:
         return self.device_force(y)
 
     def felt(self, t, p, v):
-        """Tool position and velocity as the surgeon has them."""
+        """Tool position and velocity as the operator has them."""
         delay, n = self.task.return_delay, self.n
         if delay == 0:
             return p, v
@@ -492,11 +492,11 @@ def solve(
             if time < breakpoints[-1] and breakpoints[i] > time:
                 breakpoints.insert(i, time)
 
-    from_surgeon = [(T_f, T_r)[i % 2] for i in range(echoes)]
+    from_operator = [(T_f, T_r)[i % 2] for i in range(echoes)]
     from_robot = [(T_r, T_f)[i % 2] for i in range(echoes)]
-    add_breakpoints(0.0, from_surgeon)
+    add_breakpoints(0.0, from_operator)
     add_breakpoints(0.0, from_robot)
-    add_breakpoints(task.stop_time, from_surgeon)
+    add_breakpoints(task.stop_time, from_operator)
 
     def record(kind, t, y, before, after):
         p, v, F_e = result.motion(before, y)
@@ -539,7 +539,7 @@ def solve(
                 record(kind := _kind(task, before, layer), t, y, before, layer)
                 if kind == "contact" and result.perceives and isinf(result.perceived):
                     signals["switch"] = result.perceived = t + T_r
-                    add_breakpoints(result.perceived, from_surgeon)
+                    add_breakpoints(result.perceived, from_operator)
                 break
     return result
 

@@ -52,7 +52,7 @@ class _PlainLoop:
         )
 
     def EndStep(self, t: float, y: np.ndarray) -> None:
-        """Logs the end of a step; switches the surgeon if contact is felt then."""
+        """Logs the end of a step; switches the operator if contact is felt then."""
         x, v, a, b = y.tolist()
         _, _, C, D = self._device
         if self._Delayed(self.x, t - self._T_r) >= self._surface:
@@ -85,7 +85,7 @@ def SolvePlainly(
     That is: Dormand-Prince 5(4), here scipy's RK45, with error control relative to
     |y| + |v_d| in each state; nothing located, so that a step may lie across a boundary
     of a layer; delays by linear interpolation between the steps, and extrapolation
-    where a step is longer than the delay; the surgeon's switch at the first step after
+    where a step is longer than the delay; the operator's switch at the first step after
     contact is felt.
 
     The scenario has one axis, transport channels and a contact force; its simulator and

@@ -93,7 +93,7 @@ CHANNELS: dict[str, dict] = {
 @pytest.mark.parametrize("kind", Slow(list(CHANNELS)))
 @pytest.mark.parametrize("controller", Slow(CONTROLLERS, but=[1]))
 def test_channels_agree_with_their_oracle(controller, kind):
-    # Long enough for the puncture, the contact and the surgeon's switch.
+    # Long enough for the puncture, the contact and the operator's switch.
     channel = {"kind": kind, "delay": 0.1, **CHANNELS[kind]}
     changes = {"controller.kind": controller, "duration": 2.8}
     changes |= {f"{way}_channel": channel for way in ("forward", "return")}

@@ -56,7 +56,7 @@ def test_method_of_steps_reproduces_the_delayed_cosine(delays):
         assert result.at(t)["v_WT"][0] == pytest.approx(0.2 * sum(terms), abs=1e-10)
 
 
-def test_the_surgeons_stop_superposes_a_shifted_response():
+def test_the_operators_stop_superposes_a_shifted_response():
     task = linear_task(forward_delay=0.13, return_delay=0.217)
     steps, stopped = solve(task, 2.0), solve(replace(task, stop_time=0.7341), 2.0)
     for t in (0.7341, 0.8, 0.9, 1.3, 2.0):
@@ -121,7 +121,7 @@ def test_undamped_spring_hit_and_every_event_on_the_way():
 
 
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.07, 0.0), (0.0, 0.113), (0.1, 0.09)])
-def test_the_surgeon_switches_when_the_contact_has_come_back(delays):
+def test_the_operator_switches_when_the_contact_has_come_back(delays):
     task = thesis_task("one_dof", False, delays=delays)
     layers = tuple(replace(a, start=a.start / 10) for a in task.layers)
     result = solve(replace(task, layers=layers), 4.0)
@@ -137,7 +137,7 @@ def test_the_surgeon_switches_when_the_contact_has_come_back(delays):
     assert result.at(arrival + 1e-6)["F_c"] == 0.005
 
 
-def test_a_surgeon_who_starts_in_contact_presses_at_once():
+def test_an_operator_who_starts_in_contact_presses_at_once():
     """x = F / k (1 - cos w t) once the force has arrived."""
     k, F, m = 150.0, 0.005, 0.5
     wall = Layer(start=0.0, stiffness=k, damping=0.0, reference=0.0)

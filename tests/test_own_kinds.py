@@ -13,7 +13,7 @@ from grids import Slow
 from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
 from teleop_drake.cli import main
 from teleop_drake.kinds import KindConfig, KindTable
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 from teleop_drake.scenario.scenario import ScenarioFromYaml
 from teleop_drake.simulation import simulate
@@ -164,7 +164,7 @@ def test_systems_in_the_operators_hand():
     device = scenario.haptic_device
     own = MakeTeleoperator(
         scenario,
-        operator=Surgeon(velocity=scenario.surgeon.velocity),
+        operator=ConstantVelocityOperator(velocity=scenario.surgeon.velocity),
         haptic_device=HapticDevice(
             numerator=device.numerator, denominator=device.denominator, num_axes=1
         ),

@@ -109,7 +109,7 @@ def test_stations_speak_in_packets():
     assert slave.GetInputPort("forward_packet").size() == 4
     assert slave.GetOutputPort("return_packet").size() == 4
     assert slave.GetOutputPort("psi").size() == 4
-    # What the surgeon does never reaches the channel without a delay in between.
+    # What the operator does never reaches the channel without a delay in between.
     assert not master.HasDirectFeedthrough(0, 0)
 
 

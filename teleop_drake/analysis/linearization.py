@@ -62,7 +62,7 @@ from teleop_drake.analysis.loop_cut import CutLoop
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.environments import CONTACT
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import AsTeleoperation, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -171,7 +171,7 @@ def LinearizeTwoPort(
     """
     scenario = AsTeleoperation(scenario)
     diagram = teleoperator or MakeTeleoperator(
-        scenario, operator=Surgeon(velocity=scenario.surgeon.velocity)
+        scenario, operator=ConstantVelocityOperator(velocity=scenario.surgeon.velocity)
     )
     return Linearizer(scenario, point, diagram).LinearizeTwoPort()
 

@@ -119,16 +119,16 @@ class Linearizer:
             ("robot", "environment_force"), ("controller", "environment_force")
         )
         force.Set(self._Eval("environment", "environment_force"))
-        surgeon, device = (
+        operator, device = (
             self._systems["master"].GetSubsystemByName(name)
             for name in ("surgeon", "haptic_device")
         )
-        if not LinearPartOf(surgeon).has_modes or surgeon.num_continuous_states():
+        if not LinearPartOf(operator).has_modes or operator.num_continuous_states():
             allowed = "an operator without dynamics: the two-port ends at the hand"
-            Refuse("surgeon", type(surgeon).__name__, allowed)
+            Refuse("surgeon", type(operator).__name__, allowed)
         hand = FixedInput(
-            ports=[surgeon.GetInputPort("haptic_force")],
-            contexts=[self._contexts[surgeon]],
+            ports=[operator.GetInputPort("haptic_force")],
+            contexts=[self._contexts[operator]],
         )
         hand.Set(hand.Get())
         dual = self._Open(force, hand)

@@ -2,7 +2,10 @@
 
 from teleop_drake.kinds import KindTable
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.constant_velocity import Surgeon, SurgeonConfig
+from teleop_drake.operators.constant_velocity import (
+    ConstantVelocityConfig,
+    ConstantVelocityOperator,
+)
 from teleop_drake.operators.human import HumanConfig
 from teleop_drake.operators.minimum_jerk import MinimumJerkConfig
 from teleop_drake.operators.recorded import RecordedConfig
@@ -12,7 +15,7 @@ from teleop_drake.operators.trapezoid import TrapezoidConfig
 OPERATOR_KINDS = KindTable(
     OperatorConfig,
     (
-        SurgeonConfig,
+        ConstantVelocityConfig,
         TrapezoidConfig,
         SineConfig,
         MinimumJerkConfig,
@@ -25,12 +28,12 @@ OPERATOR_KINDS = KindTable(
 
 __all__ = [
     "OPERATOR_KINDS",
+    "ConstantVelocityConfig",
+    "ConstantVelocityOperator",
     "HumanConfig",
     "MinimumJerkConfig",
     "OperatorConfig",
     "RecordedConfig",
     "SineConfig",
-    "Surgeon",
-    "SurgeonConfig",
     "TrapezoidConfig",
 ]

@@ -12,7 +12,7 @@ from teleop_drake.operators.base import OperatorConfig
 from teleop_drake.operators.modes import CheckVelocity, ModalOperator
 
 
-class Surgeon(ModalOperator):
+class ConstantVelocityOperator(ModalOperator):
     """Commands a velocity until contact is felt, then a constant force (section 2.5).
 
         mode 0, velocity: v_d = velocity, F_h = force of the haptic device
@@ -59,16 +59,16 @@ class Surgeon(ModalOperator):
 
 
 @dataclass(kw_only=True, eq=False)
-class SurgeonConfig(OperatorConfig):
+class ConstantVelocityConfig(OperatorConfig):
     """v_d = velocity until contact is perceived (thesis section 2.5)."""
 
     kind = "constant_velocity"
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
-    ) -> Surgeon:
+    ) -> ConstantVelocityOperator:
         """Makes the block; see OperatorConfig.MakeOperator."""
-        return Surgeon(
+        return ConstantVelocityOperator(
             velocity=self.velocity,
             contact_force=self.contact_force,
             contact_surface=contact_surface,

@@ -7,7 +7,7 @@ from teleop_drake.environments import (
     LayerConfig,
     LayersEnvironmentConfig,
 )
-from teleop_drake.operators import OperatorConfig, SurgeonConfig
+from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
 from teleop_drake.robots import RobotConfig
 from teleop_drake.scenario.config import (
     TRACKING_CONTROLLERS,
@@ -47,6 +47,7 @@ __all__ = [
     "ChannelConfig",
     "CheckStart",
     "CheckSteps",
+    "ConstantVelocityConfig",
     "ControllerConfig",
     "DisturbanceConfig",
     "EnvironmentConfig",
@@ -65,7 +66,6 @@ __all__ = [
     "ScenarioLike",
     "ScenarioNames",
     "ScenarioToYaml",
-    "SurgeonConfig",
     "TrackingControllerConfig",
     "TrackingScenario",
     "TrajectoryConfig",

@@ -37,7 +37,7 @@ from teleop_drake.environments import (
 )
 from teleop_drake.environments.slopes import StiffnessAndDamping
 from teleop_drake.kinds import KIND_KEYS, IsOwn, KindConfig
-from teleop_drake.operators import OperatorConfig, SurgeonConfig
+from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
 from teleop_drake.scenario.config import (
     DISTURBANCES,
@@ -171,7 +171,7 @@ class Scenario(_ScenarioBase):
     anything that numpy.asarray takes for a vector; call `Validate` afterwards.
     """
 
-    surgeon: OperatorConfig = field(default_factory=SurgeonConfig)
+    surgeon: OperatorConfig = field(default_factory=ConstantVelocityConfig)
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
     forward_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
@@ -239,7 +239,7 @@ class TrackingScenario(_ScenarioBase):
     """One simulation of the tracking task of chapter 3, completely described.
 
     An arm follows a trajectory while it learns a disturbance. There is neither a
-    surgeon nor a delay. For the rest see `Scenario`.
+    operator nor a delay. For the rest see `Scenario`.
     """
 
     # Acceleration of gravity along the task axes, m/s^2, n entries.

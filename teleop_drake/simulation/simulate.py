@@ -90,7 +90,7 @@ def simulate(
     | environment_layer                             | 1    | index           |
     | forward_packet_sent, forward_packet_received  | m_f  | of the architecture |
     | return_packet_sent, return_packet_received    | m_r  | of the architecture |
-    | surgeon_mode                                  | 1    | see Surgeon     |
+    | surgeon_mode                                  | 1    | see ModalOperator     |
     | and the telemetry of the control law, for instance psi and weights_1 |||
 
     In the thesis's architectures the packets are [F_h; v_d] and [p_WT; v_WT], 2n each.
@@ -369,8 +369,8 @@ def _HasConstantCommand(diagram: Diagram) -> bool:
     master = diagram.GetSubsystemByName("master")
     if not (isinstance(master, Diagram) and master.HasSubsystemNamed("surgeon")):
         return True
-    surgeon = master.GetSubsystemByName("surgeon")
-    return bool(getattr(surgeon, "has_constant_command", False))
+    operator = master.GetSubsystemByName("surgeon")
+    return bool(getattr(operator, "has_constant_command", False))
 
 
 def _EndAtSpeed(limit: float, series: Series) -> Series:

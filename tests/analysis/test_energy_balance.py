@@ -69,7 +69,7 @@ def RunWithTwoPortMeter(name, kind, **overrides):
     ),
 )
 def test_system_and_recording_agree(name, overrides):
-    """Also across the puncture, the contact and the surgeon's switch."""
+    """Also across the puncture, the contact and the operator's switch."""
     scenario = LoadScenario(name, overrides)
     recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="drake")
     balance = ChannelEnergyBalance(recording)

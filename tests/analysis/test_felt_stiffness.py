@@ -129,7 +129,7 @@ def test_runs_say_the_same(kind):
     assert stiffness == pytest.approx(slow, rel=0.02)
 
 
-def test_what_the_surgeon_does_has_no_part_in_it():
+def test_what_the_operator_does_has_no_part_in_it():
     scenario = Scenario("wave_variables", 0.2)
     never = dataclasses.replace(
         scenario, surgeon=dataclasses.replace(scenario.surgeon, contact_force=None)

@@ -416,7 +416,7 @@ def test_drift_correction_has_no_linear_model():
         )
 
 
-def test_surgeon_is_in_velocity_mode_also_on_bone():
+def test_the_operator_is_in_velocity_mode_also_on_bone():
     model = Model("two_dof_combined", point=2)
     assert np.abs(model.master.frequency_response([1.0])[0, :2, 2:]).max() > 1
 

@@ -572,7 +572,7 @@ def test_idle_passivity_is_said():
 @pytest.mark.slow  # test_metamorphic.py moves a delay as well.
 def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
     """With the slave's clock set back by the difference of the forward delays the runs
-    are the same, puncture, contact and the surgeon's switch included."""
+    are the same, puncture, contact and the operator's switch included."""
     early, late = (
         simulate(
             LoadScenario(
@@ -595,7 +595,7 @@ def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
         # At a jump an instant decides.
         is_close = np.abs(second - first) < 1e-4 * np.abs(first).max()
         assert is_close.mean() > 0.99
-    # The surgeon is not at the slave.
+    # The operator is not at the slave.
     for name, shift in (("puncture", 0.08), ("contact", 0.08), ("surgeon_force", 0.0)):
         (before, *_), (after, *_) = early.EventTimes(name), late.EventTimes(name)
         assert after - before == pytest.approx(shift, abs=1e-5)

@@ -2,7 +2,7 @@
 
 G. Ansmann, "Efficiently and easily integrating differential equations with JiTCODE,
 JiTCDDE, and JiTCSDE", Chaos 28 (2018). It is made for smooth right-hand sides, so what
-is frozen between two events (the layer, the surgeon's mode, what has arrived of it) is
+is frozen between two events (the layer, the operator's mode, what has arrived of it) is
 a control parameter. Steps end on every event: those that are known beforehand, and a
 border that the tool crosses, to which the last step is shortened by the secant method.
 After each the derivative's discontinuity is handled with `adjust_diff`, as its

@@ -8,7 +8,7 @@ LeafSystem an idea, and
   Each keeps samples of the solver's steps in a ring buffer in discrete state and
   joins them by cubics. A located event is recorded on both sides.
 * plain numpy in every callback, and the arm's kinematics anew in every one of them.
-* the puncture and the surgeon's switch located by Drake's witness functions as they
+* the puncture and the operator's switch located by Drake's witness functions as they
   are. Everything else (corners, and the echoes of the jumps) is left to error control.
 
 It is right: its error against the independent solver is measured wherever its time is.
@@ -119,7 +119,7 @@ class Delay(LeafSystem):
         output.SetFromVector(value)
 
 
-class Surgeon(LeafSystem):
+class Operator(LeafSystem):
     """Commands a velocity until the returned position is on the bone, then a force."""
 
     def __init__(self, velocity, contact_force, surface):
@@ -407,8 +407,8 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
         if scenario.controller.kind == "direct_force"
         else AdaptiveBackstepping(scenario)
     )
-    surgeon = builder.AddSystem(
-        Surgeon(
+    operator = builder.AddSystem(
+        Operator(
             scenario.surgeon.velocity,
             scenario.surgeon.contact_force,
             Border(scenario, "contact")
@@ -441,7 +441,7 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
     velocity = task_space.GetOutputPort("velocity")
     F_e = environment.GetOutputPort("force")
     F_c = controller.GetOutputPort("control_force")
-    v_d = surgeon.GetOutputPort("velocity_command")
+    v_d = operator.GetOutputPort("velocity_command")
     for output, target in (
         (plant.get_state_output_port(), task_space.GetInputPort("state")),
         (F_c, task_space.GetInputPort("control_force")),
@@ -454,13 +454,13 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
         (F_e, controller.GetInputPort("environment_force")),
         (position, return_position.get_input_port()),
         (velocity, return_velocity.get_input_port()),
-        (return_position.get_output_port(), surgeon.GetInputPort("felt_position")),
+        (return_position.get_output_port(), operator.GetInputPort("felt_position")),
         (return_velocity.get_output_port(), minus.get_input_port()),
         (v_d, error.get_input_port(0)),
         (minus.get_output_port(), error.get_input_port(1)),
         (error.get_output_port(), device.get_input_port()),
-        (device.get_output_port(), surgeon.GetInputPort("haptic_force")),
-        (surgeon.GetOutputPort("force_command"), forward_force.get_input_port()),
+        (device.get_output_port(), operator.GetInputPort("haptic_force")),
+        (operator.GetOutputPort("force_command"), forward_force.get_input_port()),
         (v_d, forward_velocity.get_input_port()),
         (forward_force.get_output_port(), controller.GetInputPort("haptic_force")),
         (
@@ -544,7 +544,7 @@ def simulate_sampled(scenario: Scenario) -> Solution:
     """The same diagram with a DiscreteTimeDelay of 1 kHz for each signal.
 
     The Simulator is as Drake makes it. Before the first packet the blocks deliver 0,
-    which nothing in the loop sees: the surgeon only waits for a position.
+    which nothing in the loop sees: the operator only waits for a position.
     """
     period = 0.001
     return Run(

@@ -27,7 +27,7 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.environments import LayerConfig, Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.kernel import Kernel
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.operators.modes import past_surface, with_stop
 from teleop_drake.operators.trapezoid import TrapezoidConfig
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
@@ -109,8 +109,8 @@ def network():
     )
 
 
-def surgeon():
-    return Surgeon(
+def operator():
+    return ConstantVelocityOperator(
         velocity=[0.1, 0.0],
         contact_force=[1.0, 2.0],
         contact_surface=Surface("contact", np.array([0.5, 0.0]), np.array([1.0, 0.0])),
@@ -127,7 +127,7 @@ def stopped_when_it_stays():
 
 # What changes its mode, or delays, and is therefore run.
 BLOCKS = {
-    "surgeon": surgeon,
+    "operator": operator,
     "trapezoid": stopped_when_it_stays,
     "layers": lambda: LayeredForceField(layers=layers(), num_axes=2),
     "transport": lambda: TransportDelay(delay=0.3, size=2, initial_value=[1, 2]),
@@ -166,8 +166,8 @@ def wrong(block, **changes):
 @pytest.mark.parametrize(
     "block, changes",
     [
-        ("surgeon", {"guard": WRONG_PLACE}),
-        ("surgeon", {"mode": (with_stop, "mode")}),
+        ("operator", {"guard": WRONG_PLACE}),
+        ("operator", {"mode": (with_stop, "mode")}),
         ("transport", {"time": 0.301}),
         ("transport", {"initial_value": [1, 2.1]}),
         ("variable", {"time": lambda t: 0.2}),
@@ -217,7 +217,7 @@ def test_a_kernel_is_checked_where_the_run_has_been(end, is_found):
 
 
 def test_what_did_not_happen_is_told():
-    block = Surgeon(velocity=[0.1], stop_time=99.0)
+    block = ConstantVelocityOperator(velocity=[0.1], stop_time=99.0)
     assert CheckKernel(block) == ["stops"]
 
 

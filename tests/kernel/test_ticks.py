@@ -21,7 +21,7 @@ from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.environments import Surface
 from teleop_drake.kernel.ticks import Ticks
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.simulation import MakeSimulator
 from teleop_drake.systems.sampled_sensor import SampledSensor
 
@@ -143,20 +143,22 @@ def test_a_sample_on_the_surface_is_contact():
         SampledSensor(sample_period=0.1, initial_value=[0.0], resolution=0.25),
     )
     surface = Surface("contact", np.array([0.5]), np.array([1.0]))
-    surgeon = builder.AddNamedSystem(
+    operator = builder.AddNamedSystem(
         "surgeon",
-        Surgeon(velocity=[1.0], contact_force=[1.0], contact_surface=surface),
+        ConstantVelocityOperator(
+            velocity=[1.0], contact_force=[1.0], contact_surface=surface
+        ),
     )
-    builder.Connect(surgeon.GetOutputPort("velocity_command"), ramp.get_input_port())
+    builder.Connect(operator.GetOutputPort("velocity_command"), ramp.get_input_port())
     builder.Connect(ramp.get_output_port(), encoder.get_input_port())
     builder.Connect(
-        encoder.GetOutputPort("sample"), surgeon.GetInputPort("felt_position")
+        encoder.GetOutputPort("sample"), operator.GetInputPort("felt_position")
     )
     force = builder.AddNamedSystem("force", ConstantVectorSource([0.0]))
-    builder.Connect(force.get_output_port(), surgeon.GetInputPort("haptic_force"))
+    builder.Connect(force.get_output_port(), operator.GetInputPort("haptic_force"))
     diagram = builder.Build()
     times = [0.399, 0.401]
-    modes = in_both_engines(diagram, surgeon.GetOutputPort("mode"), 0.0, times)
+    modes = in_both_engines(diagram, operator.GetOutputPort("mode"), 0.0, times)
     assert list(modes) == [(0, 0), (1, 1)]
 
 

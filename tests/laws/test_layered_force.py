@@ -41,6 +41,6 @@ def test_positions_of_contact_and_puncture():
     assert puncture_position([FREE, BONE]) is None
     assert contact_position([]) is None
     assert puncture_position([]) is None
-    # Skin is not what the surgeon calls contact where there is bone behind it.
+    # Skin is not what the operator calls contact where there is bone behind it.
     skin = Layer("skin", 0.001, 1.0)
     assert contact_position([Layer("air", 0.0), skin, FREE, BONE]) == 0.015

@@ -110,7 +110,7 @@ def test_ports_that_do_not_know_of_each_other():
 
 
 def test_terminated_delay():
-    """The surgeon feels 1/Z_e behind both delays."""
+    """the operator feels 1/Z_e behind both delays."""
     Z_e = 2 + 30 / (1j * W)
     matrix = delay_two_port(W, forward_delay=0.1, return_delay=0.05)
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Tests of the surgeon."""
+"""Tests of the operator of the thesis."""
 
 import math
 
@@ -14,11 +14,11 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.environments import Surface
-from teleop_drake.operators import Surgeon
+from teleop_drake.operators import ConstantVelocityOperator
 
 
 class Bench:
-    """A surgeon who feels p = [t, 0] and a haptic device that reads [1, 2]."""
+    """An operator who feels p = [t, 0] and a haptic device that reads [1, 2]."""
 
     def __init__(self, *, channel=None, accuracy=None, **arguments):
         parameters = {
@@ -27,7 +27,7 @@ class Bench:
             "contact_surface": Surface("contact", [0.55, 0.0], [1.0, 0.0]),
         } | arguments
         builder = DiagramBuilder()
-        self.dut = builder.AddNamedSystem("dut", Surgeon(**parameters))
+        self.dut = builder.AddNamedSystem("dut", ConstantVelocityOperator(**parameters))
         force = builder.AddNamedSystem("force", ConstantVectorSource([1.0, 2.0]))
         speed = builder.AddNamedSystem("speed", ConstantVectorSource([1.0, 0.0]))
         position = builder.AddNamedSystem("position", Integrator(2))
@@ -89,7 +89,7 @@ def test_contact_behind_a_sampled_channel(accuracy):
 
 def test_contact_is_latched():
     """It stays in force mode although the tool is felt in front of the bone again."""
-    dut = Surgeon(
+    dut = ConstantVelocityOperator(
         velocity=[0.1],
         contact_force=[0.2],
         contact_surface=Surface("contact", [0.5], [1.0]),
@@ -125,7 +125,7 @@ def test_never_switches_without_force_or_surface(arguments):
 
 
 def test_feedthrough():
-    dut = Surgeon(velocity=[0.1])
+    dut = ConstantVelocityOperator(velocity=[0.1])
     for output in ("velocity_command", "force_command", "mode"):
         for source in ("haptic_force", "felt_position"):
             assert dut.HasDirectFeedthrough(
@@ -147,9 +147,9 @@ def test_feedthrough():
 )
 def test_bad_parameters(arguments, message):
     with pytest.raises(ValueError, match=message):
-        Surgeon(**({"velocity": [0.1]} | arguments))
+        ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
 
 
 def test_commands_are_vectors_of_any_width():
-    dut = Surgeon(velocity=np.arange(3.0))
+    dut = ConstantVelocityOperator(velocity=np.arange(3.0))
     assert dut.GetOutputPort("force_command").size() == 3

@@ -670,7 +670,10 @@ def test_validate_takes_lists_and_numpy():
         ({"duration": None}, "duration = null: must be a finite number"),
         ({"robot": None}, "robot.model = null: must be one of slider, two_link"),
         ({"simulator": SimulatorConfig(accuracy=-1)}, "simulator.accuracy = -1.0"),
-        ({"surgeon": dut.SurgeonConfig(velocity=[math.nan, 0])}, "surgeon.velocity"),
+        (
+            {"surgeon": dut.ConstantVelocityConfig(velocity=[math.nan, 0])},
+            "surgeon.velocity",
+        ),
     ],
 )
 def test_validate(edit, message):
@@ -687,7 +690,7 @@ def test_scenario_made_in_python(minimal):
         name="mine",
         duration=2,
         robot=SliderConfig(start=[0]),
-        surgeon=dut.SurgeonConfig(velocity=[0.001]),
+        surgeon=dut.ConstantVelocityConfig(velocity=[0.001]),
         controller=dut.ControllerConfig(kind="direct_force"),
     )
     scenario.Validate()

@@ -86,7 +86,7 @@ class Scene:
         scenario: Of the run, or its name or file.
         surfaces: Of the environment; None: those of the scenario's.
         newtons: Force of the longest arrow, N; None: by a rule that takes the
-            surgeon's contact force for an arrow of half that length.
+            operator's contact force for an arrow of half that length.
     """
 
     def __init__(
@@ -225,8 +225,8 @@ def SurfacesOfScenario(scenario: AnyScenario) -> tuple[Surface, ...]:
 
 def NewtonsOf(scenario: AnyScenario) -> float:
     """Returns the force in N that has the longest arrow while a simulation runs."""
-    surgeon = getattr(scenario, "surgeon", None)
-    force = getattr(surgeon, "contact_force", None)
+    operator = getattr(scenario, "surgeon", None)
+    force = getattr(operator, "contact_force", None)
     size = 0.0 if force is None else float(np.linalg.norm(force))
     return 2 * size or 1.0
 
@@ -235,8 +235,8 @@ def _Reach(scenario: AnyScenario, start: Array, surfaces: Sequence[Surface]) -> 
     """Returns the start, and where the command leads to if nothing hard is ahead."""
     if FindSurface(surfaces, CONTACT) is not None:
         return start[np.newaxis]
-    surgeon = getattr(scenario, "surgeon", None)
-    velocity = getattr(surgeon, "velocity", None)
+    operator = getattr(scenario, "surgeon", None)
+    velocity = getattr(operator, "velocity", None)
     if velocity is None:
         return np.array([start - 0.3, start + 0.3])
     return np.array([start, start + np.asarray(velocity) * scenario.duration])

@@ -129,7 +129,7 @@ def test_the_picture_is_of_the_delay(meshcat):
     assert 0 < heights[0] < heights[-1] < notes.positions[f"{run}/hand"][2]
     # 0.2 s hold four packets that leave every 0.05 s, one of them just now.
     assert sum(notes.shown[f"{run}/return/{i}"] for i in range(6)) == 4
-    # The tissue pushes back; the surgeon's force is the larger one, by its factor.
+    # The tissue pushes back; the operator's force is the larger one, by its factor.
     z_axes = {k: X.rotation().matrix()[:, 2] for k, X in notes.poses.items()}
     np.testing.assert_allclose(z_axes[f"{run}/tool_force"], [-1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(z_axes[f"{run}/hand_force"], [1, 0, 0], atol=1e-12)
