@@ -30,7 +30,7 @@ from pydrake.systems.primitives import Adder_
 from teleop_drake.analysis.cut_diagram import FixedInput, InnerDelay, States
 from teleop_drake.compiler.flatten import Flatten, OutputOf, Source
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.kernel.block import CopyKernel, KernelBlock, KernelBlock_
+from teleop_drake.kernel.block import DualBlock, KernelBlock
 from teleop_drake.numerics.differences import differentiate
 
 Array = NDArray[np.float64]
@@ -41,8 +41,6 @@ Seen: TypeAlias = States | InputPort | OutputPort
 # of the largest they may differ by: far more than curvature makes of so short a way.
 _NEAR = 1e-9
 _BEND = 1e-4
-
-_Dual = KernelBlock_[AutoDiffXd]
 
 
 class DualDiagram:
@@ -140,13 +138,12 @@ class DualDiagram:
     def _Convert(self, system: Any, path: str, context: Context) -> Any:
         try:
             if hasattr(system, "Kernel") and not isinstance(system, KernelBlock):
-                dual = _Dual()
-                CopyKernel(dual, system)
+                dual = DualBlock(system)
             else:
                 dual = system.ToAutoDiffXdMaybe()
             if dual is None:
                 raise TypeError
-            if isinstance(dual, _Dual):
+            if isinstance(dual, DualBlock):
                 _Try(dual, system, context)
         except TypeError:
             self.by_differences.append(path)

@@ -3,7 +3,6 @@
 import functools
 import itertools
 import math
-import sys
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -15,12 +14,13 @@ from pydrake.math import inv
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    ContinuousState,
     DependencyTicket,
     LeafSystem_,
     WitnessFunction,
 )
-from pydrake.systems.scalar_conversion import TemplateSystem
 
+from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
@@ -32,65 +32,45 @@ from teleop_drake.validation import Choices, Refuse
 _Value = Callable[[Context], Any]
 
 
-@TemplateSystem.define(  # type: ignore[untyped-decorator]
-    # Without a scope Drake looks for the module in the stack, half a second long.
-    "KernelBlock_",
-    T_list=[float, AutoDiffXd],
-    scope=sys.modules[__name__],
-)
-def KernelBlock_(T: Any) -> Any:
-    """Returns the base of kernel blocks for a scalar type.
+class DualBlock(LeafSystem_[AutoDiffXd]):
+    """A block of AutoDiffXd with the ports, the state and the terms of another one.
 
-    Drake converts a block of any subclass of KernelBlock to KernelBlock_[AutoDiffXd],
-    which has its ports, its state and its terms, but no events.
-    """
-
-    class Impl(LeafSystem_[T]):
-        scalar = T
-        optional_inputs: tuple[str, ...] = ()
-        is_compiled = False
-        _kernel_rate: _Value | None = None
-
-        def _construct(self, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, converter=converter)
-            CopyKernel(self, other)
-
-        def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
-            """Evaluates the rate; called by Drake several times in every step."""
-            if self._kernel_rate is not None:
-                derivatives.SetFromVector(self._kernel_rate(context))
-
-    return Impl
-
-
-def CopyKernel(copy: Any, other: Any) -> None:
-    """Declares for a block of AutoDiffXd what another block with a kernel is.
+    Args:
+        other: A block with a method Kernel(). Its events are left out.
 
     Raises:
         ValueError: If it delays something.
     """
-    kernel = other.Kernel()
-    if kernel.delays:
-        Refuse(
-            other.GetSystemPathname(),
-            "a delay",
-            "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()",
-        )
-    copy.optional_inputs = getattr(other, "optional_inputs", ())
-    for i in range(other.num_input_ports()):
-        port = other.get_input_port(i)
-        copy.DeclareVectorInputPort(port.get_name(), port.size())
-    context = other.CreateDefaultContext()
-    if context.num_continuous_states():
-        x = context.get_continuous_state()
-        copy.DeclareContinuousState(x.num_q(), x.num_v(), x.num_z())
-    for i in range(context.num_discrete_state_groups()):
-        copy.DeclareDiscreteState(context.get_discrete_state(i).size())
-    ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
-    _DeclareTerms(copy, kernel, {x.get_name(): x.size() for x in ports}, {})
+
+    is_compiled = False
+    _kernel_rate: _Value | None = None
+
+    def __init__(self, other: Any):
+        LeafSystem_[AutoDiffXd].__init__(self)
+        kernel = other.Kernel()
+        if kernel.delays:
+            Refuse(
+                other.GetSystemPathname(),
+                "a delay",
+                "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()",
+            )
+        self.optional_inputs = getattr(other, "optional_inputs", ())
+        for i in range(other.num_input_ports()):
+            port = other.get_input_port(i)
+            self.DeclareVectorInputPort(port.get_name(), port.size())
+        context = other.CreateDefaultContext()
+        if context.num_continuous_states():
+            x = context.get_continuous_state()
+            self.DeclareContinuousState(x.num_q(), x.num_v(), x.num_z())
+        for i in range(context.num_discrete_state_groups()):
+            self.DeclareDiscreteState(context.get_discrete_state(i).size())
+        ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
+        _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, {})
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+        """Evaluates the rate."""
+        if self._kernel_rate is not None:
+            derivatives.SetFromVector(self._kernel_rate(context))
 
 
 def _DeclareTerms(
@@ -137,7 +117,7 @@ class Duals(np.ndarray):
         return super().__array_function__(function, types, arguments, options)
 
 
-class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
+class KernelBlock(Convertible):
     """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets what its Kernel() takes, and
@@ -163,6 +143,13 @@ class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
 
     delays: tuple[DelayLine | PacketLine, ...] = ()
     longest_step = math.inf
+    optional_inputs: tuple[str, ...] = ()
+    is_compiled = False
+    _kernel_rate: _Value | None = None
+
+    def ToDual(self) -> DualBlock:
+        """Returns the block of AutoDiffXd."""
+        return DualBlock(self)
 
     @abstractmethod
     def Kernel(self) -> Kernel:
@@ -198,6 +185,13 @@ class KernelBlock(KernelBlock_[float]):  # type: ignore[valid-type, misc]
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self._kernel_events.ticks]
         return min(times, default=math.inf)
+
+    def DoCalcTimeDerivatives(
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
+        """Evaluates the rate; called by Drake several times in every step."""
+        if self._kernel_rate is not None:
+            derivatives.SetFromVector(self._kernel_rate(context))
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
@@ -280,7 +274,7 @@ class _Reader(TermReader[_Value]):
             self.tickets.add(block.xc_ticket())
             return self._Dual(lambda x: x.get_continuous_state_vector().CopyToVector())
         self.tickets.add(block.xd_ticket())
-        mode = _ValuesOfMode if block.scalar is AutoDiffXd else _ModeOf
+        mode = _ValuesOfMode if isinstance(block, DualBlock) else _ModeOf
         if self.kernel.initial_mode is None:
             return mode
         self.tickets.add(block.accuracy_ticket())
@@ -290,9 +284,9 @@ class _Reader(TermReader[_Value]):
         return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
 
     def _Dual(self, value: _Value) -> _Value:
-        if self._block.scalar is float:
-            return value
-        return lambda context: value(context).view(Duals)
+        if isinstance(self._block, DualBlock):
+            return lambda context: value(context).view(Duals)
+        return value
 
     def Parameter(self, name: str, value: Any) -> _Value:
         return lambda context: value

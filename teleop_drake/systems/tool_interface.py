@@ -1,6 +1,5 @@
 """The tool of a robot arm seen from outside: motion in task space, forces on it."""
 
-import sys
 from functools import partial
 from typing import Any
 
@@ -8,149 +7,108 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration_
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import BasicVector_, LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
+from pydrake.systems.framework import LeafSystem_
 
+from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.machine_code.compiled import CompileLaw
 from teleop_drake.validation import Refuse
 
 
-@TemplateSystem.define(  # type: ignore[untyped-decorator]
-    # Without a scope Drake looks for the module in the stack, half a second long.
-    "ToolInterface_",
-    T_list=[float, AutoDiffXd],
-    scope=sys.modules[__name__],
-)
-def ToolInterface_(T: Any) -> Any:
-    """Returns ToolInterface for a scalar type."""
+class _Interface:
+    """Ports and callbacks for any scalar type."""
 
-    class Impl(LeafSystem_[T]):
-        def _construct(
-            self,
-            *,
-            plant: Any,
-            num_task_axes: int,
-            tool_name: str = "tool",
-            is_wired_to_motors: bool = True,
-            converter: Any = None,
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            if not 1 <= num_task_axes <= 3:
-                Refuse("num_task_axes", num_task_axes, "1, 2 or 3")
-            nv = plant.num_velocities()
-            # Otherwise tau in the order of the velocities would drive the wrong motors.
-            B = plant.MakeActuationMatrix()
-            if is_wired_to_motors and not np.array_equal(B, np.eye(nv)):
-                allowed = (
-                    "one for each joint, in the order of its generalized velocities"
-                )
-                Refuse("plant.num_actuators", plant.num_actuators(), allowed)
-            self._plant = plant
-            # The body and its frame are looked up each time: to keep one would keep the
-            # plant, which keeps this, where Python's garbage collector does not see it.
-            self._tool = plant.GetBodyByName(tool_name).index()
-            self._tool_index = int(self._tool)
-            # Working memory only: every calculation sets its state before it is read.
-            self._plant_context = plant.CreateDefaultContext()
-            self._origin = np.zeros(3)
-            self._tool_kinematics: Any = partial(tool_kinematics, num_task_axes)
-            self._joint_torques: Any = joint_torques
-            if T is float:
-                self._tool_kinematics = CompileLaw(tool_kinematics, num_task_axes)
-                self._joint_torques = CompileLaw(joint_torques)
-            n = self._n = num_task_axes
+    def _Declare(self: Any, T: Any, plant: Any, n: int, tool_name: str) -> None:
+        nv = plant.num_velocities()
+        self._plant = plant
+        # The body and its frame are looked up each time: to keep one would keep the
+        # plant, which keeps this, where Python's garbage collector does not see it.
+        self._tool = plant.GetBodyByName(tool_name).index()
+        self._tool_index = int(self._tool)
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._origin = np.zeros(3)
+        self._tool_kinematics: Any = partial(tool_kinematics, n)
+        self._joint_torques: Any = joint_torques
+        if T is float:
+            self._tool_kinematics = CompileLaw(tool_kinematics, n)
+            self._joint_torques = CompileLaw(joint_torques)
+        self._n = n
 
-            self._plant_state = self.DeclareVectorInputPort(
-                "plant_state", BasicVector_[T](plant.num_multibody_states())
+        self._plant_state = self.DeclareVectorInputPort(
+            "plant_state", plant.num_multibody_states()
+        )
+        self._accelerations = self.DeclareAbstractInputPort(
+            "body_spatial_accelerations", Value[list[SpatialAcceleration_[T]]]()
+        )
+        self._control_force = self.DeclareVectorInputPort("control_force", n)
+        self._environment_force = self.DeclareVectorInputPort("environment_force", n)
+
+        state = {self._plant_state.ticket()}
+        self._kinematics = self.DeclareVectorOutputPort(
+            "tool_kinematics", n * (2 + nv), self._CalcKinematics, state
+        )
+        self.DeclareVectorOutputPort(
+            "tool_acceleration",
+            n,
+            self._CalcAcceleration,
+            {self._accelerations.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "joint_torques",
+            2 * nv,
+            self._CalcJointTorques,
+            state | {self._control_force.ticket(), self._environment_force.ticket()},
+        )
+
+    @property
+    def plant(self) -> Any:
+        """The plant."""
+        return self._plant
+
+    @property
+    def tool_index(self) -> int:
+        """Index of the body whose origin is T."""
+        return self._tool_index
+
+    @property
+    def num_task_axes(self) -> int:
+        """Number n of task axes."""
+        return self._n
+
+    def _CalcKinematics(self, context: Any, output: Any) -> None:
+        x = self._plant_state.Eval(context)
+        plant, plant_context = self._plant, self._plant_context
+        plant.SetPositionsAndVelocities(plant_context, x)
+        tool, world_frame = plant.get_body(self._tool), plant.world_frame()
+        p_WT = plant.EvalBodyPoseInWorld(plant_context, tool).translation()
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+            plant_context,
+            JacobianWrtVariable.kV,
+            tool.body_frame(),
+            self._origin,
+            world_frame,
+            world_frame,
+        )
+        output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x))
+
+    def _CalcAcceleration(self, context: Any, output: Any) -> None:
+        A_WT = self._accelerations.Eval(context)[self._tool_index]
+        output.SetFromVector(A_WT.translational()[: self._n])
+
+    def _CalcJointTorques(self, context: Any, output: Any) -> None:
+        output.SetFromVector(
+            self._joint_torques(
+                self._control_force.Eval(context),
+                self._environment_force.Eval(context),
+                self._kinematics.Eval(context),
             )
-            self._accelerations = self.DeclareAbstractInputPort(
-                "body_spatial_accelerations", Value[list[SpatialAcceleration_[T]]]()
-            )
-            self._control_force = self.DeclareVectorInputPort(
-                "control_force", BasicVector_[T](n)
-            )
-            self._environment_force = self.DeclareVectorInputPort(
-                "environment_force", BasicVector_[T](n)
-            )
-
-            state = {self._plant_state.ticket()}
-            self._kinematics = self.DeclareVectorOutputPort(
-                "tool_kinematics", n * (2 + nv), self._CalcKinematics, state
-            )
-            self.DeclareVectorOutputPort(
-                "tool_acceleration",
-                n,
-                self._CalcAcceleration,
-                {self._accelerations.ticket()},
-            )
-            self.DeclareVectorOutputPort(
-                "joint_torques",
-                2 * nv,
-                self._CalcJointTorques,
-                state
-                | {self._control_force.ticket(), self._environment_force.ticket()},
-            )
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(
-                self,
-                plant=other.plant.ToScalarType[T](),
-                num_task_axes=other.num_task_axes,
-                tool_name=other.plant.get_body(other._tool).name(),
-                is_wired_to_motors=False,
-                converter=converter,
-            )
-
-        @property
-        def plant(self) -> Any:
-            """The plant."""
-            return self._plant
-
-        @property
-        def tool_index(self) -> int:
-            """Index of the body whose origin is T."""
-            return self._tool_index
-
-        @property
-        def num_task_axes(self) -> int:
-            """Number n of task axes."""
-            return self._n
-
-        def _CalcKinematics(self, context: Any, output: Any) -> None:
-            x = self._plant_state.Eval(context)
-            plant, plant_context = self._plant, self._plant_context
-            plant.SetPositionsAndVelocities(plant_context, x)
-            tool, world_frame = plant.get_body(self._tool), plant.world_frame()
-            p_WT = plant.EvalBodyPoseInWorld(plant_context, tool).translation()
-            Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
-                plant_context,
-                JacobianWrtVariable.kV,
-                tool.body_frame(),
-                self._origin,
-                world_frame,
-                world_frame,
-            )
-            output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x))
-
-        def _CalcAcceleration(self, context: Any, output: Any) -> None:
-            A_WT = self._accelerations.Eval(context)[self._tool_index]
-            output.SetFromVector(A_WT.translational()[: self._n])
-
-        def _CalcJointTorques(self, context: Any, output: Any) -> None:
-            output.SetFromVector(
-                self._joint_torques(
-                    self._control_force.Eval(context),
-                    self._environment_force.Eval(context),
-                    self._kinematics.Eval(context),
-                )
-            )
-
-    return Impl
+        )
 
 
-class ToolInterface(ToolInterface_[float]):  # type: ignore[valid-type, misc]
+class ToolInterface(_Interface, Convertible):
     """Joins a MultibodyPlant to task space at its tool (2.6 to 2.13).
 
     The task axes are the first n axes of the world, and the tool T is the origin of
@@ -200,3 +158,35 @@ class ToolInterface(ToolInterface_[float]):  # type: ignore[valid-type, misc]
         ValueError: If `num_task_axes` is out of range or the plant's actuation is
             not the vector of its joint torques.
     """
+
+    def __init__(
+        self,
+        *,
+        plant: MultibodyPlant,
+        num_task_axes: int,
+        tool_name: str = "tool",
+        is_wired_to_motors: bool = True,
+    ):
+        Convertible.__init__(self)
+        if not 1 <= num_task_axes <= 3:
+            Refuse("num_task_axes", num_task_axes, "1, 2 or 3")
+        # Otherwise tau in the order of the velocities would drive the wrong motors.
+        B = plant.MakeActuationMatrix()
+        if is_wired_to_motors and not np.array_equal(B, np.eye(len(B))):
+            allowed = "one for each joint, in the order of its generalized velocities"
+            Refuse("plant.num_actuators", plant.num_actuators(), allowed)
+        self._Declare(float, plant, num_task_axes, tool_name)
+
+    def ToDual(self) -> "_DualToolInterface":
+        """Returns the block of AutoDiffXd."""
+        return _DualToolInterface(self)
+
+
+class _DualToolInterface(_Interface, LeafSystem_[AutoDiffXd]):
+    def __init__(self, other: ToolInterface):
+        LeafSystem_[AutoDiffXd].__init__(self)
+        plant, name = (
+            other.plant.ToAutoDiffXd(),
+            other.plant.get_body(other._tool).name(),
+        )
+        self._Declare(AutoDiffXd, plant, other.num_task_axes, name)
