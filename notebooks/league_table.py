@@ -25,8 +25,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TextIO
 
-from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
+from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import ARCHITECTURES as EVERY_ARCHITECTURE
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import Sweep, SweepResult

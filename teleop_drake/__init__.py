@@ -12,12 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from teleop_drake.analysis.port_linearization import LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.explore import Explore
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import AddScene, MakeReplay
+    from teleop_drake.linear_model.ports import LinearizePorts
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
         LoadScenario,
@@ -63,7 +63,7 @@ __all__ = [
 
 # Where the names above are from.
 _PLACES = {
-    "analysis.port_linearization": ["LinearizePorts"],
+    "linear_model.ports": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.explore": ["Explore"],

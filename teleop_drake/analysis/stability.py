@@ -25,7 +25,7 @@ does not; with others, that carry a force back, it does, and laws.delay_margin k
 Any other hidden mode on or right of the imaginary axis spoils every delay.
 
 Nor do roots count that are slower than the motion of the operating point, whose model
-is that of an instant (analysis.linearization): PointStability.unresolved.
+is that of an instant (linear_model.loop): PointStability.unresolved.
 
 An operator may close another loop on the contact surface than before it: the thesis's
 commands a velocity until it perceives contact, and holds a force from then on. The loop
@@ -42,16 +42,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.cut_diagram import FindHeldForce
-from teleop_drake.analysis.linear_models import LoopModel
-from teleop_drake.analysis.linearization import LinearizeLoop, MakeLinearTeleoperator
-from teleop_drake.analysis.loop_cut import CutLoop
-from teleop_drake.analysis.operating_point import (
+from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.linear_model.cuts import FindHeldForce
+from teleop_drake.linear_model.loop import LinearizeLoop, MakeLinearTeleoperator
+from teleop_drake.linear_model.loop_cut import CutLoop
+from teleop_drake.linear_model.models import LoopModel
+from teleop_drake.linear_model.operating_point import (
     OperatingPoint,
     OperatingPoints,
     PointOfRest,
 )
-from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,

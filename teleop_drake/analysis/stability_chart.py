@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.analysis.operating_point import POSITION, OperatingPointAt
 from teleop_drake.analysis.stability import (
     MAX_DELAY,
     NO_LOOP,
@@ -15,6 +14,7 @@ from teleop_drake.analysis.stability import (
     StabilityAnalysis,
 )
 from teleop_drake.environments import ShownNormal
+from teleop_drake.linear_model.operating_point import POSITION, OperatingPointAt
 from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
 from teleop_drake.validation import Refuse
 

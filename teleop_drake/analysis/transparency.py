@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.analysis.linear_models import TwoPortModel
-from teleop_drake.analysis.linearization import LinearizeTwoPort
-from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.laws.two_port import llewellyn
+from teleop_drake.linear_model.loop import LinearizeTwoPort
+from teleop_drake.linear_model.models import TwoPortModel
+from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 Array = NDArray[np.float64]

@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
-from teleop_drake.analysis.operating_point import POSITION
 from teleop_drake.analysis.stability import (
     PointStability,
     StabilityAnalysis,
@@ -35,6 +34,7 @@ from teleop_drake.figures.style import (
     MapLimits,
     RunColor,
 )
+from teleop_drake.linear_model.operating_point import POSITION
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.validation import Refuse
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.loop_cut import CutLoop
-from teleop_drake.analysis.operating_point import (
-    POSITION,
-    OperatingPointAt,
-    OperatingPointOfRun,
-)
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
 )
 from teleop_drake.analysis.stability_chart import ChartStability
+from teleop_drake.linear_model.loop_cut import CutLoop
+from teleop_drake.linear_model.operating_point import (
+    POSITION,
+    OperatingPointAt,
+    OperatingPointOfRun,
+)
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario, ScenarioError

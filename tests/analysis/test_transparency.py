@@ -7,8 +7,6 @@ import pytest
 from grids import Slow
 from phasors import FeltImpedance, TerminatedPort
 
-from teleop_drake.analysis.linearization import LinearizeTwoPort
-from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import (
     AdmittanceMatrix,
     AnalyzeTransparency,
@@ -18,6 +16,8 @@ from teleop_drake.analysis.transparency import (
 )
 from teleop_drake.figures.analysis import PlotTransparency
 from teleop_drake.laws.two_port import delay_two_port, scattering_norm
+from teleop_drake.linear_model.loop import LinearizeTwoPort
+from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.stations import MakeArchitecture
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from walls import Refusal
 
-from teleop_drake.analysis.linearization import LinearizeLoop
-from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.environments import FrictionWallConfig
+from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import LoadScenario
 

@@ -8,7 +8,6 @@ import pytest
 from grids import Slow
 from matplotlib.figure import Figure
 
-from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
     StabilityAnalysis,
@@ -24,6 +23,7 @@ from teleop_drake.figures.analysis import (
 )
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.saving import DescribeFigure
+from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.scenario import LoadScenario
 
 

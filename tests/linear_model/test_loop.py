@@ -1,4 +1,4 @@
-"""Tests of analysis.linearization against models written by hand."""
+"""Tests of linear_model.loop against models written by hand."""
 
 import math
 from dataclasses import replace
@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from teleop_drake.analysis.linearization import LinearizeLoop, LinearizeTwoPort
-from teleop_drake.analysis.operating_point import (
-    OperatingPoint,
-    OperatingPointAt,
-    OperatingPointOfRun,
-    OperatingPoints,
-)
 from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import CONTACT, Surface
+from teleop_drake.linear_model.loop import LinearizeLoop, LinearizeTwoPort
+from teleop_drake.linear_model.operating_point import (
+    OperatingPoint,
+    OperatingPointAt,
+    OperatingPointOfRun,
+    OperatingPoints,
+)
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.robots import TwoLinkArmConfig
 from teleop_drake.robots.inverse_kinematics import ToolJacobian

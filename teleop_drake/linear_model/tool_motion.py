@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import OutputPort, System
 
-from teleop_drake.analysis.cut_diagram import States
+from teleop_drake.linear_model.cuts import States
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import Refuse, ScenarioError, Show
 

@@ -30,7 +30,7 @@ state. The robot's are taken to be position and velocity of its tool, r and v, i
 (2.6) is written; then dr/dt = v also between small deviations, exactly, as the operator
 feels it. In joint coordinates it would not be: v = J(q) dq/dt. Joints beyond the task
 axes, which can move while the tool stays where it is, add coordinates of their own
-(analysis.tool_motion).
+(linear_model.tool_motion).
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
 the operating point, the initial ones or those of a run, and are no states of the
@@ -56,11 +56,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.linear_models import LoopModel, Motion, TwoPortModel
-from teleop_drake.analysis.linearizer import Linearizer
-from teleop_drake.analysis.loop_cut import CutLoop
-from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.environments import CONTACT
+from teleop_drake.linear_model.linearizer import Linearizer
+from teleop_drake.linear_model.loop_cut import CutLoop
+from teleop_drake.linear_model.models import LoopModel, Motion, TwoPortModel
+from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import AsTeleoperation, ScenarioLike

@@ -27,10 +27,10 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Adder_
 
-from teleop_drake.analysis.cut_diagram import FixedInput, InnerDelay, States
 from teleop_drake.compiler.flatten import Flatten, OutputOf, Source
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.kernel.block import DualBlock, KernelBlock
+from teleop_drake.linear_model.cuts import FixedInput, InnerDelay, States
 from teleop_drake.numerics.differences import differentiate
 
 Array = NDArray[np.float64]

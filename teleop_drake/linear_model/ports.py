@@ -18,12 +18,12 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import FixedInput, InnerDelay, States
-from teleop_drake.analysis.dual_diagram import DualDiagram, LeafPorts
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
+from teleop_drake.linear_model.autodiff_diagram import DualDiagram, LeafPorts
+from teleop_drake.linear_model.cuts import FixedInput, InnerDelay, States
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import Refuse

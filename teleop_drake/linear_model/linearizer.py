@@ -7,18 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, InputPort, OutputPort
 
-from teleop_drake.analysis.cut_diagram import (
-    CutOpen,
-    FindHeldForce,
-    FixedInput,
-    InnerDelay,
-    SetStates,
-    States,
-)
-from teleop_drake.analysis.dual_diagram import DualDiagram
-from teleop_drake.analysis.linear_models import LoopModel, TwoPortModel
-from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.kernel.linear_part import (
@@ -26,6 +14,18 @@ from teleop_drake.kernel.linear_part import (
     IDLE_PASSIVITY,
     LinearPartOf,
 )
+from teleop_drake.linear_model.autodiff_diagram import DualDiagram
+from teleop_drake.linear_model.cuts import (
+    CutOpen,
+    FindHeldForce,
+    FixedInput,
+    InnerDelay,
+    SetStates,
+    States,
+)
+from teleop_drake.linear_model.models import LoopModel, TwoPortModel
+from teleop_drake.linear_model.operating_point import OperatingPoint
+from teleop_drake.linear_model.tool_motion import ToolMotion
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import Scenario
 from teleop_drake.validation import Refuse, ScenarioError

@@ -5,10 +5,10 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
-from teleop_drake.analysis.linearization import LinearizeLoop
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.port_linearization import LinearizePorts
 from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.operating_point import OperatingPoints
+from teleop_drake.linear_model.ports import LinearizePorts
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.teleoperator import MakeTeleoperator
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.analysis.linear_models import LoopModel
+from teleop_drake.linear_model.models import LoopModel
 from teleop_drake.numerics.state_space import StateSpace
 
 Array = NDArray[np.float64]

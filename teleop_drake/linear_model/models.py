@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from teleop_drake.analysis.operating_point import OperatingPoint
+from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.numerics.state_space import StateSpace
 
 
@@ -23,7 +23,7 @@ class LoopModel:
             one input and one output for each internal delay of the slave. Its states
             are [r (n), v (n), the states of the controller that are not frozen]; a
             robot with more joints has [r, s, v, w] in the place of [r, v], see
-            analysis.tool_motion.
+            linear_model.tool_motion.
         frozen_weights: Whether the estimates of an adaptive law are held constant.
         idle_passivity: Whether passivity controllers are taken to inject nothing.
         packet_sizes: Entries of the forward and of the return packet.
@@ -56,7 +56,7 @@ class Motion:
 
     Attributes:
         rate: The size in 1/s below which roots are slower than the motion; see
-            analysis.linearization.
+            linear_model.loop.
         loops: L a time before the point and the same time after it; see loop_cut.
         time: Between the two, in s.
     """
