@@ -30,7 +30,6 @@ from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import ARCHITECTURES as EVERY_ARCHITECTURE
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import Sweep, SweepResult
-from teleop_drake.sweep.workers import WorkerProcesses
 
 TABLE = Path(__file__).with_suffix(".csv")
 
@@ -190,6 +189,7 @@ def MakeTable(
     out: Path | None = None,
     resume: bool = False,
     executor: Executor | None = None,
+    jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     engine: str = "auto",
 ) -> list[dict[str, Any]]:
@@ -199,7 +199,8 @@ def MakeTable(
         configurations: As Configurations() returns them.
         out: Folder for the sweeps; None keeps none.
         resume: Whether to go on with the sweeps that are there.
-        executor: Where to simulate; None: as Sweep does.
+        executor: Where to simulate; None: as Sweep does, in so many jobs.
+        jobs: Number of processes.
         progress: Called with the number of runs that are finished and of all.
         engine: As Sweep takes it.
 
@@ -228,6 +229,7 @@ def MakeTable(
             grid,
             overrides=Overrides(*configuration),
             executor=executor,
+            jobs=jobs,
             out=out and out / "-".join(map(str, configuration)),
             resume=resume,
             progress=Report,
@@ -576,17 +578,15 @@ def main() -> None:
     def Report(done: int, total: int) -> None:
         print(f"\r{done} of {total} runs", end="", file=sys.stderr, flush=True)
 
-    executor = WorkerProcesses(arguments.jobs)
     try:
         rows = MakeTable(
             Configurations(arguments.quick),
             out=arguments.out,
             resume=arguments.resume,
-            executor=executor,
+            jobs=arguments.jobs,
             progress=Report,
         )
     finally:
-        executor.shutdown(cancel_futures=True)
         print(file=sys.stderr)
     if arguments.quick:
         WriteTable(rows, sys.stdout)

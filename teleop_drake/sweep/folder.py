@@ -96,14 +96,11 @@ class SweepFolder:
         if self._journal.write(line) != len(line):
             raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
 
-    def FinishPart(self, records: Sequence[Mapping[str, Any]]) -> None:
-        """Puts the records of a part into the order of the grid."""
-        self._Write("runs.jsonl", "".join(map(_JsonLine, records)))
-
     def Finish(self, result: SweepResult) -> None:
-        """Writes all files in their final form."""
-        self.FinishPart(result.records)
-        WriteTables(result, self._path)
+        """Puts the records into the order of the grid, and makes tables of a whole."""
+        self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
+        if self._part is None:
+            WriteTables(result, self._path)
 
     def _Title(self) -> str:
         return f"out = {str(self._path)!r}"

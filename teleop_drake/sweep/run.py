@@ -3,11 +3,16 @@
 import contextlib
 import itertools
 import json
+import multiprocessing
 import os
+import signal
+import sys
+import threading
 import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -19,17 +24,18 @@ from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.workers import CALLS_PER_PROCESS, WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
 # So many runs wait in the executor: enough for a large cluster.
 _MAX_IN_FLIGHT = 1000
 
+# After so many runs each, processes are replaced. In Drake before 1.56 a simulation
+# leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
+_RUNS_PER_PROCESS = 100
+
 # Compiled runs that would take no longer than this, in s, than worker processes take to
-# start and import, are done without. They are no more than a worker does before it is
-# recycled, because a run may leave memory behind.
+# start and import, are done without.
 _START_OF_WORKERS = 6.0
-_MAX_HERE = CALLS_PER_PROCESS
 
 
 def Sweep(
@@ -65,8 +71,8 @@ def Sweep(
             code, and says of what cannot why.
         executor: Where to simulate: any Executor whose workers can import this
             package, for example `distributed.Client(...).get_executor()`. It stays
-            open. None makes WorkerProcesses.
-        jobs: Number of WorkerProcesses, >= 1; None: as many as there are processors,
+            open. None: in worker processes.
+        jobs: Number of worker processes, >= 1; None: as many as there are processors,
             and none for compiled runs that would be done before these have started.
         out: Folder to write to; None writes nothing.
         resume: Whether to go on with the sweep in `out`, if there is one. To have a
@@ -101,6 +107,7 @@ def Sweep(
 def RunSweep(
     plan: SweepPlan,
     *,
+    part: tuple[int, int] | None = None,
     executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -108,98 +115,30 @@ def RunSweep(
     progress: Callable[[int, int], None] | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
-    """Does what a plan says; arguments and errors are those of Sweep()."""
-    _CheckJobs(jobs, executor)
+    """Does what a plan says, or a part of it.
+
+    Args:
+        part: (I, N) for the runs I - 1, I - 1 + N and so on, whose records are all that
+            the result then has; None: all runs. The others are those of Sweep().
+    """
+    if jobs is not None and (jobs < 1 or executor is not None):
+        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
+        raise SweepError(f"jobs = {jobs}: must be {allowed}")
+    notice = notice or warnings.warn
+    runs = range(len(plan.points))
+    if part is not None:
+        runs = runs[part[0] - 1 :: part[1]]
     with contextlib.ExitStack() as stack:
         folder = None
         if out is not None:
             folder = stack.enter_context(
-                SweepFolder(Path(out), plan, resume, notice or warnings.warn)
+                SweepFolder(Path(out), plan, resume, notice, part)
             )
-        records = _RunAll(
-            plan, range(len(plan.points)), folder, executor, jobs, progress, notice
-        )
+        records = _RunAll(plan, runs, folder, executor, jobs, progress, notice)
         result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
         if folder is not None:
             folder.Finish(result)
     return result
-
-
-def RunPart(
-    plan: SweepPlan,
-    part: tuple[int, int],
-    out: str | os.PathLike[str],
-    *,
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
-) -> list[dict[str, Any]]:
-    """Does every N-th run of a plan, and returns their records.
-
-    Part (I, N) has the runs I - 1, I - 1 + N and so on. MergeParts makes a sweep of all
-    parts, which may be done on different machines. The other arguments and the errors
-    are those of Sweep().
-    """
-    _CheckJobs(jobs, executor)
-    number, count = part
-    if not 1 <= number <= count:
-        raise SweepError(f"part = {number}/{count}: must be 1/N to N/N")
-    runs = range(number - 1, len(plan.points), count)
-    with SweepFolder(Path(out), plan, resume, notice or warnings.warn, part) as folder:
-        records = _RunAll(plan, runs, folder, executor, jobs, progress, notice)
-        folder.FinishPart(records)
-    return records
-
-
-def MergeParts(
-    plan: SweepPlan,
-    parts: Sequence[str | os.PathLike[str]],
-    out: str | os.PathLike[str],
-    *,
-    notice: Callable[[str], None] | None = None,
-) -> SweepResult:
-    """Makes one sweep of parts that RunPart has done.
-
-    Args:
-        parts: Their folders, in the order of the parts: all there are.
-        out: Folder of the sweep; one that was merged before is written anew.
-        notice: Called with what the user should know of the folders.
-
-    Returns:
-        The records of all runs.
-
-    Raises:
-        SweepError: If a folder cannot be used, is of another sweep, or lacks runs.
-        OSError: If a file cannot be written.
-    """
-    notice = notice or warnings.warn
-    records: dict[int, dict[str, Any]] = {}
-    for i, path in enumerate(parts):
-        part = (i + 1, len(parts))
-        with SweepFolder(Path(path), plan, True, notice, part) as folder:
-            records |= folder.records
-    missing = len(plan.points) - len(records)
-    if missing:
-        raise SweepError(
-            f"parts = {len(parts)} folders: must have all {len(plan.points)} runs, and "
-            f"{missing} are missing; --resume does them"
-        )
-    result = SweepResult(
-        scenario=plan.scenario,
-        axes=plan.axes,
-        records=[records[run] for run in range(len(plan.points))],
-    )
-    with SweepFolder(Path(out), plan, True, notice) as folder:
-        folder.Finish(result)
-    return result
-
-
-def _CheckJobs(jobs: int | None, executor: Executor | None) -> None:
-    if jobs is not None and (jobs < 1 or executor is not None):
-        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
-        raise SweepError(f"jobs = {jobs}: must be {allowed}")
 
 
 def _RunAll(
@@ -209,45 +148,41 @@ def _RunAll(
     executor: Executor | None,
     jobs: int | None,
     progress: Callable[[int, int], None] | None,
-    notice: Callable[[str], None] | None,
+    notice: Callable[[str], None],
 ) -> list[dict[str, Any]]:
     """Returns the records of runs of a plan; does what the folder does not have."""
     records = {} if folder is None else dict(folder.records)
     if progress is not None:
         progress(len(records), len(runs))
-    missing = [run for run in runs if run not in records]
-    is_compiled = bool(missing) and plan.engine != "drake"
-    if is_compiled:
+
+    def Missing() -> list[int]:
+        return [run for run in runs if run not in records]
+
+    def Take(new: Iterable[dict[str, Any]]) -> None:
+        for record in new:
+            records[record["run"]] = record
+            if folder is not None:
+                folder.Append(record)
+            if progress is not None:
+                progress(len(records), len(runs))
+
+    if Missing() and plan.engine != "drake":
         why = WhyNotCompiled(plan.scenario)
         if why:
-            (notice or warnings.warn)(f"Run in Drake's Simulator: {why}.")
-            is_compiled = False
-
-    def Take(record: dict[str, Any]) -> None:
-        records[record["run"]] = record
-        if folder is not None:
-            folder.Append(record)
-        if progress is not None:
-            progress(len(records), len(runs))
-
-    with contextlib.ExitStack() as stack:
-        if is_compiled and executor is None and jobs is None:
-            for record in _SimulateHere(plan, missing):
-                Take(record)
-            missing = [run for run in runs if run not in records]
-        if missing and executor is None:
-            executor = WorkerProcesses(min(jobs or os.cpu_count() or 1, len(missing)))
-            stack.callback(executor.shutdown, cancel_futures=True)
-        if executor is not None:
-            for record in _Simulate(plan, missing, executor):
-                Take(record)
+            notice(f"Run in Drake's Simulator: {why}.")
+        elif executor is None and jobs is None:
+            Take(_SimulateHere(plan, Missing()))
+    if executor is not None:
+        Take(_Simulate(plan, Missing(), executor))
+    else:
+        Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
     return [records[run] for run in runs]
 
 
 def _SimulateHere(plan: SweepPlan, runs: Sequence[int]) -> Iterator[dict[str, Any]]:
     """Simulates runs of a plan in this process, until worker processes would pay."""
     times: list[float] = []
-    for i, run in enumerate(runs[:_MAX_HERE]):
+    for i, run in enumerate(runs[:_RUNS_PER_PROCESS]):
         # The first run may compile.
         if sum(times[1:]) * (len(runs) - i) > _START_OF_WORKERS * max(i - 1, 0) > 0:
             return
@@ -285,14 +220,12 @@ def _Simulate(
             run, future = finished.get()
             del pending[run]
             error = None if future.cancelled() else future.exception()
-            if future.cancelled() or isinstance(error, BrokenExecutor):
-                raise RuntimeError(
-                    f"the executor gave up: {_OneLine(error or 'it cancelled a run')}"
-                ) from error
+            if future.cancelled():
+                raise RuntimeError("the executor gave up: it cancelled a run")
             if error is None:
                 outcome = future.result()
-            elif not isinstance(error, Exception):
-                raise error  # KeyboardInterrupt.
+            elif isinstance(error, BrokenExecutor) or not isinstance(error, Exception):
+                raise error
             elif run not in retried:
                 retried.add(run)
                 Submit(run)
@@ -305,6 +238,87 @@ def _Simulate(
     finally:
         for future in pending.values():
             future.cancel()
+
+
+def _SimulateInProcesses(
+    plan: SweepPlan, runs: Iterable[int], jobs: int
+) -> Iterator[dict[str, Any]]:
+    """Simulates runs of a plan in processes and yields each record as it comes.
+
+    The death of a process breaks its pool. The runs that may have been under way are
+    done again, each alone, so that only a run that ends its process fails.
+    """
+    waiting, suspects = list(runs), list[int]()
+    while waiting or suspects:
+        is_alone = bool(suspects)
+        size = 1 if is_alone else jobs * _RUNS_PER_PROCESS
+        queue = suspects if is_alone else waiting
+        unfinished = dict.fromkeys(queue[:size])
+        del queue[:size]
+        try:
+            with _Processes(min(len(unfinished), jobs)) as pool:
+                for record in _Simulate(plan, list(unfinished), pool):
+                    del unfinished[record["run"]]
+                    yield record
+        except BrokenProcessPool:
+            if is_alone:
+                for run in unfinished:
+                    reason = "its process ended, and so did the second one"
+                    yield {"run": run, "varied": plan.points[run], **_Failure(reason)}
+            else:
+                suspects = list(unfinished)[:jobs]
+                waiting = list(unfinished)[jobs:] + waiting
+
+
+@contextlib.contextmanager
+def _Processes(jobs: int) -> Iterator[Executor]:
+    """Yields a pool of processes, which are killed if it is left by an exception.
+
+    On Linux they are forks of a server that has imported what runs need, and stays as
+    long as this process: this one may have threads, which a fork would not survive.
+    macOS forbids much after a fork.
+    """
+    kind = "forkserver" if sys.platform == "linux" else "spawn"
+    context = multiprocessing.get_context(kind)
+    context.set_forkserver_preload([__name__, "llvmlite.binding"])
+    others = multiprocessing.active_children()
+    pool = ProcessPoolExecutor(
+        jobs,
+        mp_context=context,
+        initializer=_BeginWorker,
+        initargs=(dict(os.environ),),
+    )
+    try:
+        try:
+            pool.submit(os.getpid).result()
+        except BrokenProcessPool:
+            raise RuntimeError(
+                "a worker process could not start; a script must keep its own work "
+                'under `if __name__ == "__main__":`'
+            ) from None
+        yield pool
+    except BaseException:
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _BeginWorker(environment: Mapping[str, str]) -> None:
+    """Leaves Ctrl-C to the parent, ends with it, and takes over its environment."""
+
+    def EndWithParent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.clear()
+    os.environ.update(environment)
+    threading.Thread(target=EndWithParent, daemon=True).start()
 
 
 def _SimulateOne(source: Source, overrides: list[str], engine: str) -> dict[str, Any]:
@@ -330,7 +344,7 @@ def _Outcome(recording: Recording) -> dict[str, Any]:
     return record
 
 
-def _Failure(error: BaseException) -> dict[str, Any]:
+def _Failure(error: BaseException | str) -> dict[str, Any]:
     return {"status": "failed", "reason": _OneLine(error), "metrics": None}
 
 

@@ -16,17 +16,18 @@ what one job of an array of jobs does; it stands in folders `part-I-of-N` of tho
 
 import os
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
 from teleop_drake.scenario.tree import ParseFile, ReadText
+from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import MAX_RUNS, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.run import MergeParts, RunPart, RunSweep
+from teleop_drake.sweep.run import RunSweep
 from teleop_drake.validation import CheckChoice, Refuse, Within
 
 _KEYS = (
@@ -112,56 +113,39 @@ def RunStudy(
     out: str | os.PathLike[str],
     *,
     part: tuple[int, int] | None = None,
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    **options: Any,
 ) -> dict[str, SweepResult]:
     """Does a study, or a part of it.
 
     Args:
         part: (I, N) to do the I-th of N parts; None: all.
-        executor: Where to simulate; None: in WorkerProcesses.
-        jobs: Number of WorkerProcesses; None: one for each processor.
-        resume: Whether to go on with what is in `out`.
         progress: Called with the numbers of finished runs and of all.
-        notice: Called with what the user should know of the folders.
+        **options: As RunSweep() takes them.
 
     Returns:
-        What came out for each scenario; empty for a part.
+        What came out for each scenario; of a part only its own records.
 
     Raises:
-        SweepError: If jobs, the part or the folder cannot be used.
+        SweepError: If jobs or the folder cannot be used.
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    num_before = 0
-    num_runs = study.num_runs
-    if part is not None:
-        num_runs = sum(
-            len(p.points[part[0] - 1 :: part[1]]) for p in study.plans.values()
+    first, step = part or (1, 1)
+    sizes = [len(p.points[first - 1 :: step]) for p in study.plans.values()]
+    results: dict[str, SweepResult] = {}
+    for i, (name, plan) in enumerate(study.plans.items()):
+
+        def Report(finished: int, _: int, before: int = sum(sizes[:i])) -> None:
+            if progress is not None:
+                progress(before + finished, sum(sizes))
+
+        folder = Path(out, name)
+        if part is not None:
+            folder /= f"part-{first}-of-{step}"
+        results[name] = RunSweep(
+            plan, part=part, out=folder, progress=Report, **options
         )
-
-    def Report(finished: int, _: int) -> None:
-        if progress is not None:
-            progress(num_before + finished, num_runs)
-
-    results = {}
-    for name, plan in study.plans.items():
-        options: dict[str, Any] = {
-            "executor": executor,
-            "jobs": jobs,
-            "resume": resume,
-            "progress": Report,
-            "notice": notice,
-        }
-        if part is None:
-            results[name] = RunSweep(plan, out=Path(out, name), **options)
-            num_before += len(plan.points)
-        else:
-            folder = Path(out, name, f"part-{part[0]}-of-{part[1]}")
-            num_before += len(RunPart(plan, part, folder, **options))
     return results
 
 
@@ -170,7 +154,7 @@ def MergeStudy(
     out: str | os.PathLike[str],
     folders: Sequence[str | os.PathLike[str]],
     *,
-    notice: Callable[[str], None] | None = None,
+    notice: Callable[[str], None] = warnings.warn,
 ) -> dict[str, SweepResult]:
     """Makes one study of its parts.
 
@@ -186,15 +170,27 @@ def MergeStudy(
         SweepError: If there are no parts, some are missing, or are of another study.
         OSError: If a file cannot be written.
     """
-    return {
-        name: MergeParts(
-            plan,
-            _Parts([Path(folder, name) for folder in folders]),
-            Path(out, name),
-            notice=notice,
+    results = {}
+    for name, plan in study.plans.items():
+        parts = _Parts([Path(folder, name) for folder in folders])
+        records: dict[int, dict[str, Any]] = {}
+        for i, path in enumerate(parts):
+            part = (i + 1, len(parts))
+            with SweepFolder(path, plan, True, notice, part) as folder:
+                records |= folder.records
+        missing = len(plan.points) - len(records)
+        if missing:
+            raise SweepError(
+                f"parts = {len(parts)} folders: must have all {len(plan.points)} runs, "
+                f"and {missing} are missing; --resume does them"
+            )
+        ordered = [records[run] for run in range(len(plan.points))]
+        results[name] = SweepResult(
+            scenario=plan.scenario, axes=plan.axes, records=ordered
         )
-        for name, plan in study.plans.items()
-    }
+        with SweepFolder(Path(out, name), plan, True, notice) as folder:
+            folder.Finish(results[name])
+    return results
 
 
 def ParsePart(text: str) -> tuple[int, int]:

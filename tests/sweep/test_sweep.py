@@ -43,7 +43,6 @@ from teleop_drake.sweep import (
     SweepError,
     SweepResult,
 )
-from teleop_drake.sweep.workers import WorkerProcesses
 from teleop_drake.tasks.metrics import RunSummary
 
 # They use the same worker processes.
@@ -61,12 +60,6 @@ Sweep, PlanSweep = (
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture(scope="module")
-def processes():
-    with WorkerProcesses(2) as executor:
-        yield executor
 
 
 @pytest.fixture
@@ -147,7 +140,7 @@ def test_records_are_those_of_single_runs(threads):
     threads.submit(int).result()  # The executor stays open.
 
 
-def test_a_file_with_a_trace_can_be_swept(processes):
+def test_a_file_with_a_trace_can_be_swept(threads):
     os.mkdir("mine")
     Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
     scenario = LoadScenario(
@@ -160,7 +153,7 @@ def test_a_file_with_a_trace_can_be_swept(processes):
     )
     scenario.forward_channel.trace = "lag.csv"  # Relative to the file.
     Path("mine/task.yaml").write_text(ScenarioToYaml(scenario))
-    result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]}, executor=processes)
+    result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]}, executor=threads)
     assert [record["reason"] for record in result.records] == ["", ""]
     for record in result.records:
         assert record["scenario"] == "one_dof"
@@ -342,36 +335,6 @@ def test_any_exception_is_a_row(threads, monkeypatch):
     ]
 
 
-class Deadly(Executor):
-    """The first calls for a mass of 2 kg, so many, kill their process."""
-
-    def __init__(self, executor, num_deaths):
-        self.executor = executor
-        self.num_deaths = num_deaths
-
-    def submit(self, fn, /, *args, **kwargs):
-        if self.num_deaths > 0 and "robot.mass=2.0" in args[1]:
-            self.num_deaths -= 1
-            return self.executor.submit(os._exit, 9)
-        return self.executor.submit(fn, *args, **kwargs)
-
-
-def test_a_run_whose_process_dies_is_tried_again(processes):
-    grid = {"robot.mass": [1.0, 2.0, 3.0]}
-    expected = Sweep("one_dof", grid, overrides=SHORT, executor=processes)
-    once = Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(processes, 1))
-    assert once.records == expected.records
-    twice = Sweep("one_dof", grid, overrides=SHORT, executor=Deadly(processes, 2))
-    assert twice.records[1] == {
-        "run": 1,
-        "varied": {"robot.mass": 2.0},
-        "status": "failed",
-        "reason": "the worker process ended (exit code 9)",
-        "metrics": None,
-    }
-    assert twice.records[::2] == expected.records[::2]
-
-
 def test_an_interrupt_in_a_worker_ends_the_sweep():
     class Interrupted(Executor):
         def submit(self, fn, /, *args, **kwargs):
@@ -386,7 +349,7 @@ def test_an_interrupt_in_a_worker_ends_the_sweep():
 # The folder.
 
 
-def test_files(processes):
+def test_files(threads):
     grid = {"forward_channel.sample_period": [0.1, 0.02], "delay": [0.05, 0.2]}
     overrides = SHORT | {"forward_channel.kind": "sampled"}
     seen = []
@@ -399,7 +362,7 @@ def test_files(processes):
         "one_dof",
         grid,
         overrides=overrides,
-        executor=processes,
+        executor=threads,
         out="a/b",
         progress=Progress,
     )
@@ -420,9 +383,9 @@ def test_files(processes):
     assert rows[1]["diverged"] == "false"
 
 
-def test_resume_does_only_the_rest(processes):
+def test_resume_does_only_the_rest(threads):
     grid = {"robot.mass": [1.0, 2.0, 3.0, 4.0]}
-    kwargs = {"overrides": SHORT, "executor": processes}
+    kwargs = {"overrides": SHORT, "executor": threads}
     Sweep("one_dof", grid, out="whole", **kwargs)
     Sweep("one_dof", grid, out="torn", resume=True, **kwargs)
     expected = Files("whole")
@@ -610,7 +573,7 @@ def test_command(capsys, monkeypatch):
         *("metrics.png", "metrics_map.png", "stability.png"),
     }
     # Drawn again, with other metrics, without a run.
-    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
+    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", None)
     options[2:] = ["--metrics", "collision.time", "--separate", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
@@ -661,7 +624,7 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
     def Records():
         return Sweep("one_dof", grid, overrides=SHORT, engine="auto").records
 
-    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", None)
+    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", None)
     records = Records()
     for delay, record in zip(grid["delay"], records, strict=True):
         scenario = LoadScenario("one_dof", SHORT | {"delay": delay})
@@ -670,12 +633,12 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
         assert record["final"] == expected["final"]
     workers = []
 
-    def Workers(jobs):
+    def Workers(jobs, **options):
         workers.append(jobs)
         return ThreadPoolExecutor(jobs)
 
     # Where they would pay, they do what is left after two runs; or all, if asked for.
-    monkeypatch.setattr("teleop_drake.sweep.run.WorkerProcesses", Workers)
+    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", Workers)
     monkeypatch.setattr("teleop_drake.sweep.run._START_OF_WORKERS", 1e-9)
     assert Records() == records and workers == [min(2, os.cpu_count())]
     threads = Sweep("one_dof", grid, overrides=SHORT, engine="auto", jobs=1).records
@@ -710,14 +673,14 @@ def test_the_controllers_are_a_choice():
     assert Axes(scenario="network_tracking_linear") == {}
 
 
-def test_seeds(processes):
+def test_seeds(threads):
     overrides = SHORT | {
         "forward_channel.kind": "network",
         "forward_channel.sample_period": 0.005,
         "forward_channel.loss": {"kind": "independent", "probability": 0.3},
     }
     grid = {"delay": [0.02, 0.03], "seed": [0, 1, 2]}
-    result = Sweep("one_dof", grid, overrides=overrides, executor=processes)
+    result = Sweep("one_dof", grid, overrides=overrides, executor=threads)
     errors = result.Values("velocity_rms_error.x")
     assert len(set(errors.ravel())) == 6
     assert PlotSweep(result, "velocity_rms_error.x").axes[0].collections
