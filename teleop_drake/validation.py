@@ -5,6 +5,7 @@ All of them refuse with one line: the field, its value and what is allowed.
 
 import contextlib
 import difflib
+import functools
 import math
 import reprlib
 from collections.abc import Iterable, Iterator
@@ -82,24 +83,9 @@ class FixedFields:
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
 
     def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, dict[str, Any]]]:
-        """Returns the fields of a sort: name, value, may be null, and what is allowed.
-
-        A subclass that gives a field another default keeps what is allowed.
-        """
-        declared = {
-            item.name: item
-            for base in reversed(type(self).__mro__)
-            for item in getattr(base, "__dataclass_fields__", {}).values()
-            if sort in item.metadata
-        }
+        """Returns the fields of a sort: name, value, may be null, and what is allowed."""
         return [
-            (
-                name,
-                getattr(self, name),
-                type(None) in get_args(item.type),
-                item.metadata[sort],
-            )
-            for name, item in declared.items()
+            (name, getattr(self, name), *what) for name, *what in _Sort(type(self), sort)
         ]
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -116,6 +102,24 @@ class FixedFields:
                     f"must be {Choices(name, known)}"
                 )
         super().__setattr__(name, value)
+
+
+@functools.cache
+def _Sort(config: type, sort: str) -> list[tuple[str, bool, dict[str, Any]]]:
+    """Returns the fields of a sort, with whether each may be null and what is allowed.
+
+    A subclass that gives a field another default keeps what is allowed.
+    """
+    declared = {
+        item.name: item
+        for base in reversed(config.__mro__)
+        for item in getattr(base, "__dataclass_fields__", {}).values()
+        if sort in item.metadata
+    }
+    return [
+        (name, type(None) in get_args(item.type), item.metadata[sort])
+        for name, item in declared.items()
+    ]
 
 
 _SHORT = reprlib.Repr()
@@ -245,6 +249,8 @@ def CheckGain(
     n = num_axes
     if value is None and may_be_null:
         return np.zeros((n, n))
+    if isinstance(value, float) and 0 < value < math.inf:
+        return value * np.eye(n)
     if value is not None:
         matrix = GainMatrix(value, n)
         if (

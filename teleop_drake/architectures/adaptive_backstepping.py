@@ -165,9 +165,13 @@ class AdaptiveBackstepping(KernelBlock):
         """Returns whether Psi came to its limit in a run; a recording notes that."""
         if "psi" not in signals:
             return []
-        psi = signals["psi"].reshape(-1, self._n, self._n)
-        smallest = np.linalg.norm(psi, -2, axis=(1, 2))
-        is_at_limit = smallest <= (1 + _AT_LIMIT) * self._psi_min
+        n, limit = self._n, (1 + _AT_LIMIT) * self._psi_min
+        psi = signals["psi"].reshape(-1, n, n)
+        # A bound of Psi's smallest singular value, of which most are found without.
+        size = np.sqrt((psi**2).sum(axis=(1, 2)) / max(n - 1, 1))
+        is_at_limit = ~(np.abs(np.linalg.det(psi)) > limit * size ** (n - 1))
+        smallest = np.linalg.norm(psi[is_at_limit], -2, axis=(1, 2))
+        is_at_limit[is_at_limit] = smallest <= limit
         if not is_at_limit.any():
             return []
         return [

@@ -63,7 +63,8 @@ def realize_transfer_function(
     # What remains of the numerator after the constant part of H.
     C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
     D = num[:1, np.newaxis]
-    A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
+    if num_axes > 1:
+        A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
     return A, B, C, D
 
 

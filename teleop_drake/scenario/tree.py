@@ -5,6 +5,7 @@ A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 
 import copy
 import dataclasses
+import functools
 import re
 import types
 import typing
@@ -233,6 +234,7 @@ def _FindKey(tree: Any, part: str, shown: str) -> str | int:
 # Types.
 
 
+@functools.cache
 def FieldTypes(schema: Any) -> dict[str, Any]:
     """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:

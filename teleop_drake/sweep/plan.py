@@ -51,6 +51,9 @@ ALIASES = {
 # the other values.
 _MAX_CHECKS = 61
 
+# So many scenarios stay in the memory after they were checked.
+_MAX_LOADED = 1000
+
 
 @dataclass(kw_only=True)
 class SweepPlan:
@@ -64,6 +67,7 @@ class SweepPlan:
         scenario: The first point that is valid.
         traces: The files that scenarios of the runs name, and a hash of each.
         engine: As simulate() takes it.
+        loaded: Some of the scenarios that were checked, by their overrides.
     """
 
     source: "Source"
@@ -73,6 +77,11 @@ class SweepPlan:
     scenario: AnyScenario
     traces: dict[str, str]
     engine: str
+    loaded: dict[tuple[str, ...], AnyScenario]
+
+    def Load(self, overrides: Sequence[str]) -> AnyScenario:
+        """Returns the scenario of a run in this process; see Source.Load()."""
+        return self.loaded.get(tuple(overrides)) or self.source.Load(overrides)
 
 
 def PlanSweep(
@@ -102,6 +111,7 @@ def PlanSweep(
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
+    good: dict[tuple[str, ...], AnyScenario] = {}
 
     def Load(point: list[str]) -> AnyScenario:
         # By the name that the user gave, which the messages have.
@@ -109,6 +119,8 @@ def PlanSweep(
         CheckSteps(loaded)
         _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
         traces.update(_HashFiles(loaded, traces))
+        if len(good) < _MAX_LOADED:
+            good[tuple(point)] = loaded
         return loaded
 
     first = _CheckValues(Load, overrides, axes)
@@ -127,6 +139,7 @@ def PlanSweep(
         scenario=first,
         traces=traces,
         engine=engine,
+        loaded=good,
     )
 
 

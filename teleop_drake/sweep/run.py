@@ -187,7 +187,7 @@ def _SimulateHere(plan: SweepPlan, runs: Sequence[int]) -> Iterator[dict[str, An
         if sum(times[1:]) * (len(runs) - i) > _START_OF_WORKERS * max(i - 1, 0) > 0:
             return
         start = clock.process_time()
-        record = _SimulateOne(plan.source, _Overrides(plan, run), "auto")
+        record = _SimulateOne(plan, _Overrides(plan, run), "auto")
         times.append(clock.process_time() - start)
         yield {"run": run, "varied": plan.points[run], **record}
 
@@ -321,7 +321,9 @@ def _BeginWorker(environment: Mapping[str, str]) -> None:
     threading.Thread(target=EndWithParent, daemon=True).start()
 
 
-def _SimulateOne(source: Source, overrides: list[str], engine: str) -> dict[str, Any]:
+def _SimulateOne(
+    source: Source | SweepPlan, overrides: list[str], engine: str
+) -> dict[str, Any]:
     """Simulates one run, in a worker, and returns its record."""
     try:
         return _Outcome(simulate(source.Load(overrides), engine=engine))
