@@ -50,7 +50,6 @@ _FIRST_CHUNK = 64
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
 
-
 # How many of the states where a run has been are kept, the last one among them.
 _MAX_VISITED = 4
 
@@ -83,8 +82,7 @@ class CompiledRun:
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
-        as_machine_code: Whether to compile; otherwise the
-            same program runs in Python.
+        as_machine_code: Whether to compile; otherwise the same program runs in Python.
 
     Attributes:
         evaluator: Of the diagram.
@@ -134,7 +132,8 @@ class CompiledRun:
             first_step=0.1 * max_step,
             room=_CHUNK,
         )
-        self._LimitRows(_FIRST_CHUNK)
+        self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
+        self._num_rows, self._chunk = 0, _FIRST_CHUNK
         self._advance: Callable[..., Any] | None = None
 
     @property
@@ -178,6 +177,7 @@ class CompiledRun:
             with the last row of the call before, -1. The run has ended if its time is
             `end` or there is a failure or an error.
         """
+        self._MakeRoomForRows()
         arguments = (
             self._problem,
             self._memory,
@@ -196,15 +196,13 @@ class CompiledRun:
             status = FULL
             if not self._MakesStepShorter(error):
                 self.error = error
-        counts = self._memory.counts
-        num = counts[ROWS]
-        times = self._memory.row_times[:num].copy()
-        rows = self._memory.rows[:num].copy()
-        ends = np.flatnonzero(self._memory.row_ends[:num])
+        memory = self._memory
+        num, memory.counts[ROWS] = int(memory.counts[ROWS]), 0
+        self._num_rows += num
+        times, rows = memory.row_times[:num], memory.rows[:num]
+        ends = np.flatnonzero(memory.row_ends[:num])
         steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
-        counts[ROWS] = 0
         if num:
-            memory = self._memory
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
         if status == STUCK:
@@ -213,12 +211,15 @@ class CompiledRun:
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
+        elif status == FULL and self._chunk == _CHUNK:
+            self._MakeRoom()
         elif status == FULL:
-            if len(self._memory.rows) < _CHUNK:
-                self._LimitRows(_CHUNK)
-            else:
-                self._MakeRoom()
+            self._chunk = _CHUNK
         return times, rows, steps
+
+    def Rows(self) -> tuple[Array, Array]:
+        """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
+        return self._times[: self._num_rows], self._rows[: self._num_rows]
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
         """Sets an input that is not connected; nothing may jump thereby.
@@ -245,12 +246,18 @@ class CompiledRun:
         clock[1] *= 0.1
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
-    def _LimitRows(self, num: int) -> None:
-        memory = self._memory
-        self._memory = memory._replace(
-            row_times=np.zeros(num),
-            row_ends=np.zeros(num, np.int64),
-            rows=np.zeros((num, memory.rows.shape[1])),
+    def _MakeRoomForRows(self) -> None:
+        """Lets the next rows follow the others in their arrays, which grow."""
+        first, end = self._num_rows, self._num_rows + self._chunk
+        if end > len(self._times):
+            more = max(len(self._times), _FIRST_CHUNK + _CHUNK)
+            self._times = np.concatenate([self._times, np.empty(more)])
+            new = np.empty((more, self._rows.shape[1]))
+            self._rows = np.concatenate([self._rows, new])
+        self._memory = self._memory._replace(
+            row_times=self._times[first:end],
+            row_ends=np.empty(self._chunk, np.int64),
+            rows=self._rows[first:end],
         )
 
     def _MakeRoom(self) -> None:

@@ -152,7 +152,6 @@ def make_memory(
     time: float = 0.0,
     first_step: float = 1e-3,
     room: int = 512,
-    room_for_breaks: int = 1024,
 ) -> Memory:
     """Returns what advance() starts with.
 
@@ -180,11 +179,11 @@ def make_memory(
         next_packets=problem.delays.packet_ranges[:, 0].copy(),
         ticks=np.maximum(ticks, 0).astype(np.int64),
         guards=np.zeros((len(ticks), 2)),
-        breaks=np.zeros((room_for_breaks, 2)),
+        breaks=np.zeros((1024, 2)),
         steps=np.zeros((room, 2)),
-        values=np.zeros((room, 5, width)),
+        values=np.empty((room, 5, width)),
         first_values=np.zeros(width),
-        row_times=np.zeros(room),
-        row_ends=np.zeros(room, np.int64),
-        rows=np.zeros((room, len(y))),
+        row_times=np.empty(room),
+        row_ends=np.empty(room, np.int64),
+        rows=np.empty((room, len(y))),
     )

@@ -180,8 +180,7 @@ class _Stepper:
         self._places = _Signals(run, diagram)
         # Without a tool, whatever is computed has to stay finite.
         self._watched = self._places.get("tool_velocity", slice(None))
-        self._pieces: list[tuple[Array, Array, Indices]] = []
-        self._num_rows = 0
+        self._steps: list[Indices] = []
         self.termination, self.reason, self.is_too_fast = "completed", "", False
 
     @property
@@ -200,9 +199,10 @@ class _Stepper:
         while (
             run.time < end - _SAME
             and self.termination == "completed"
-            and not (self._interruption.has_come and self._pieces)
+            and not (self._interruption.has_come and self._steps)
         ):
-            times, rows, steps = run.Advance(end)
+            num_before = len(run.Rows()[0])
+            _, rows, steps = run.Advance(end)
             self._pace.Check(run.num_tries, run.time)
             speeds = np.linalg.norm(rows[:, self._watched], axis=1)
             too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
@@ -214,16 +214,14 @@ class _Stepper:
                 del run.visited[-1:]  # Beyond the limit numbers are of any size.
             elif run.failure or run.error is not None:
                 self.termination, self.reason = "diverged", _ReasonOf(run)
-            if len(times) > 0:
-                self._pieces.append((times, rows, steps + self._num_rows))
-                self._num_rows += len(times)
+            self._steps.append(steps + num_before)
             if self._progress is not None:
                 self._progress(run.time)
 
     def Signals(self) -> dict[str, Array]:
         """Returns all signals as they are now, by name; see simulate()."""
-        _, rows, _ = self._pieces[-1]
-        return {name: rows[-1, place] for name, place in self._places.items()}
+        row = self._run.Rows()[1][-1]
+        return {name: row[place] for name, place in self._places.items()}
 
     def Feed(self, system: System, port: str, values: ArrayLike) -> None:
         """Sets an input that is not connected; nothing may jump thereby."""
@@ -231,11 +229,9 @@ class _Stepper:
 
     def Recorded(self) -> Series:
         """Returns the times (N,), the signals (N, k) and the steps so far."""
-        times, rows, steps = (
-            np.concatenate(x) for x in zip(*self._pieces, strict=True)
-        )
+        times, rows = self._run.Rows()
         signals = {name: rows[:, place] for name, place in self._places.items()}
-        return times, signals, steps
+        return times, signals, np.concatenate(self._steps)
 
 
 def _Run(
