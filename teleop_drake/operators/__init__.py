@@ -1,16 +1,16 @@
-"""Operators of the haptic device: a file for each kind."""
+"""Operators of the haptic device."""
 
 from teleop_drake.kinds import KindTable
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.constant_velocity import (
+from teleop_drake.operators.human import HumanConfig
+from teleop_drake.operators.planned import (
     ConstantVelocityConfig,
     ConstantVelocityOperator,
+    MinimumJerkConfig,
+    SineConfig,
+    TrapezoidConfig,
 )
-from teleop_drake.operators.human import HumanConfig
-from teleop_drake.operators.minimum_jerk import MinimumJerkConfig
 from teleop_drake.operators.recorded import RecordedConfig
-from teleop_drake.operators.sine import SineConfig
-from teleop_drake.operators.trapezoid import TrapezoidConfig
 
 OPERATOR_KINDS = KindTable(
     OperatorConfig,
@@ -30,10 +30,6 @@ __all__ = [
     "OPERATOR_KINDS",
     "ConstantVelocityConfig",
     "ConstantVelocityOperator",
-    "HumanConfig",
-    "MinimumJerkConfig",
     "OperatorConfig",
     "RecordedConfig",
-    "SineConfig",
-    "TrapezoidConfig",
 ]

@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,15 +33,7 @@ class OperatorConfig(KindConfig, ABC):
     stop_time: float | None = Number(None, "s", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field.
-
-        Args:
-            path: The operator's field in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field; refuses the first bad one by a ScenarioError."""
         CheckVector(f"{path}.velocity", self.velocity, num_axes, "m/s")
         if not np.any(self.velocity):
             Refuse(f"{path}.velocity", self.velocity, "non-zero on at least one axis")
@@ -77,19 +70,21 @@ class OperatorConfig(KindConfig, ABC):
             ScenarioError: If a parameter is not allowed.
         """
 
+    def Modes(self, contact_surface: Surface | None) -> dict[str, Any]:
+        """Returns what every ModalOperator takes: when it changes its mode."""
+        return {
+            "contact_force": self.contact_force,
+            "contact_surface": contact_surface,
+            "stop_time": self.stop_time,
+        }
+
     def MakeLinearOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> System:
         """Makes the block by which a linear analysis replaces the operator.
 
-        Here the operator's own, which is right if its states are continuous.
-
-        Args:
-            start: p_WT at time 0 in m (n).
-            contact_surface: Where it perceives contact; None: nowhere.
-
-        Raises:
-            ScenarioError: If it has no linear model.
+        Here the operator's own, which is right if its states are continuous. An
+        operator without a linear model raises a ScenarioError.
         """
         return self.MakeOperator(start=start, contact_surface=contact_surface)
 

@@ -28,25 +28,13 @@ class HandOperator(ModalOperator):
     ports, state, modes, initial value and feedthrough are those of ModalOperator.
 
     It feels nothing by itself: that is what the hand is for.
-
-    Args:
-        num_axes: n.
     """
 
     optional_inputs = ("line",)
 
-    def __init__(self, *, num_axes: int):
-        ModalOperator.__init__(self, num_axes=num_axes)
-
     @staticmethod
     def Line(*, begin: float, end: float, before: ArrayLike, after: ArrayLike) -> Array:
-        """Returns what the input `line` takes.
-
-        Args:
-            begin: When the line begins, s.
-            end: When it ends, s, > begin.
-            before: v_d at the beginning in m/s (n).
-            after: v_d at the end in m/s (n).
+        """Returns what the input `line` takes: times in s, v_d in m/s (n) each.
 
         Raises:
             ValueError: If a value is not finite, or the end is not after the beginning.
@@ -65,12 +53,7 @@ class HandOperator(ModalOperator):
 
 
 def velocity_on_line(time: float, line: Array) -> Array:
-    """Returns v_d in m/s (n).
-
-    Args:
-        time: In s.
-        line: [begin; end; before; after]; zeros: v_d is zero.
-    """
+    """Returns v_d in m/s (n); zero if the line is zeros."""
     n = (len(line) - 2) // 2
     # A line without a length has ended.
     length = max(line[1] - line[0], 1e-9)

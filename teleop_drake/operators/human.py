@@ -7,11 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    System,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from teleop_drake.channels.base import SHORTEST_TIME
@@ -60,33 +56,14 @@ class HumanHand(ModalOperator):
     Args:
         human: Its numbers.
         goal: One of GOALS.
-        contact_force: Force after contact in N (n); None: never switches.
-        contact_surface: Where contact is perceived; None: never.
-        stop_time: When the stop is commanded in s; None: never.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
+        **modes: As ModalOperator takes them.
     """
 
-    def __init__(
-        self,
-        *,
-        human: HumanOperator,
-        goal: str,
-        contact_force: ArrayLike | None = None,
-        contact_surface: Surface | None = None,
-        stop_time: float | None = None,
-    ):
+    def __init__(self, *, human: HumanOperator, goal: str, **modes: Any):
         CheckChoice("goal", goal, GOALS)
         self._human = human
         self._follows_position = goal == "position"
-        ModalOperator.__init__(
-            self,
-            num_axes=human.velocity.size,
-            contact_force=contact_force,
-            contact_surface=contact_surface,
-            stop_time=stop_time,
-        )
+        ModalOperator.__init__(self, num_axes=human.velocity.size, **modes)
 
     def DeclareMore(self) -> None:
         """Declares what is perceived, and the state."""
@@ -227,7 +204,5 @@ class HumanConfig(OperatorConfig):
                 stiffness=float(self.arm_stiffness),
             ),
             goal=self.goal,
-            contact_force=self.contact_force,
-            contact_surface=contact_surface,
-            stop_time=self.stop_time,
+            **self.Modes(contact_surface),
         )

@@ -1,8 +1,7 @@
 """Base of the operators: a velocity until contact is felt, then a force."""
 
-import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -52,18 +51,13 @@ class ModalOperator(KernelBlock):
 
     Attributes:
         jump_times: When the outputs jump or are not smooth in any case, s.
-        longest_step: No step of the solver may be longer, s.
+        contact_surface: Where the operator perceives contact; None: nowhere.
 
     Args:
         num_axes: n.
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
-        nonsmooth_times: When the intended velocity is not smooth, s; steps end
-            there, and short ones follow.
-        ends: Where steps end as well: (first, period) each, in s; an infinite period:
-            once.
-        longest_step: No step of the solver may be longer, s.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -76,36 +70,25 @@ class ModalOperator(KernelBlock):
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
-        nonsmooth_times: ArrayLike = (),
-        ends: Sequence[tuple[float, float]] = (),
-        longest_step: float = math.inf,
     ):
         KernelBlock.__init__(self)
         n = num_axes
+        force = np.zeros(n) if contact_force is None else contact_force
+        CheckVector("contact_force", force, n, "N")
+        if contact_surface is not None:
+            CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
+        if stop_time is not None:
+            CheckNumber("stop_time", stop_time, "s", minimum=0)
         self._num_axes = n
-        self._contact_force = _CheckContactForce(contact_force, n)
-        _CheckSurfaceAndStop(contact_surface, stop_time, n)
-        self._surface = None if contact_force is None else contact_surface
+        self._contact_force = np.array(force, dtype=float)
+        self.contact_surface = None if contact_force is None else contact_surface
         self._stop_time = stop_time
-        self._nonsmooth_times = [
-            float(x) for x in np.atleast_1d(np.asarray(nonsmooth_times))
-        ]
-        self.jump_times = [
-            *self._nonsmooth_times,
-            *([] if stop_time is None else [stop_time]),
-        ]
-        self.longest_step = longest_step
-        self._ends = [*((time, math.inf) for time in self._nonsmooth_times), *ends]
+        self.jump_times = [] if stop_time is None else [stop_time]
         self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("felt_position", n)
         self.DeclareDiscreteState(2)
         self.DeclareMore()
         self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
-
-    @property
-    def contact_surface(self) -> Surface | None:
-        """Where the operator perceives contact; None: nowhere."""
-        return self._surface
 
     def DeclareMore(self) -> None:
         """Declares what other inputs a subclass has, and its continuous state."""
@@ -114,8 +97,7 @@ class ModalOperator(KernelBlock):
     def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
         """Returns the term of v_d before contact and before the stop; see kernel.
 
-        Returns:
-            The term, of a velocity in m/s (n), and its parameters.
+        With it come its parameters. v_d is in m/s (n).
         """
 
     def Kernel(self) -> Kernel:
@@ -123,9 +105,9 @@ class ModalOperator(KernelBlock):
         intention, parameters = self.IntentionTerm()
         transitions = {}
         parameters = {"contact_force": self._contact_force, **parameters}
-        if self._surface is not None:
-            parameters["point"] = self._surface.point_W
-            parameters["normal"] = self._surface.normal_W
+        if self.contact_surface is not None:
+            parameters["point"] = self.contact_surface.point_W
+            parameters["normal"] = self.contact_surface.normal_W
             transitions["perceives_contact"] = Transition(
                 guard=(past_surface, "mode", "felt_position", "point", "normal"),
                 mode=(with_contact, "mode"),
@@ -133,10 +115,6 @@ class ModalOperator(KernelBlock):
         if self._stop_time is not None:
             transitions["stops"] = Transition(
                 mode=(with_stop, "mode"), offset=self._stop_time
-            )
-        for i, (first, period) in enumerate(self._ends):
-            transitions[f"end_{i}"] = Transition(
-                mode="mode", offset=first, period=period
             )
         return Kernel(
             parameters=parameters,
@@ -155,7 +133,7 @@ class ModalOperator(KernelBlock):
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that what has been perceived stays perceived, and what follows."""
-        if self._surface is None:
+        if self.contact_surface is None:
             return LinearPart(has_modes=True)
         perceived = with_contact(np.zeros(2))
         held = HeldForce(state=perceived, force=self._contact_force)
@@ -163,34 +141,11 @@ class ModalOperator(KernelBlock):
 
 
 def CheckVelocity(velocity: ArrayLike) -> Array:
-    """Returns v_d as an array (n).
-
-    Args:
-        velocity: In m/s (n).
-
-    Raises:
-        ValueError: If it is not n finite numbers.
-    """
+    """Returns v_d in m/s as an array (n), or refuses it."""
     array = np.array(velocity, dtype=float)
     if array.ndim != 1 or not np.all(np.isfinite(array)):
         Refuse("velocity", velocity, "a list of finite numbers (m/s)")
     return array
-
-
-def _CheckContactForce(contact_force: ArrayLike | None, n: int) -> Array:
-    if contact_force is None:
-        return np.zeros(n)
-    CheckVector("contact_force", contact_force, n, "N")
-    return np.array(contact_force, dtype=float)
-
-
-def _CheckSurfaceAndStop(
-    contact_surface: Surface | None, stop_time: float | None, n: int
-) -> None:
-    if contact_surface is not None:
-        CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
-    if stop_time is not None:
-        CheckNumber("stop_time", stop_time, "s", minimum=0)
 
 
 def mode_vector(state: Array) -> Array:

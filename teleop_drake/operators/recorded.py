@@ -1,30 +1,24 @@
 """An operator who repeats what a hand did."""
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.environments import Surface
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.profile import ProfileOperator
+from teleop_drake.operators.modes import Array
+from teleop_drake.operators.planned import Plan, PlannedConfig, PlanOfPieces
 from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
-
-Array = NDArray[np.float64]
-
 
 MAX_UNEVEN = 100
 """Most rows of a file that are not at equal distances in time."""
 
 
 @dataclass(kw_only=True, eq=False)
-class RecordedConfig(OperatorConfig):
+class RecordedConfig(PlannedConfig):
     """v_d(t) from a file: straight lines between its rows, zero before and after."""
 
     kind = "recorded"
@@ -41,42 +35,25 @@ class RecordedConfig(OperatorConfig):
             Refuse(f"{path}.file", self.file, "the path of a CSV file of time and v_d")
         ReadCommand(f"{path}.file", self.file, num_axes)
 
-    def MakeOperator(
-        self, *, start: ArrayLike, contact_surface: Surface | None = None
-    ) -> ProfileOperator:
-        """Makes the block; see OperatorConfig.MakeOperator."""
-        times, velocities = self._Read(np.size(start))
-        breaks, coefficients = linear_pieces(times, velocities)
-        return ProfileOperator(
-            breaks=breaks,
-            coefficients=coefficients,
-            contact_force=self.contact_force,
-            contact_surface=contact_surface,
-            stop_time=self.stop_time,
+    def MakePlan(self) -> Plan:
+        """Returns straight lines between the rows; steps end at each of them."""
+        assert self.file is not None
+        n = np.size(self.velocity)
+        times, velocities = ReadCommand("surgeon.file", self.file, n)
+        return PlanOfPieces(
+            *linear_pieces(times, velocities),
             ends=_Ends(times),
             longest_step=float(np.diff(times).min()),
         )
 
-    def LongestStep(self) -> float:
-        """Returns the shortest time between two rows, s."""
-        times, _ = self._Read(np.size(self.velocity))
-        return float(np.diff(times).min())
-
-    def _Read(self, num_axes: int) -> tuple[Array, Array]:
-        assert self.file is not None
-        return ReadCommand("surgeon.file", self.file, num_axes)
-
 
 def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
-    """Reads what a hand commanded from a CSV file of time,v_1,...,v_n.
+    """Returns times (N,) in s and velocities (N, n) in m/s of a CSV file; N >= 2.
 
     Its first line may be a header. Empty lines and those that begin with # are skipped.
 
     Args:
         path: The field that names the file, for messages.
-
-    Returns:
-        Times (N,) in s and velocities (N, n) in m/s, at least two of each.
 
     Raises:
         ScenarioError: If the file cannot be read or a line is not allowed.
@@ -88,15 +65,16 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    numbered = [
+        (i + 1, line)
+        for i, line in enumerate(lines)
+        if line.strip() and not line.startswith("#")
+    ]
+    if numbered and _IsHeader(numbered[0][1]):
+        del numbered[0]
     rows: list[list[float]] = []
-    may_be_header = True
-    for i, line in enumerate(lines):
-        if not line.strip() or line.startswith("#"):
-            continue
-        is_header = may_be_header and _IsHeader(line)
-        may_be_header = False
-        if not is_header:
-            rows.append(_ParseRow(f"{origin}: line {i + 1}", line, num_axes, rows))
+    for i, line in numbered:
+        rows.append(_ParseRow(f"{origin}: line {i}", line, num_axes, rows))
     if len(rows) < 2:
         raise ScenarioError(f"{origin}: must have at least two rows, not {len(rows)}")
     table = np.array(rows)
@@ -125,10 +103,9 @@ def _Ends(times: Array) -> list[tuple[float, float]]:
 
 def _IsHeader(line: str) -> bool:
     """Returns whether every column begins with a letter."""
-    names = [name.strip() for name in next(csv.reader([line]))]
-    return all(name and name[0].isalpha() for name in names) and not any(
-        name.lower() in ("nan", "inf", "infinity") for name in names
-    )
+    names = [name.strip(' "').lower() for name in line.split(",")]
+    numbers = {"nan", "inf", "infinity"}
+    return all(name[:1].isalpha() and name not in numbers for name in names)
 
 
 def _ParseRow(

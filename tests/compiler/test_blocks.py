@@ -29,7 +29,7 @@ from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.kernel import Kernel
 from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.operators.modes import past_surface, with_stop
-from teleop_drake.operators.trapezoid import TrapezoidConfig
+from teleop_drake.operators.planned import TrapezoidConfig
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram, simulate
 from teleop_drake.systems.channel_energy import ChannelEnergy

@@ -1,4 +1,4 @@
-"""What all operators have in common; see also test_constant_velocity."""
+"""What all operators have in common; see also test_planned."""
 
 import numpy as np
 import pytest

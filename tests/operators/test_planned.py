@@ -1,4 +1,4 @@
-"""Tests of the operator of the thesis."""
+"""Planned operators: the modes of the thesis's, and the plans in closed form."""
 
 import math
 
@@ -14,7 +14,22 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.environments import Surface
+from teleop_drake.numerics.piecewise_polynomial import (
+    differentiate_pieces,
+    evaluate_pieces,
+    largest_norm,
+)
 from teleop_drake.operators import ConstantVelocityOperator
+from teleop_drake.operators.planned import (
+    MinimumJerkConfig,
+    PlannedOperator,
+    PlanOfPieces,
+    SineConfig,
+    TrapezoidConfig,
+)
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks import TaskOf
 
 
 class Bench:
@@ -150,6 +165,108 @@ def test_bad_parameters(arguments, message):
         ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
 
 
-def test_commands_are_vectors_of_any_width():
-    dut = ConstantVelocityOperator(velocity=np.arange(3.0))
-    assert dut.GetOutputPort("force_command").size() == 3
+def Commands(dut, times):
+    """Returns v_d of an operator at some times."""
+    context, values = dut.CreateDefaultContext(), []
+    for time in times:
+        context.SetTime(time)
+        values.append(dut.GetOutputPort("velocity_command").Eval(context).copy())
+    return np.array(values)
+
+
+LINES = np.array([0.0, 1.0]), np.array([[[0.0, 1.0, 0.0], [2.0, 0.0, 0.0]]])
+
+
+def test_time_alone_decides():
+    plan = PlanOfPieces(*LINES, jump_times=[1.0])
+    dut = PlannedOperator(plan=plan, num_axes=3, stop_time=2.0)
+    assert dut.jump_times == [1.0, 2.0]
+    assert Commands(dut, [0.0, 0.25, 1.0]).tolist() == [[0, 1, 0], [0.5, 1, 0], [0] * 3]
+    for name in ("haptic_force", "felt_position"):
+        assert not dut.HasDirectFeedthrough(
+            dut.GetInputPort(name).get_index(),
+            dut.GetOutputPort("velocity_command").get_index(),
+        )
+
+
+@pytest.mark.parametrize(
+    ("breaks", "factor", "message"),
+    [
+        (np.array([1.0, 0.0]), 1.0, "breaks = .*: must be ascending"),
+        (LINES[0], math.nan, "coefficients = .*: must be finite"),
+    ],
+)
+def test_bad_pieces(breaks, factor, message):
+    with pytest.raises(ValueError, match=message):
+        PlanOfPieces(breaks, factor * LINES[1])
+
+
+@pytest.mark.parametrize("cruise_time", [0.0, 0.3, None])
+def test_the_trapezoid_rises_stays_and_falls(cruise_time):
+    times = np.linspace(0.0, 2.0, 201)
+    end = np.inf if cruise_time is None else 0.5 + cruise_time
+    share = np.clip(np.minimum(times / 0.5, 1 - (times - end) / 0.5), 0, 1)
+    v_d = np.array([0.2, -0.1])
+    config = TrapezoidConfig(velocity=v_d, rise_time=0.5, cruise_time=cruise_time)
+    dut = config.MakeOperator(start=[0.0, 0.0])
+    np.testing.assert_allclose(Commands(dut, times), np.outer(share, v_d), atol=1e-12)
+    assert len(dut.jump_times) == {0.0: 2, 0.3: 3, None: 1}[cruise_time]
+
+
+def test_least_jerk_reaches_the_waypoints_with_the_speed_asked_for():
+    points = [[0.1, 0.0], [0.2, 0.1], [0.2, 0.3]]
+    config = MinimumJerkConfig(velocity=np.array([0.06, 0.08]), waypoints=points)
+    breaks, path = config.Path()
+    assert np.isclose(largest_norm(breaks, differentiate_pieces(path)), 0.1)
+    ends = [evaluate_pieces(np.nextafter(x, 0), breaks, path) for x in breaks[1:]]
+    np.testing.assert_allclose(ends, points, atol=1e-12)
+    dut = config.MakeOperator(start=[0.0, 0.0])
+    on_the_way, at_the_end = Commands(dut, [breaks[1], breaks[-1]])
+    assert np.linalg.norm(on_the_way) > 0.05  # It does not stop there.
+    assert not at_the_end.any()
+    assert dut.jump_times == [breaks[-1]]
+
+
+def test_without_waypoints_it_goes_where_the_velocity_points():
+    breaks, path = MinimumJerkConfig(velocity=np.array([0.1]), reach_time=2.0).Path()
+    # The mean speed of one piece is 8/15 of its peak.
+    assert np.isclose(breaks[-1], 15 / 8 * 2.0)
+    end = evaluate_pieces(np.nextafter(breaks[-1], 0), breaks, path)
+    assert np.isclose(end, 0.2)
+
+
+def test_steps_are_short_against_the_period_of_a_sine():
+    config = SineConfig(velocity=np.array([0.1]), frequency=200.0)
+    dut = config.MakeOperator(start=[0.0])
+    assert dut.longest_step == config.LongestStep() < 2 * np.pi / 200 / 10
+
+
+def test_a_mass_swings_as_its_transfer_function_says():
+    """Without delay, in empty space: v/v_d = H/(m s + d + H)."""
+    w = 3.0
+    scenario = LoadScenario(
+        "one_dof",
+        {
+            "surgeon.kind": "sine",
+            "surgeon.frequency": w,
+            "controller.kind": "direct_force",
+            "environment.layers": [],
+            "delay": 0,
+            "duration": 12.0,
+            "simulator.accuracy": 1e-7,
+            "simulator.max_step_size": 0.05,
+        },
+    )
+    recording = simulate(scenario)
+    s = 1j * w
+    H = (25 * s + 50) / (s * s + 25 * s)
+    gain = H / (0.5 * s + 0.1 + H)
+    late = recording.time > 9.0
+    expected = (0.001 * gain * np.exp(s * recording.time[late])).imag
+    v = recording["tool_velocity"][late, 0]
+    np.testing.assert_allclose(v, expected, atol=2e-3 * 0.001 * abs(gain))
+    # The excess over the momentary command, not over its amplitude.
+    metrics = TaskOf(scenario).Metrics(recording)
+    peak = 0.001 * abs(gain - 1)
+    assert not recording.has_constant_command
+    assert metrics["start_velocity_overshoot"] > 0.8 * peak
