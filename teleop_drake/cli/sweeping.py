@@ -13,7 +13,7 @@ from teleop_drake.cli.tables import SeedsTable
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from teleop_drake.figures.sweep_maps import Boundaries
+    from teleop_drake.figures.sweeps import Boundaries
     from teleop_drake.sweep import SweepPlan, SweepResult
 
 
@@ -134,9 +134,8 @@ def _DrawSweep(
     """Draws the metrics; returns the files, or why there are none."""
     import numpy as np
 
+    from teleop_drake.figures import sweeps
     from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
-    from teleop_drake.figures.sweeps import PlotMap, PlotSeeds, PlotStability, PlotSweep
     from teleop_drake.sweep import SelectMetrics, VariesSeedsOnly
 
     metrics = list(names) or [
@@ -146,10 +145,10 @@ def _DrawSweep(
     ]
     # Over the seeds alone, there is nothing to plot a metric against.
     has_seeds_only = VariesSeedsOnly(result)
-    plot = PlotSeeds if has_seeds_only else PlotSweep
+    plot = sweeps.PlotSeeds if has_seeds_only else sweeps.PlotSweep
     try:
-        rows, columns = (1, 1) if has_seeds_only else SweepGrid(result).shape[:2]
-        is_separate |= rows * columns * len(metrics) > MAX_PANELS
+        rows, columns = (1, 1) if has_seeds_only else sweeps.SweepGrid(result).shape[:2]
+        is_separate |= rows * columns * len(metrics) > sweeps.MAX_PANELS
         groups: dict[str, Sequence[str]] = {
             metric.replace(".", "_") if is_separate else "metrics": (
                 [metric] if is_separate else metrics
@@ -161,11 +160,13 @@ def _DrawSweep(
         return [], f"No figures ({e})"
     note = ""
     with suppress(ValueError):  # Only one key is varied.
-        figures["stability"] = PlotStability(result)
+        figures["stability"] = sweeps.PlotStability(result)
         boundaries, note = _Boundaries(result, plan)
-        figures["stability"] = PlotStability(result, boundaries)
+        figures["stability"] = sweeps.PlotStability(result, boundaries)
         for name, group in groups.items():
-            figures[f"{name}_map"] = PlotMap(result, *group, boundaries=boundaries)
+            figures[f"{name}_map"] = sweeps.PlotMap(
+                result, *group, boundaries=boundaries
+            )
     written = []
     for name, figure in figures.items():
         for suffix in formats:
@@ -176,7 +177,7 @@ def _DrawSweep(
 
 def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
     """Returns what the analysis says of each panel of a map, or why it says nothing."""
-    from teleop_drake.figures.sweep_grid import SweepGrid
+    from teleop_drake.figures.sweeps import SweepGrid
     from teleop_drake.sweep.boundary import FindBoundaries
 
     grid = SweepGrid(result)

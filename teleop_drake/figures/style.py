@@ -8,7 +8,9 @@ from typing import Any
 import matplotlib.figure
 import numpy as np
 from matplotlib import rcParams
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
 
 from teleop_drake.validation import Refuse
@@ -132,6 +134,38 @@ def EventStyle(marker: str, color: str) -> dict[str, Any]:
     }
 
 
+def Above(ax: Axes) -> dict[str, Any]:
+    """Returns how marks are drawn above a panel: at their x, by its height in y."""
+    return {
+        "transform": ax.get_xaxis_transform(),
+        "clip_on": False,
+        "in_layout": False,
+    }
+
+
+def Key(label: str, **line: Any) -> Line2D:
+    """Returns the entry of a line in a legend."""
+    return Line2D([], [], label=label, **line)
+
+
+def AddLegend(
+    figure: matplotlib.figure.Figure,
+    handles: Sequence[Artist],
+    *,
+    ncols: int,
+    fontsize: float = FONT_SIZE,
+) -> None:
+    """Adds a legend above all panels, if there is anything to tell."""
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="outside upper center",
+            ncols=ncols,
+            fontsize=fontsize,
+            frameon=False,
+        )
+
+
 def FormatAxes(ax: Axes) -> None:
     """Gives a panel small ticks, few spines and a line at zero."""
     ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
@@ -192,13 +226,22 @@ def AxisLabel(key: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def IsNumber(value: Any) -> bool:
+    """Returns whether a value is a number, and not a truth."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def ValueLabel(value: Any) -> str:
+    """Returns a value of a scenario as a figure says it."""
+    text = f"{value:g}" if IsNumber(value) else str(value).replace("_", " ")
+    # Between two dollars matplotlib reads a formula.
+    return text.replace("$", r"\$")
+
+
 def LabelOfValue(key: str, value: Any) -> str:
     """Returns a value of a varied key as a legend says it, with its unit."""
     name, unit = _NameAndUnit(key)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    shown = f"{value:g}" if is_number else str(value).replace("_", " ")
-    # Between two dollars matplotlib reads a formula.
-    return f"{name} = {shown} {unit}".strip().replace("$", r"\$")
+    return f"{name} = {ValueLabel(value)} {unit}".strip()
 
 
 def CellEdges(centres: np.ndarray) -> np.ndarray:
