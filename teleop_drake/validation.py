@@ -83,10 +83,10 @@ class FixedFields:
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
 
     def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, dict[str, Any]]]:
-        """Returns the fields of a sort: name, value, may be null, and what is allowed."""
-        return [
-            (name, getattr(self, name), *what) for name, *what in _Sort(type(self), sort)
-        ]
+        """Returns the fields of a sort: name, value, and what _Sort() says."""
+        config: Any = type(self)
+        sorts = _Sort(config, sort)
+        return [(name, getattr(self, name), *what) for name, *what in sorts]
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field.

@@ -234,9 +234,13 @@ def _FindKey(tree: Any, part: str, shown: str) -> str | int:
 # Types.
 
 
-@functools.cache
 def FieldTypes(schema: Any) -> dict[str, Any]:
     """Returns the names and types of a config's fields."""
+    return _FieldTypes(schema)
+
+
+@functools.cache
+def _FieldTypes(schema: Any) -> dict[str, Any]:
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
