@@ -137,6 +137,14 @@ def whatever_helpers_return(x):
     return np.array([sum(seen), {"push": 1.0, None: -2.0}[kind_of(x[0])], *zeros * 1.0])
 
 
+@right
+def many_cases(x):
+    for i in range(200):
+        if 100 * x[0] < i:
+            return np.sin(x * i)
+    return x
+
+
 # Yes and no.
 
 

@@ -4,7 +4,7 @@ LLVM gets no loops, no arrays beside the arguments, and nothing to guess about t
 So it is done in a fraction of the time that it takes for general code.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any
@@ -21,7 +21,7 @@ from teleop_drake.machine_code.symbols import (
     Table,
     Untraceable,
 )
-from teleop_drake.machine_code.tracing import BOOLEAN, Branch, Graph, Leaf, Node
+from teleop_drake.machine_code.tracing import BOOLEAN, Graph, Node
 from teleop_drake.machine_code.typed_values import ConstantText
 
 Stores = dict[tuple[str, int], Any]
@@ -186,15 +186,14 @@ def MakeCode(program: ScalarProgram) -> str:
 
     It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
     has no use for q, whose numbers are in the code."""
-    writer = _Writer(program.graph)
     sides = [
-        [(place, _Operand(value)) for place, value in stores.items()]
+        {place: _Operand(value) for place, value in stores.items()}
         for stores in (program.stores, program.more_stores)
     ]
-    writer.Enliven(value for side in sides for _, value in side)
+    writer = _Writer(program.graph.nodes, [*sides[0].values(), *sides[1].values()])
     writer.Store(sides[0])
-    writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
-    writer.block = "more"
+    writer.lines.append("  br i1 %wants, label %more, label %done")
+    writer.Begin("more")
     writer.Store(sides[1])
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
     declarations = [
@@ -223,69 +222,56 @@ class _Writer:
 
     Attributes:
         lines: The code.
-        block: Name of the block under way.
+
+    Args:
+        nodes: Of the graph.
+        results: What will be stored.
     """
 
-    def __init__(self, graph: Graph):
+    def __init__(self, nodes: Sequence[Node], results: Iterable[Any]):
         self.lines: list[str] = []
-        self.block = "entry"
-        self._graph = graph
-        # Names of the values that are known, in this block and in those before it.
-        self._scopes: list[dict[int, str]] = [{}]
+        self._nodes = nodes
+        self._block = "entry"
+        # Of the values that are known, in this block or in those that lead to it.
+        self._names: dict[int, str] = {}
         self._num_names = 0
-        # Which results of a merge are used, and their nodes.
-        self._live: dict[int, dict[int, int]] = {}
-        self._needs: dict[int, frozenset[int]] = {}
+        # The nodes of each merge that are used, and what is needed either way.
+        self._merges: dict[int, list[int]] = {}
+        self._needs: dict[int, set[int]] = {}
+        live = {x.place for x in results if isinstance(x, Ref)}
+        for place in reversed(range(len(nodes))):
+            if place in live:
+                operation, arguments = nodes[place]
+                live.update(_Places(arguments))
+                if operation == "merge":
+                    self._merges.setdefault(arguments[0], []).append(place)
 
-    def Enliven(self, values: Iterable[Any]) -> None:
-        """Finds out which results of merges are used."""
-        seen: set[int] = set()
-        pending = [value.place for value in values if isinstance(value, Ref)]
-        while pending:
-            place = pending.pop()
-            if place in seen:
-                continue
-            seen.add(place)
-            node = self._graph.nodes[place]
-            if node.operation == "merge":
-                merge, result = node.arguments
-                self._live.setdefault(merge, {})[result] = place
-                tree = self._graph.merges[merge]
-                pending += [
-                    leaf.values[result].place
-                    for leaf in _Leaves(tree)
-                    if isinstance(leaf.values[result], Ref)
-                ]
-                pending += [ref.place for ref in _Conditions(tree)]
-            else:
-                pending += _Places(node.arguments)
-
-    def Store(self, stores: Sequence[tuple[tuple[str, int], Any]]) -> None:
+    def Store(self, stores: Stores) -> None:
         """Writes what computes values and puts them where they belong."""
-        for (name, i), value in stores:
+        for (name, i), value in stores.items():
             operand = self._Value(value)
             pointer = self._Pointer(name, i)
             self.lines.append(f"  store double {operand}, ptr {pointer}")
+
+    def Begin(self, block: str) -> None:
+        """Begins a block."""
+        self.lines.append(f"{block}:")
+        self._block = block
 
     def _Value(self, argument: Any) -> str:
         """Returns an operand, after the code that computes it."""
         if not isinstance(argument, Ref):
             is_boolean = isinstance(argument, (bool, np.bool_))
             return ConstantText((bool if is_boolean else float)(argument))
-        known = self._Known(argument.place)
-        if known is None:
-            for place in sorted(self._NeededFor([argument.place])):
-                if self._Known(place) is None:
-                    self._Write(place)
-            known = self._Known(argument.place)
-        assert known is not None
-        return known
-
-    def _Known(self, place: int) -> str | None:
-        for scope in reversed(self._scopes):
-            if place in scope:
-                return scope[place]
-        return None
+        for place in sorted(self._NeededFor([argument.place])):
+            operation, arguments = self._nodes[place]
+            if place in self._names:
+                continue
+            if operation == "merge":
+                self._WriteMerge(*arguments[:2])
+            else:
+                self._names[place] = self._Instruction(operation, arguments)
+        return self._names[argument.place]
 
     def _NeededFor(self, places: Iterable[int]) -> set[int]:
         """Returns what has to be computed for nodes whatever the conditions are."""
@@ -293,51 +279,54 @@ class _Writer:
         pending = list(places)
         while pending:
             place = pending.pop()
-            if place in needed or self._Known(place) is not None:
+            if place in needed or place in self._names:
                 continue
             needed.add(place)
-            node = self._graph.nodes[place]
-            if node.operation == "merge":
-                needed |= self._NeededForMerge(node.arguments[0])
-            else:
-                pending += _Places(node.arguments)
+            operation, arguments = self._nodes[place]
+            if operation != "merge":
+                pending += _Places(arguments)
+                continue
+            merge, condition = arguments[:2]
+            if merge not in self._needs:
+                yes, no = self._SidesOf(merge)
+                both = self._NeededFor(_Places(yes)) & self._NeededFor(_Places(no))
+                self._needs[merge] = both | self._NeededFor([condition.place])
+            needed |= self._needs[merge]
         return needed
 
-    def _NeededForMerge(self, merge: int) -> frozenset[int]:
-        if merge not in self._needs:
-            live = self._live[merge]
+    def _SidesOf(self, merge: int) -> Iterable[Sequence[Any]]:
+        """Returns the values of a merge if its condition holds, and if not."""
+        sides = (self._nodes[place].arguments[2:] for place in self._merges[merge])
+        return zip(*sides, strict=True)
 
-            def Of(tree: Branch | Leaf) -> set[int]:
-                if isinstance(tree, Leaf):
-                    return self._NeededFor(_Places(tree.values[k] for k in live))
-                both = Of(tree.if_true) & Of(tree.if_false)
-                return both | self._NeededFor([tree.condition.place])
-
-            self._needs[merge] = frozenset(Of(self._graph.merges[merge]))
-        return self._needs[merge]
-
-    def _Write(self, place: int) -> None:
-        node = self._graph.nodes[place]
-        if node.operation == "merge":
-            self._WriteMerge(node.arguments[0])
-            return
-        self._scopes[-1][place] = self._Instruction(node)
-
-    def _NewName(self) -> str:
-        self._num_names += 1
-        return f"%v{self._num_names}"
+    def _WriteMerge(self, merge: int, condition: Ref) -> None:
+        """Writes a block for each side of a merge, and what follows both."""
+        labels, incoming = (f"yes_{merge}", f"no_{merge}"), []
+        yes, no = (f"label %{label}" for label in labels)
+        self.lines.append(f"  br i1 {self._Value(condition)}, {yes}, {no}")
+        for label, values in zip(labels, self._SidesOf(merge), strict=True):
+            self.Begin(label)
+            num_known = len(self._names)
+            operands = list(map(self._Value, values))
+            incoming += [[f"[{operand}, %{self._block}]" for operand in operands]]
+            while len(self._names) > num_known:
+                self._names.popitem()
+            self.lines.append(f"  br label %merged_{merge}")
+        self.Begin(f"merged_{merge}")
+        for place, *pair in zip(self._merges[merge], *incoming, strict=True):
+            self._names[place] = self._Assign(f"phi double {', '.join(pair)}")
 
     def _Assign(self, instruction: str) -> str:
-        name = self._NewName()
+        self._num_names += 1
+        name = f"%v{self._num_names}"
         self.lines.append(f"  {name} = {instruction}")
         return name
 
     def _Pointer(self, array: str, i: int) -> str:
         return self._Assign(f"getelementptr double, ptr %{array}, i64 {i}")
 
-    def _Instruction(self, node: Node) -> str:
+    def _Instruction(self, operation: str, arguments: Sequence[Any]) -> str:
         """Writes an operation and returns the name of its value."""
-        operation, arguments = node
         if operation == "load":
             array, i = arguments
             if array == "t":
@@ -362,55 +351,6 @@ class _Writer:
         doubles = ", ".join(f"double {value}" for value in values)
         return self._Assign(f"call double @{name}({doubles})")
 
-    def _WriteMerge(self, merge: int) -> None:
-        """Writes blocks for the leaves of a merge, and what follows them all."""
-        live = self._live[merge]
-        end = f"merged{self._NewName()[1:]}"
-        # What each leaf comes from, and its values.
-        incoming: list[tuple[str, list[str]]] = []
-
-        def WriteTree(tree: Branch | Leaf) -> None:
-            if isinstance(tree, Leaf):
-                values = [self._Value(tree.values[k]) for k in live]
-                self.lines.append(f"  br label %{end}")
-                incoming.append((self.block, values))
-                return
-            condition = self._Value(tree.condition)
-            name = self._NewName()[1:]
-            labels = f"yes_{name}", f"no_{name}"
-            self.lines.append(
-                f"  br i1 {condition}, label %{labels[0]}, label %{labels[1]}"
-            )
-            for label, side in zip(labels, (tree.if_true, tree.if_false), strict=True):
-                self.lines.append(f"{label}:")
-                self.block = label
-                self._scopes.append({})
-                WriteTree(side)
-                self._scopes.pop()
-
-        WriteTree(self._graph.merges[merge])
-        self.lines.append(f"{end}:")
-        self.block = end
-        for k, place in enumerate(live.values()):
-            kind = "i1" if self._graph.IsBoolean(place) else "double"
-            values = ", ".join(f"[{row[k]}, %{label}]" for label, row in incoming)
-            self._scopes[-1][place] = self._Assign(f"phi {kind} {values}")
-
 
 def _Places(arguments: Iterable[Any]) -> list[int]:
-    return [a.place for a in arguments if isinstance(a, Ref)]
-
-
-def _Leaves(tree: Branch | Leaf) -> Iterator[Leaf]:
-    if isinstance(tree, Leaf):
-        yield tree
-        return
-    yield from _Leaves(tree.if_true)
-    yield from _Leaves(tree.if_false)
-
-
-def _Conditions(tree: Branch | Leaf) -> Iterator[Ref]:
-    if isinstance(tree, Branch):
-        yield tree.condition
-        yield from _Conditions(tree.if_true)
-        yield from _Conditions(tree.if_false)
+    return [x.place for x in arguments if isinstance(x, Ref)]

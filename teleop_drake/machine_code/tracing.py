@@ -36,6 +36,7 @@ from teleop_drake.machine_code.symbols import (
     Number,
     Ref,
     Untraceable,
+    Where,
 )
 
 # Operations whose value is yes or no.
@@ -46,7 +47,7 @@ _OF_BOOLEANS = frozenset({"and", "or", "not", "select", "merge", "load"})
 
 # Those whose value is finite if their arguments are.
 _FINITE = frozenset(
-    {"add", "sub", "mul", "neg", "fabs", "select", "floor", "ceil", "trunc"}
+    {"add", "sub", "mul", "neg", "fabs", "select", "merge", "floor", "ceil", "trunc"}
     | {"rint", "sin", "cos", "atan", "atan2", "tanh", "copysign"}
 )
 
@@ -69,29 +70,20 @@ class Node(NamedTuple):
     """An operation.
 
     Attributes:
-        operation: Its name; "load" for what is given, "merge" for a result of a Merge.
+        operation: Its name; "load" for what is given, "merge" for what a condition
+            chooses of two sides, of which only one is computed.
         arguments: Numbers and nodes; for "load" the array's name and the place in it;
-            for "merge" the tree and the place in its leaves.
+            for "merge" a number, the same for all that is chosen there, the condition
+            and the sides.
     """
 
     operation: str
     arguments: tuple[Any, ...]
 
 
-@dataclass(frozen=True)
-class Leaf:
-    """One way through a function: what it returns, and writes into its arguments."""
-
-    values: tuple[Any, ...]
-
-
-@dataclass(frozen=True)
-class Branch:
-    """A condition of a function, and what is done either way."""
-
-    condition: Ref
-    if_true: "Branch | Leaf"
-    if_false: "Branch | Leaf"
+# One way through a function: the conditions with their answers, and what it returns and
+# writes into its arguments.
+_Leaf = tuple[list[tuple[Ref, bool]], list[Any]]
 
 
 @dataclass
@@ -101,7 +93,6 @@ class Graph:
     Attributes:
         is_given_finite: Whether what is given is finite: then 0 times it is 0.
         nodes: Each after those that it takes.
-        merges: The trees that nodes named "merge" take their values from.
         followed: The functions that are traced, by what they stand for.
         codes: What may work with numbers: the code of these functions.
         joined: The code of those that are not merged; see MustJoinCaller.
@@ -110,7 +101,6 @@ class Graph:
 
     is_given_finite: bool = True
     nodes: list[Node] = field(default_factory=list)
-    merges: list[Branch] = field(default_factory=list)
     followed: dict[Any, Any] = field(default_factory=dict)
     codes: set[CodeType] = field(default_factory=set)
     joined: set[CodeType] = field(default_factory=set)
@@ -118,6 +108,7 @@ class Graph:
     _places: dict[Node, Ref] = field(default_factory=dict)
     _booleans: set[int] = field(default_factory=set)
     _infinite: set[int] = field(default_factory=set)
+    _num_merges: int = 0
     # What is assumed, and in which order it was asked for.
     _answers: dict[Ref, bool] = field(default_factory=dict)
     _path: "list[tuple[Ref, bool]] | None" = None
@@ -150,10 +141,6 @@ class Graph:
             elif not self._IsFinite(operation, operands):
                 self._infinite.add(place.place)
         return Number(self, place, place.place in self._booleans)
-
-    def IsBoolean(self, place: int) -> bool:
-        """Returns whether the value of a node is a yes or no."""
-        return place in self._booleans
 
     def IsFinite(self, value: Number) -> bool:
         """Returns whether a number is finite whatever there is to work with."""
@@ -209,7 +196,7 @@ class Graph:
         arrays = [x for x in before.arrays if x.size and x.flags.writeable]
         outer = self._answers, self._path, self._forced
         forced: list[bool] = []
-        leaves: list[tuple[list[tuple[Ref, bool]], tuple[Any, ...]]] = []
+        leaves: list[_Leaf] = []
         first: Any = None
         shape: Any = None
         try:
@@ -230,7 +217,7 @@ class Graph:
                     what = "changes" if is_changed else "returns"
                     raise Untraceable(f"what it {what} depends on its numbers")
                 values += [x for array in arrays for x in np.asarray(array).flat]
-                leaves.append((self._path, tuple(values)))
+                leaves.append((self._path, values))
                 if len(leaves) > _MAX_LEAVES:
                     raise Untraceable(_TOO_MANY_CASES)
                 forced = [answer for _, answer in self._path]
@@ -248,49 +235,23 @@ class Graph:
             np.asarray(array)[...] = Reshaped(written, array.shape)
         return _Unflat(first, shape, iter(values))
 
-    def _Merge(
-        self, leaves: list[tuple[list[tuple[Ref, bool]], tuple[Any, ...]]]
-    ) -> list[Any]:
+    def _Merge(self, leaves: list[_Leaf], depth: int = 0) -> list[Any]:
         """Returns the values of the one leaf whose conditions hold."""
-        columns = list(zip(*(values for _, values in leaves), strict=True))
-        different = [k for k, column in enumerate(columns) if not IsSame(column)]
-        rows = iter([(path, [v[k] for k in different]) for path, v in leaves])
-        booleans = [all(IsBoolean(v) for v in columns[k]) for k in different]
-        tree = self._Tree(list(rows), 0, booleans)
-        assert isinstance(tree, Branch)
-        self.merges.append(tree)
-        merged = [column[0] for column in columns]
-        for place, k in enumerate(different):
-            number = self.Add("merge", len(self.merges) - 1, place)
-            if booleans[place]:
-                self._booleans.add(number.ref.place)
-            merged[k] = Number(self, number.ref, booleans[place])
-        return merged
-
-    def _Tree(
-        self,
-        rows: list[tuple[list[tuple[Ref, bool]], list[Any]]],
-        depth: int,
-        booleans: list[bool],
-    ) -> Branch | Leaf:
-        path, values = rows[0]
+        path, values = leaves[0]
         if len(path) == depth:
-            return Leaf(
-                tuple(
-                    _Argument(v if is_boolean else AsReal(v))
-                    for v, is_boolean in zip(values, booleans, strict=True)
-                )
-            )
-        sides = [
-            [row for row in rows if row[0][depth][1] is answer]
+            return values
+        condition = Number(self, path[depth][0], True)
+        yes, no = (
+            self._Merge([x for x in leaves if x[0][depth][1] is answer], depth + 1)
             for answer in (True, False)
+        )
+        self._num_merges += 1
+        return [
+            Where(condition, a, b)
+            if IsSame((a, b)) or (IsBoolean(a) and IsBoolean(b))
+            else self.Add("merge", self._num_merges, condition, AsReal(a), AsReal(b))
+            for a, b in zip(yes, no, strict=True)
         ]
-        trees = [self._Tree(side, depth + 1, booleans) for side in sides]
-        return Branch(path[depth][0], *trees)
-
-
-def _Argument(value: Any) -> Any:
-    return value.ref if isinstance(value, Number) else value
 
 
 @functools.cache
