@@ -1,23 +1,52 @@
-"""Comparison of kernels with their blocks at an instant."""
+"""Comparison of kernels with their blocks, at an instant and over time."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, PortDataType, System
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    System,
+)
+from pydrake.systems.framework import PortDataType as Kind
+from pydrake.systems.primitives import Sine
 
-from teleop_drake.compiler.check_run import CheckRun, KernelDisagrees
-from teleop_drake.compiler.engine import Visited
+from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
 
-__all__ = ["CheckKernel", "CheckNear", "CheckVisited", "Compare", "KernelDisagrees"]
+__all__ = ["CheckKernel", "CheckVisited", "Compare", "KernelDisagrees"]
 
 Array = NDArray[np.float64]
 
 # Between what a kernel and its block compute, as a share of the largest element; the
 # order of their operations differs.
 _TOLERANCE = 1e-9
+
+# The same after a while. A jump at another instant is far more.
+_TOLERANCE_OF_RUN = 1e-5
+
+# How long a run is, and the steps of Drake's Simulator, in s.
+_DURATION, _STEP = 1.5, 0.005
+
+# How often the two are compared, and how near to a jump they are not, in s.
+_NUM_SAMPLES, _NEAR_A_JUMP = 60, 1e-5
+
+# Packets and samplers are likely to act at round times, s.
+_NOT_ROUND = 1e-3 * math.e
+
+
+class KernelDisagrees(ValueError):
+    """A kernel that does not compute what its block does."""
 
 
 def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
@@ -40,28 +69,41 @@ def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
     """
     context = _DefaultContext(system)
     is_block = not isinstance(system, Diagram)
-    evaluator = Evaluator(system, context)
-    evaluators = [evaluator]
+    evaluators = [Evaluator(system, context)]
     rng = np.random.default_rng(0)
     for _ in range(num_states):
-        for i in range(system.num_input_ports()):
-            port = system.get_input_port(i)
-            if port.get_data_type() == PortDataType.kVectorValued:
-                port.FixValue(context, rng.normal(size=port.size()))
+        for port in _VectorInputs(system):
+            port.FixValue(context, rng.normal(size=port.size()))
         context.SetTime(rng.uniform(0, 1))
         x = context.get_continuous_state_vector().CopyToVector()
-        context.SetContinuousState(_Near(x, rng))
+        x += 0.1 * (1 + np.abs(x)) * rng.normal(size=x.size)
+        context.SetContinuousState(x)
         if is_block and len(evaluators) == 1:
             evaluators.append(Evaluator(system, context, as_machine_code=True))
         for each in evaluators:
             Compare(each, system, context)
-        if _ChangeModes(evaluator, context):
+        if _ChangeModes(evaluators[0], context):
             for each in evaluators:
                 Compare(each, system, context)
-    program = evaluator.program
+    program = evaluators[0].program
     if not is_block or not (program.transitions or program.delays):
         return []
-    return CheckRun(system)
+    return _CheckRun(system)
+
+
+def _DefaultContext(system: System) -> Context:
+    context = system.CreateDefaultContext()
+    # Events are located if there is an accuracy, and some blocks then have modes.
+    context.SetAccuracy(1e-4)
+    for port in _VectorInputs(system):
+        port.FixValue(context, np.zeros(port.size()))
+    system.ExecuteInitializationEvents(context)
+    return context
+
+
+def _VectorInputs(system: System) -> list[InputPort]:
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    return [port for port in ports if port.get_data_type() == Kind.kVectorValued]
 
 
 def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
@@ -70,10 +112,9 @@ def _ChangeModes(evaluator: Evaluator, context: Context) -> bool:
     A periodic one is taken for due.
     """
     y, _ = evaluator.Evaluate(context)
-    program = evaluator.program
     _, m, _ = evaluator.ReadContext(context)
     before = m.copy()
-    for _, guard, source, target in program.transitions:
+    for _, guard, source, target in evaluator.program.transitions:
         if guard is None or y[guard][0] >= 0:
             m[target] = np.where(y[source] != before[target], y[source], m[target])
     _SetModes(evaluator, context, m)
@@ -90,33 +131,6 @@ def _SetModes(evaluator: Evaluator, context: Context, m: Array) -> None:
             size = own.get_discrete_state(i).size()
             own.SetDiscreteState(i, m[first : first + size])
             first += size
-
-
-def CheckNear(
-    evaluator: Evaluator, system: System, context: Context, *, num_states: int = 2
-) -> None:
-    """Checks an Evaluator at random states around a Context.
-
-    Args:
-        context: Its context, which is left as it is.
-
-    Raises:
-        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
-    """
-    rng = np.random.default_rng(0)
-    x = context.get_continuous_state_vector().CopyToVector()
-    try:
-        for _ in range(num_states):
-            context.SetContinuousState(_Near(x, rng))
-            try:
-                Compare(evaluator, system, context)
-            except KernelDisagrees:
-                raise
-            except Exception:
-                if not _Raises(system, context):
-                    raise
-    finally:
-        context.SetContinuousState(x)
 
 
 def CheckVisited(
@@ -152,31 +166,6 @@ def CheckVisited(
             Compare(evaluator, system, context, y)
 
 
-def _Raises(system: System, context: Context) -> bool:
-    """Returns whether a system itself cannot be where a check has put it."""
-    try:
-        system.EvalTimeDerivatives(context)
-    except Exception:
-        return True
-    return False
-
-
-def _DefaultContext(system: System) -> Context:
-    context = system.CreateDefaultContext()
-    # Events are located if there is an accuracy, and some blocks then have modes.
-    context.SetAccuracy(1e-4)
-    for i in range(system.num_input_ports()):
-        port = system.get_input_port(i)
-        if port.get_data_type() == PortDataType.kVectorValued:
-            port.FixValue(context, np.zeros(port.size()))
-    system.ExecuteInitializationEvents(context)
-    return context
-
-
-def _Near(x: Array, rng: np.random.Generator) -> Array:
-    return x + 0.1 * (1 + np.abs(x)) * rng.normal(size=x.size)
-
-
 def Compare(
     evaluator: Evaluator,
     system: System,
@@ -192,29 +181,128 @@ def Compare(
         KernelDisagrees: If anything differs; it names the block.
     """
     y, dx = evaluator.Evaluate(context, delayed)
-    given = {part.start for _, _, part in evaluator.program.delays}
     program, contexts = evaluator.program, ContextsIn(system, context)
-    for output, part in program.signals.items():
-        block = evaluator.blocks[output.block]
-        if not block.system.HasOutputPort(output.port):
-            continue  # What belongs to a transition.
-        if delayed is not None and part.start in given:
-            continue
-        port = block.system.GetOutputPort(output.port)
-        if port.get_data_type() == PortDataType.kVectorValued:
-            expected = port.Eval(contexts[block.system])
-            _Compare(block.path, output.port, y[part], expected)
+    given = {part.start for _, _, part in program.delays if delayed is not None}
+    _CompareOutputs(evaluator, contexts, y, given, _TOLERANCE)
     x_dot = system.EvalTimeDerivatives(context).CopyToVector()
     for block, part in zip(evaluator.blocks, program.states, strict=True):
-        _Compare(block.path, "rate", dx[part], x_dot[part])
+        _Compare(block.path, "rate", dx[part], x_dot[part], _TOLERANCE)
 
 
-def _Compare(path: str, name: str, value: Array, expected: Array) -> None:
+def _CompareOutputs(
+    evaluator: Evaluator,
+    contexts: Mapping[System, Context],
+    y: Array,
+    given: set[int],
+    tolerance: float,
+) -> None:
+    """Compares the outputs of all blocks that have a Context.
+
+    Args:
+        given: Where in y begins what is not compared.
+    """
+    for output, part in evaluator.program.signals.items():
+        block = evaluator.blocks[output.block]
+        # Others belong to a transition.
+        is_port = block.system.HasOutputPort(output.port)
+        if is_port and block.system in contexts and part.start not in given:
+            port = block.system.GetOutputPort(output.port)
+            if port.get_data_type() == Kind.kVectorValued:
+                expected = port.Eval(contexts[block.system])
+                _Compare(block.path, output.port, y[part], expected, tolerance)
+
+
+def _Compare(
+    path: str, name: str, value: Array, expected: Array, tolerance: float
+) -> None:
     scale = max(1.0, np.abs(expected).max(initial=0.0))
-    if np.abs(value - expected).max(initial=0.0) <= _TOLERANCE * scale:
+    if np.abs(value - expected).max(initial=0.0) <= tolerance * scale:
         return  # allclose() takes ten times as long.
-    if not np.allclose(value, expected, rtol=0, atol=_TOLERANCE * scale):
+    if not np.allclose(value, expected, rtol=0, atol=tolerance * scale):
         raise KernelDisagrees(
             f"{path}: its kernel says {name} = {value.tolist()}, the block "
             f"{np.array(expected).tolist()}"
         )
+
+
+def _CheckRun(system: System) -> list[str]:
+    """Runs a block in Drake's Simulator and by its kernel, with sinusoids as inputs.
+
+    Returns:
+        The transitions that did not happen, by their names in the kernel.
+    """
+    if len(_VectorInputs(system)) < system.num_input_ports():
+        return list(system.Kernel().transitions)  # Nobody knows what to feed it with.
+    diagram = _WithSinusoids(system)
+    context = diagram.CreateDefaultContext()
+    # Where events are located, and how exactly.
+    context.SetAccuracy(1e-8)
+    diagram.ExecuteInitializationEvents(context)
+    run = CompiledRun(
+        diagram,
+        context,
+        end=_DURATION,
+        accuracy=1e-9,
+        max_step=0.05,
+        as_machine_code=False,
+    )
+    times = np.linspace(0, _DURATION, _NUM_SAMPLES + 1)[1:] - _NOT_ROUND
+    for time, own in zip(times, _InDrake(system, diagram, times), strict=True):
+        instants, rows, _ = run.Advance(time)
+        jumps = instants[:-1][np.diff(instants) == 0]
+        if np.abs(time - jumps).min(initial=np.inf) > _NEAR_A_JUMP:
+            try:
+                _CompareOutputs(
+                    run.evaluator, {system: own}, rows[-1], set(), _TOLERANCE_OF_RUN
+                )
+            except KernelDisagrees as error:
+                raise KernelDisagrees(f"after {time:.6g} s of a run: {error}") from None
+    names = system.Kernel().transitions if hasattr(system, "Kernel") else {}
+    return [
+        name
+        for name, (transition, guard, _, _) in zip(
+            names, run.evaluator.program.transitions, strict=False
+        )
+        if (
+            transition.offset > _DURATION
+            if guard is None
+            else not (run.Rows()[1][:, guard] >= 0).any()
+        )
+    ]
+
+
+def _WithSinusoids(system: System) -> Diagram:
+    """Returns a diagram that feeds a block, of which no input repeats another one."""
+    rng = np.random.default_rng(1)
+    builder = DiagramBuilder()
+    builder.AddSystem(system)
+    for i, port in enumerate(_VectorInputs(system)):
+        amplitude, frequency, phase = rng.uniform(
+            [[1.0], [3.0], [0.0]], [[3.0], [9.0], [6.0]], size=(3, port.size())
+        )
+        source = builder.AddNamedSystem(
+            f"probe_{i}", Sine(amplitude, frequency, phase, True)
+        )
+        builder.Connect(source.get_output_port(0), port)
+    return builder.Build()
+
+
+def _InDrake(
+    system: System, diagram: Diagram, times: Iterable[float]
+) -> Iterator[Context]:
+    """Yields the context of a block at times, as Drake's Simulator gets there."""
+    simulator = Simulator(diagram)
+    step = min(_STEP, getattr(system, "longest_step", np.inf))
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta5", max_step_size=step, accuracy=1e-9
+    )
+    ApplySimulatorConfig(config, simulator)
+    simulator.get_mutable_context().SetAccuracy(1e-8)
+    simulator.Initialize()
+    now = 0.0
+    for time in times:
+        # Without continuous state nothing else ends a step.
+        for end in np.linspace(now, time, int(np.ceil((time - now) / step)) + 1)[1:]:
+            simulator.AdvanceTo(end)
+        now = time
+        yield system.GetMyContextFromRoot(simulator.get_context())

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_statistics import PacketStatistics
-from teleop_drake.compiler.check import CheckNear, CheckVisited
+from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf
@@ -104,10 +104,9 @@ def RunCompiled(
         raise CannotCompile(str(error)) from error
     program = run.evaluator.program.text
     is_known = program in _checked
-    CheckNear(run.evaluator, diagram, context, num_states=1 if is_known else 2)
     _checked.add(program)
     outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
-    visited = run.visited[-1:] if is_known else run.visited
+    visited = run.visited[-1:] if is_known else [run.start, *run.visited]
     CheckVisited(run.evaluator, diagram, context, visited)
     outcome.channels = _Statistics(diagram.GetSystems(), outcome.series[0][-1])
     if structure is not None:

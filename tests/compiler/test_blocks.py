@@ -19,7 +19,6 @@ from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.channels.variable import VariableDelay
 from teleop_drake.compiler.check import (
     CheckKernel,
-    CheckNear,
     CheckVisited,
     KernelDisagrees,
 )
@@ -209,7 +208,6 @@ def test_a_kernel_is_checked_where_the_run_has_been(end, is_found):
     context = diagram.CreateDefaultContext()
     rest = {"end": end, "accuracy": 1e-6, "max_step": 0.1, "as_machine_code": False}
     run = CompiledRun(diagram, context, **rest)
-    CheckNear(run.evaluator, diagram, context)
     run.Advance(end)
     found = pytest.raises(KernelDisagrees, match="limit: its kernel says y")
     with found if is_found else contextlib.nullcontext():
