@@ -8,10 +8,11 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation import MakeDiagram, MakeSimulator
-from teleop_drake.simulation.compiled_run import _Signals
+from teleop_drake.simulation.compiled_run import SignalPlaces
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 
 Signals = dict[str, np.ndarray]
@@ -43,12 +44,11 @@ def Compiled(
     diagram.ExecuteInitializationEvents(context)
     config: SimulatorConfig = scenario.simulator
     run = CompiledRun(
-        diagram,
+        Evaluator(diagram, context, as_machine_code=as_machine_code),
         context,
         end=scenario.duration,
         accuracy=config.accuracy,
         max_step=config.max_step_size,
-        as_machine_code=as_machine_code,
     )
     rows = []
     for time in times:
@@ -56,7 +56,7 @@ def Compiled(
             piece = run.Advance(time)[1]
             assert not run.failure
         rows.append(piece[-1])
-    places = _Signals(run, diagram)
+    places = SignalPlaces(run.evaluator, diagram)
     return {name: np.array(rows)[:, place] for name, place in places.items()}
 
 

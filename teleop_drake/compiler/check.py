@@ -238,14 +238,8 @@ def _CheckRun(system: System) -> list[str]:
     # Where events are located, and how exactly.
     context.SetAccuracy(1e-8)
     diagram.ExecuteInitializationEvents(context)
-    run = CompiledRun(
-        diagram,
-        context,
-        end=_DURATION,
-        accuracy=1e-9,
-        max_step=0.05,
-        as_machine_code=False,
-    )
+    evaluator = Evaluator(diagram, context)
+    run = CompiledRun(evaluator, context, end=_DURATION, accuracy=1e-9, max_step=0.05)
     times = np.linspace(0, _DURATION, _NUM_SAMPLES + 1)[1:] - _NOT_ROUND
     for time, own in zip(times, _InDrake(system, diagram, times), strict=True):
         instants, rows, _ = run.Advance(time)
@@ -253,7 +247,7 @@ def _CheckRun(system: System) -> list[str]:
         if np.abs(time - jumps).min(initial=np.inf) > _NEAR_A_JUMP:
             try:
                 _CompareOutputs(
-                    run.evaluator, {system: own}, rows[-1], set(), _TOLERANCE_OF_RUN
+                    evaluator, {system: own}, rows[-1], set(), _TOLERANCE_OF_RUN
                 )
             except KernelDisagrees as error:
                 raise KernelDisagrees(f"after {time:.6g} s of a run: {error}") from None
@@ -261,7 +255,7 @@ def _CheckRun(system: System) -> list[str]:
     return [
         name
         for name, (transition, guard, _, _) in zip(
-            names, run.evaluator.program.transitions, strict=False
+            names, evaluator.program.transitions, strict=False
         )
         if (
             transition.offset > _DURATION

@@ -1,7 +1,7 @@
 """Runs a compiled diagram."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,7 @@ from teleop_drake.integrator.problem import (
 )
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
+from teleop_drake.machine_code.native import Evaluate
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
 
@@ -71,18 +72,16 @@ class Visited(NamedTuple):
 
 
 class CompiledRun:
-    """A run of a diagram in machine code.
+    """A run of a diagram.
 
     Args:
-        system: The diagram.
+        evaluator: Of the diagram, in Python or in machine code.
         context: Where it starts.
-        evaluator: Of the diagram; None: made here.
-        start: Where it starts instead of in the context; given with an evaluator.
+        start: The same, instead of the context.
         end: Until when it can run, s.
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
-        as_machine_code: Whether to compile; otherwise the same program runs in Python.
 
     Attributes:
         evaluator: Of the diagram.
@@ -90,29 +89,22 @@ class CompiledRun:
         failure: Why it cannot go on; empty if it can.
         error: What was raised in the midst of a step, after which it cannot go on.
         visited: Where it has been, a few times.
-
-    Raises:
-        UnsupportedSystem: If a block of the diagram cannot be compiled.
     """
 
     def __init__(
         self,
-        system: System,
+        evaluator: Evaluator,
         context: Context | None,
         *,
-        evaluator: Evaluator | None = None,
         start: Visited | None = None,
         end: float,
         accuracy: float,
         max_step: float,
-        as_machine_code: bool = True,
     ):
-        if evaluator is None or start is None:
+        if start is None:
             assert context is not None
-            evaluator = Evaluator(system, context, as_machine_code=as_machine_code)
             start = Visited(context.get_time(), *evaluator.ReadContext(context))
         self.evaluator, self.start = evaluator, start
-        self._is_machine_code = as_machine_code
         self.failure = ""
         self.error: Exception | None = None
         self.visited: list[Visited] = []
@@ -134,7 +126,10 @@ class CompiledRun:
         )
         self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
         self._num_rows, self._chunk = 0, _FIRST_CHUNK
-        self._advance: Callable[..., Any] | None = None
+        self._integrate: Callable[..., Any] = advance
+        if isinstance(evaluator.function, Evaluate):
+            numbers = 0.0, accuracy, max_step
+            self._integrate = CompileIntegrator(self._problem, self._memory, *numbers)
 
     @property
     def time(self) -> float:
@@ -178,20 +173,11 @@ class CompiledRun:
             `end` or there is a failure or an error.
         """
         self._MakeRoomForRows()
-        arguments = (
-            self._problem,
-            self._memory,
-            float(end),
-            self._accuracy,
-            self._max_step,
-        )
-        if self._advance is None:
-            self._advance = advance
-            if self._is_machine_code:
-                self._advance = cast(Callable[..., Any], CompileIntegrator(*arguments))
+        numbers = float(end), self._accuracy, self._max_step
+        arguments = self._problem, self._memory, *numbers
         status = DONE
         try:
-            status = self._advance(self.evaluator.function, *arguments)
+            status = self._integrate(self.evaluator.function, *arguments)
         except Exception as error:
             status = FULL
             if not self._MakesStepShorter(error):

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.compile import CompileEvaluate
-from teleop_drake.compiler.flatten import Flatten
+from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import (
     GravityKernel,
     HoldKernel,
@@ -19,7 +19,6 @@ from teleop_drake.compiler.plant_kernel import (
 )
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
-from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
 from teleop_drake.machine_code.symbols import Untraceable

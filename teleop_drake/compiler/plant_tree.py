@@ -20,7 +20,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context
 
-from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.numerics.rigid_body import RigidBodyTree
 
 

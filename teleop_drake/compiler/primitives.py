@@ -21,7 +21,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition, times
 
 Array = NDArray[np.float64]

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.compiler.flatten import Block, Source
+from teleop_drake.compiler.flatten import Block, Source, UnsupportedSystem
 from teleop_drake.compiler.parameters import Parameters
-from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law, Part
 from teleop_drake.kernel.terms import TermReader

@@ -20,7 +20,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import CheckSteps, Scenario, ScenarioError
 from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.live import LiveRun
+from teleop_drake.simulation.run import LiveRun
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]

@@ -2,42 +2,28 @@
 
 import time as clock
 import weakref
-from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_statistics import PacketStatistics
 from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import OutputOf
-from teleop_drake.compiler.unsupported import UnsupportedSystem
-from teleop_drake.numerics.step_polynomials import Series
+from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
-from teleop_drake.simulation.failures import (
-    IsArithmetic,
-    ReasonOfDivergence,
-)
-from teleop_drake.simulation.live import LiveRun
-from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import Interruption, Pace
+from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
+from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.simulation.structure import Loop, Structure, WhyNotSolved
 from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.base import SpeedLimit
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Instants closer together than this, in s, are one to the integrator.
 _SAME = 1e-12
-
 
 # Programs that have agreed with their diagrams. Later runs of a structure differ in
 # their parameters alone.
@@ -49,21 +35,11 @@ class CannotCompile(Exception):
 
 
 def RunCompiled(
-    diagram: Diagram,
-    config: SimulatorConfig,
-    duration: float,
-    speed_limit: SpeedLimit,
-    progress: Callable[[float], None] | None,
-    advance: Callable[[LiveRun, float], None] | None = None,
-    structure: Structure | None = None,
-    loop: Loop | None = None,
+    job: Job, structure: Structure | None = None, loop: Loop | None = None
 ) -> Outcome:
     """Runs a diagram as machine code.
 
     Args:
-        duration: How long, s.
-        progress: Called now and then with the simulated time in s.
-        advance: As simulate() takes it.
         structure: Keeps the program for others; None: it is not kept.
         loop: What was kept of the diagram, with the channels for this run.
 
@@ -71,58 +47,42 @@ def RunCompiled(
         CannotCompile: If a block, or the solver that is asked for, has no machine code.
         KernelDisagrees: If the machine code does not compute what the diagram does.
     """
-    _CheckSolver(config)
+    diagram, config = job.diagram, job.config
+    if why := WhyNotSolved(config):
+        raise CannotCompile(why)
+    context = evaluator = None
+    if loop is None:
+        context = diagram.CreateDefaultContext()
+        context.SetAccuracy(EVENT_ACCURACY)
+        diagram.ExecuteInitializationEvents(context)
+        longest_step = LongestStep(diagram, of_delays=False)
+        try:
+            evaluator = Evaluator(diagram, context, as_machine_code=True)
+        except UnsupportedSystem as error:
+            raise CannotCompile(str(error)) from error
+    else:
+        evaluator, longest_step = loop.evaluator, loop.longest_step
+    run = CompiledRun(
+        evaluator,
+        context,
+        start=loop and loop.start,
+        end=job.duration,
+        accuracy=config.accuracy,
+        max_step=min(config.max_step_size, longest_step),
+    )
+    outcome = _Stepper(run, job).Run()
     if loop is not None:
-        start = clock.monotonic()
-        run = CompiledRun(
-            diagram,
-            None,
-            evaluator=loop.evaluator,
-            start=loop.start,
-            end=duration,
-            accuracy=config.accuracy,
-            max_step=min(config.max_step_size, loop.longest_step),
-        )
-        outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
-        channels = [channel for channel, _ in loop.channels.values()]
-        outcome.channels = _Statistics(channels, outcome.series[0][-1])
+        outcome.TakeStatistics(channel for channel, _ in loop.channels.values())
         return outcome
-    context = diagram.CreateDefaultContext()
-    context.SetAccuracy(EVENT_ACCURACY)
-    diagram.ExecuteInitializationEvents(context)
-    start = clock.monotonic()
-    longest_step = LongestStep(diagram, of_delays=False)
-    try:
-        run = CompiledRun(
-            diagram,
-            context,
-            end=duration,
-            accuracy=config.accuracy,
-            max_step=min(config.max_step_size, longest_step),
-        )
-    except UnsupportedSystem as error:
-        raise CannotCompile(str(error)) from error
-    program = run.evaluator.program.text
+    program = evaluator.program.text
     is_known = program in _checked
-    _checked.add(program)
-    outcome = _Run(run, diagram, duration, speed_limit, progress, advance, start)
     visited = run.visited[-1:] if is_known else [run.start, *run.visited]
-    CheckVisited(run.evaluator, diagram, context, visited)
-    outcome.channels = _Statistics(diagram.GetSystems(), outcome.series[0][-1])
+    CheckVisited(evaluator, diagram, context, visited)
+    _checked.add(program)
+    outcome.TakeStatistics(diagram.GetSystems())
     if structure is not None:
-        structure.Keep(diagram, run.evaluator, run.start, longest_step)
+        structure.Keep(diagram, evaluator, run.start, longest_step)
     return outcome
-
-
-def _Statistics(systems: Sequence[System], time: float) -> dict[str, PacketStatistics]:
-    """Returns what became of the packets of network channels until a time."""
-    found = {}
-    for system in systems:
-        if isinstance(system, NetworkDelay):
-            context = system.CreateDefaultContext()
-            context.SetTime(time)
-            found[system.get_name()] = system.Statistics(context)
-    return found
 
 
 def WhyNotCompiled(scenario: AnyScenario) -> str:
@@ -130,19 +90,14 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
 
     Nothing is compiled for that.
     """
+    if why := WhyNotSolved(scenario.simulator):
+        return why
     try:
-        _CheckSolver(scenario.simulator)
         diagram = TaskOf(scenario).MakeDiagram(scenario)
         Evaluator(diagram, diagram.CreateDefaultContext())
-    except (CannotCompile, UnsupportedSystem) as error:
+    except UnsupportedSystem as error:
         return str(error)
     return ""
-
-
-def _CheckSolver(config: SimulatorConfig) -> None:
-    """Raises CannotCompile if another solver is asked for."""
-    if why := WhyNotSolved(config):
-        raise CannotCompile(why)
 
 
 class _Stepper:
@@ -150,37 +105,17 @@ class _Stepper:
 
     Args:
         run: The run.
-        diagram: What is run.
-        duration: How long, s.
-        speed_limit: When to end early.
-        progress: As RunCompiled() takes it.
-        interruption: Ends it because of Ctrl-C.
-
-    Attributes:
-        termination: As in Recording, but for what Ctrl-C ends.
-        reason: As in Recording.
-        is_too_fast: As in Outcome.
+        job: What it is.
     """
 
-    def __init__(
-        self,
-        run: CompiledRun,
-        diagram: Diagram,
-        *,
-        duration: float,
-        speed_limit: SpeedLimit,
-        progress: Callable[[float], None] | None,
-        interruption: Interruption,
-    ):
-        self._run, self._duration = run, duration
-        self._speed_limit, self._progress = speed_limit, progress
-        self._interruption = interruption
-        self._pace = Pace(duration)
-        self._places = _Signals(run, diagram)
+    def __init__(self, run: CompiledRun, job: Job):
+        self._run, self._job = run, job
+        self._interruption, self._pace = Interruption(), Pace(job.duration)
+        self._places = SignalPlaces(run.evaluator, job.diagram)
         # Without a tool, whatever is computed has to stay finite.
         self._watched = self._places.get("tool_velocity", slice(None))
-        self._steps: list[Indices] = []
-        self.termination, self.reason, self.is_too_fast = "completed", "", False
+        self._steps: list[NDArray[np.int64]] = []
+        self._termination, self._reason, self._is_too_fast = "completed", "", False
 
     @property
     def time(self) -> float:
@@ -190,32 +125,27 @@ class _Stepper:
     @property
     def has_ended(self) -> bool:
         """Whether it cannot go on: it diverged, or was interrupted."""
-        return self.termination != "completed" or self._interruption.has_come
+        return self._termination != "completed" or self._interruption.has_come
 
     def AdvanceTo(self, time: float) -> None:
         """Simulates until a time, or less far if the run ends before."""
-        run, end = self._run, min(time, self._duration)
-        while (
-            run.time < end - _SAME
-            and self.termination == "completed"
-            and not (self._interruption.has_come and self._steps)
-        ):
+        run, end = self._run, min(time, self._job.duration)
+        limit, progress = self._job.speed_limit, self._job.progress
+        while run.time < end - _SAME and not (self.has_ended and self._steps):
             num_before = len(run.Rows()[0])
             _, rows, steps = run.Advance(end)
+            self._steps.append(steps + num_before)
             self._pace.Check(run.num_tries, run.time)
             speeds = np.linalg.norm(rows[:, self._watched], axis=1)
-            too_fast = np.flatnonzero(~(speeds <= self._speed_limit.speed))
+            too_fast = speeds[~(speeds <= limit.speed)]
             if too_fast.size > 0:
-                speed = speeds[too_fast[0]]
-                self.is_too_fast = bool(np.isfinite(speed))
-                self.termination = "diverged"
-                self.reason = self._speed_limit.Reason(speed)
+                self._is_too_fast = bool(np.isfinite(too_fast[0]))
+                self._termination, self._reason = "diverged", limit.Reason(too_fast[0])
                 del run.visited[-1:]  # Beyond the limit numbers are of any size.
             elif run.failure or run.error is not None:
-                self.termination, self.reason = "diverged", _ReasonOf(run)
-            self._steps.append(steps + num_before)
-            if self._progress is not None:
-                self._progress(run.time)
+                self._termination, self._reason = "diverged", _ReasonOf(run)
+            if progress is not None:
+                progress(run.time)
 
     def Signals(self) -> dict[str, Array]:
         """Returns all signals as they are now, by name; see simulate()."""
@@ -226,48 +156,26 @@ class _Stepper:
         """Sets an input that is not connected; nothing may jump thereby."""
         self._run.Feed(system, port, values)
 
-    def Recorded(self) -> Series:
-        """Returns the times (N,), the signals (N, k) and the steps so far."""
-        times, rows = self._run.Rows()
+    def Run(self) -> Outcome:
+        """Does the job."""
+        run, start = self._run, clock.monotonic()
+        with self._interruption as interruption:
+            self._job.Advance(self)
+        if interruption.has_come:  # However it ended, as in Drake's Simulator.
+            self._termination = "interrupted"
+            self._reason = "interrupted by the user"
+        times, rows = run.Rows()
         signals = {name: rows[:, place] for name, place in self._places.items()}
-        return times, signals, np.concatenate(self._steps)
-
-
-def _Run(
-    run: CompiledRun,
-    diagram: Diagram,
-    duration: float,
-    speed_limit: SpeedLimit,
-    progress: Callable[[float], None] | None,
-    advance: Callable[[LiveRun, float], None] | None,
-    start: float,
-) -> Outcome:
-    with Interruption() as interruption:
-        stepper = _Stepper(
-            run,
-            diagram,
-            duration=duration,
-            speed_limit=speed_limit,
-            progress=progress,
-            interruption=interruption,
+        return Outcome(
+            engine="compiled",
+            series=(times, signals, np.concatenate(self._steps)),
+            steps=run.num_steps,
+            derivative_evaluations=run.num_evaluations,
+            wall_time=clock.monotonic() - start,
+            termination=self._termination,
+            reason=self._reason,
+            is_too_fast=self._is_too_fast,
         )
-        if advance is None:
-            stepper.AdvanceTo(duration)
-        else:
-            advance(stepper, duration)
-    termination, reason = stepper.termination, stepper.reason
-    if interruption.has_come:  # However it ended, as in Drake's Simulator.
-        termination, reason = "interrupted", "interrupted by the user"
-    return Outcome(
-        engine="compiled",
-        series=stepper.Recorded(),
-        steps=run.num_steps,
-        derivative_evaluations=run.num_evaluations,
-        wall_time=clock.monotonic() - start,
-        termination=termination,
-        reason=reason,
-        is_too_fast=stepper.is_too_fast,
-    )
 
 
 def _ReasonOf(run: CompiledRun) -> str:
@@ -279,10 +187,10 @@ def _ReasonOf(run: CompiledRun) -> str:
     return ReasonOfDivergence(run.error, has_error_control=True)
 
 
-def _Signals(run: CompiledRun, diagram: Diagram) -> dict[str, slice]:
+def SignalPlaces(evaluator: Evaluator, diagram: Diagram) -> dict[str, slice]:
     """Returns where the outputs of the diagram's systems are in a row, by name."""
     if diagram not in _places:
-        places, blocks = run.evaluator.program.signals, run.evaluator.blocks
+        places, blocks = evaluator.program.signals, evaluator.blocks
         _places[diagram] = {
             name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
             for name, port in SignalsOf(diagram).items()

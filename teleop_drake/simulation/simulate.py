@@ -3,19 +3,17 @@
 import contextlib
 import dataclasses
 import math
-import time as clock
 from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.step_polynomials import (
-    Series,
     finite_part,
     first_crossing,
     part,
@@ -24,16 +22,8 @@ from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import SignalsOf
-from teleop_drake.simulation.failures import (
-    IsDivergence,
-    NamingBlocks,
-    ReasonOfDivergence,
-)
-from teleop_drake.simulation.joint_range import EndAtJointLimit
-from teleop_drake.simulation.live import DrakeRun, LiveRun
-from teleop_drake.simulation.outcome import Outcome
-from teleop_drake.simulation.run_monitor import RunMonitor
-from teleop_drake.simulation.simulator import MakeSimulator
+from teleop_drake.simulation.drake_run import RunInDrake
+from teleop_drake.simulation.run import Job, LiveRun, Outcome
 from teleop_drake.simulation.stepping import SystemsIn
 from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
@@ -143,10 +133,9 @@ def simulate(
         _CheckDiagram(scenario, duration, teleoperator or task)
         assert isinstance(scenario, Diagram) and duration is not None
         config = simulator or DefaultSimulator()
-        run, notes = _Run(
-            scenario, config, duration, _Finite(), progress, advance, engine
-        )
-        return _MakeRecording(None, config, scenario, run, notes)
+        job = Job(scenario, config, duration, _Finite(), progress, advance)
+        run, notes = _Run(job, engine)
+        return _MakeRecording(None, job, run, notes)
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -166,12 +155,13 @@ def simulate(
     CheckSteps(scenario)
 
     speed_limit = task.MakeSpeedLimit(scenario)
-    what = diagram, scenario.simulator, scenario.duration, speed_limit, progress
-    run, notes = _Run(*what, advance, engine, structure, loop)
-    EndAtJointLimit(diagram, run)
+    config, duration = scenario.simulator, scenario.duration
+    job = Job(diagram, config, duration, speed_limit, progress, advance)
+    run, notes = _Run(job, engine, structure, loop)
+    _EndAtJointLimit(diagram, run)
     if run.is_too_fast:
-        run.series = _EndAtSpeed(speed_limit.speed, run.series)
-    recording = _MakeRecording(scenario, scenario.simulator, diagram, run, notes)
+        _EndAtSpeed(speed_limit.speed, run)
+    recording = _MakeRecording(scenario, job, run, notes)
     with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
     return recording
@@ -202,29 +192,23 @@ def _CheckDiagram(system: System, duration: float | None, other: object) -> None
 
 
 def _Run(
-    diagram: Diagram,
-    config: SimulatorConfig,
-    duration: float,
-    speed_limit: SpeedLimit,
-    progress: Callable[[float], None] | None,
-    advance: Callable[[LiveRun, float], None] | None,
+    job: Job,
     engine: str,
     structure: Structure | None = None,
     loop: Loop | None = None,
 ) -> tuple[Outcome, list[str]]:
     """Runs a diagram, and says why it was not compiled if it should have been."""
-    what = diagram, config, duration, speed_limit, progress, advance
     run, notes = None, []
     if engine != "drake":
         from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
 
         try:
             with Interpreted():  # There are too few calls to pay compiling.
-                run = RunCompiled(*what, structure, loop)
+                run = RunCompiled(job, structure, loop)
         except CannotCompile as error:
             assert loop is None, "the diagram of a loop has other channels"
             notes = [f"Run in Drake's Simulator: {error}."]
-    run = run or _RunInDrake(*what)
+    run = run or RunInDrake(job)
     if run.termination == "diverged":
         run.series = finite_part(run.series)
         if len(run.series[0]) == 0:
@@ -246,82 +230,11 @@ def _CheckTeleoperator(
         Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
-def _RunInDrake(
-    diagram: Diagram,
-    config: SimulatorConfig,
-    duration: float,
-    speed_limit: SpeedLimit,
-    progress: Callable[[float], None] | None,
-    advance: Callable[[LiveRun, float], None] | None,
-) -> Outcome:
-    """Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
-    simulator = MakeSimulator(diagram, config)
-    monitor = RunMonitor(
-        diagram,
-        simulator.get_mutable_context(),
-        duration=duration,
-        speed_limit=speed_limit,
-        progress=progress,
-        count_rejected=simulator.CountRejected,
-    )
-    simulator.set_monitor(monitor.Monitor)
-    termination, reason = "completed", ""
-    start = clock.monotonic()
-    with monitor.interruption as interruption:
-        with NamingBlocks():
-            simulator.Initialize()
-        try:
-            with NamingBlocks():
-                if not (monitor.failure or interruption.has_come):
-                    if advance is None:
-                        simulator.AdvanceTo(duration)
-                    else:
-                        advance(DrakeRun(diagram, simulator, monitor), duration)
-        except KeyboardInterrupt:
-            interruption.has_come = True
-        except Exception as error:
-            if not (
-                interruption.has_come or IsDivergence(error, simulator.get_context())
-            ):
-                raise
-            is_controlled = not simulator.get_integrator().get_fixed_step_mode()
-            reason = ReasonOfDivergence(error, has_error_control=is_controlled)
-            termination = "diverged"
-    if interruption.has_come:  # However it ended: more runs may be to come.
-        termination, reason = "interrupted", "interrupted by the user"
-    elif monitor.failure:
-        termination, reason = "diverged", monitor.failure
-    wall_time = clock.monotonic() - start
-    # The samples know the Context, and pydrake keeps the Simulator alive with that.
-    simulator.clear_monitor()
-    root_context = simulator.get_context()
-    return Outcome(
-        engine="drake",
-        series=monitor.recorder.Finish(),
-        steps=simulator.CountSteps(),
-        derivative_evaluations=simulator.CountEvaluations(),
-        wall_time=wall_time,
-        termination=termination,
-        reason=reason,
-        is_too_fast=bool(monitor.failure),
-        channels={
-            system.get_name(): system.Statistics(
-                system.GetMyContextFromRoot(root_context)
-            )
-            for system in diagram.GetSystems()
-            if isinstance(system, NetworkDelay)
-        },
-    )
-
-
 def _MakeRecording(
-    scenario: AnyScenario | None,
-    config: SimulatorConfig,
-    diagram: Diagram,
-    run: Outcome,
-    notes: list[str],
+    scenario: AnyScenario | None, job: Job, run: Outcome, notes: list[str]
 ) -> Recording:
     """Makes the recording of a run, without its events."""
+    diagram, config = job.diagram, job.config
     surfaces: tuple[Surface, ...] | None = ()
     if scenario is not None and diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
@@ -373,10 +286,44 @@ def _HasConstantCommand(diagram: Diagram) -> bool:
     return bool(getattr(operator, "has_constant_command", False))
 
 
-def _EndAtSpeed(limit: float, series: Series) -> Series:
-    """Ends a run where the speed of the tool has its limit."""
-    times, signals, steps = series
+# How far a joint may be past its limit, rad or m: rounding errors of a pose at it.
+_TOLERANCE = 1e-9
+
+
+def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
+    """Ends a run, in place, where a joint of the robot's plant leaves its range.
+
+    The plant itself knows no stops: what it does beyond is left out. A robot without a
+    system `plant`, or whose joints turn without limit, is left as it is.
+    """
+    robot = diagram.GetSubsystemByName("robot")
+    if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
+        return
+    times, signals, steps = run.series
+    plant, q = robot.GetSubsystemByName("plant"), signals.get("joint_position")
+    if not isinstance(plant, MultibodyPlant) or q is None or len(steps) == 0:
+        return
+    lower = plant.GetPositionLowerLimits() - _TOLERANCE
+    upper = plant.GetPositionUpperLimits() + _TOLERANCE
+    beyond = np.maximum(lower - q, q - upper)[steps]
+    ends = [first_crossing(times, y, steps) for y in np.moveaxis(beyond, 2, 0)]
+    joint = int(np.argmin(ends))
+    if ends[joint] == math.inf:
+        return
+    run.series = part(run.series, times[0], ends[joint])
+    name = plant.GetPositionNames(
+        add_model_instance_prefix=False, always_add_suffix=False
+    )[joint]
+    run.termination, run.is_too_fast = "diverged", False
+    run.reason = (
+        f"joint {name} leaves its range, {lower[joint]:.4g} to {upper[joint]:.4g}"
+    )
+
+
+def _EndAtSpeed(limit: float, run: Outcome) -> None:
+    """Ends a run, in place, where the speed of the tool has its limit."""
+    times, signals, steps = run.series
     # Less may be an overflow's.
     excess = np.linalg.norm(signals["tool_velocity"] / limit, axis=1) - 1.0
     end = first_crossing(times, excess[steps], steps)
-    return part(series, times[0], end)
+    run.series = part(run.series, times[0], end)

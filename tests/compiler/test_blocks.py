@@ -23,6 +23,7 @@ from teleop_drake.compiler.check import (
     KernelDisagrees,
 )
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.environments import LayerConfig, Surface
 from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.kernel import Kernel
@@ -206,8 +207,8 @@ def test_a_kernel_is_checked_where_the_run_has_been(end, is_found):
     builder.Connect(delay.get_output_port(), limit.get_input_port())
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    rest = {"end": end, "accuracy": 1e-6, "max_step": 0.1, "as_machine_code": False}
-    run = CompiledRun(diagram, context, **rest)
+    rest = {"end": end, "accuracy": 1e-6, "max_step": 0.1}
+    run = CompiledRun(Evaluator(diagram, context), context, **rest)
     run.Advance(end)
     found = pytest.raises(KernelDisagrees, match="limit: its kernel says y")
     with found if is_found else contextlib.nullcontext():

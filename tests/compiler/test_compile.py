@@ -13,8 +13,8 @@ from pydrake.systems.primitives import Gain, Integrator
 from teleop_drake.compiler import compile as compiler
 from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.compiler.parameters import Parameters
-from teleop_drake.compiler.unsupported import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
 

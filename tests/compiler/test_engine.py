@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator, LinearSystem
 
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.kernel import Delay, Kernel, Transition
 
 # What one of them compiles, the others find on the disk.
@@ -47,9 +48,10 @@ def delayed_decay(delay):
 
 def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):
     """Runs to an end, and stops on the way as often as one likes."""
+    context = diagram.CreateDefaultContext()
     engine = CompiledRun(
-        diagram,
-        diagram.CreateDefaultContext(),
+        Evaluator(diagram, context, as_machine_code=True),
+        context,
         end=end,
         accuracy=accuracy,
         max_step=max_step,

@@ -24,7 +24,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
-from teleop_drake.compiler.unsupported import UnsupportedSystem
+from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
 rng = np.random.default_rng(3)

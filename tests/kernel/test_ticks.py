@@ -19,6 +19,7 @@ from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.environments import Surface
 from teleop_drake.kernel.ticks import Ticks
 from teleop_drake.operators import ConstantVelocityOperator
@@ -51,12 +52,11 @@ def in_both_engines(diagram, output, start, times):
     context = diagram.CreateDefaultContext()
     context.SetTime(start)
     run = CompiledRun(
-        diagram,
+        Evaluator(diagram, context),
         context,
         end=times[-1],
         accuracy=1e-9,
         max_step=1.0,
-        as_machine_code=False,
     )
     signals = run.evaluator.program.signals
     blocks = [block.system for block in run.evaluator.blocks]

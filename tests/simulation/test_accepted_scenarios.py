@@ -15,7 +15,7 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.simulation import run_monitor, simulate
+from teleop_drake.simulation import drake_run, simulate
 from teleop_drake.tasks.metrics import RunSummary
 
 # A stiff loop may take days. After as many steps a run is interrupted.
@@ -116,7 +116,7 @@ def check(name, pairs):
             signal.raise_signal(signal.SIGINT)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_monitor, "_REPORT_PERIOD", 0.0)
+        patch.setattr(drake_run, "_REPORT_PERIOD", 0.0)
         try:
             scenario = LoadScenario(name, pairs | {"duration": 0.03})
             recording = simulate(scenario, progress=lose_patience, engine="drake")

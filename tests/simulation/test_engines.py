@@ -1,6 +1,5 @@
 """Compiled runs against those of Drake's Simulator."""
 
-import functools
 import re
 import signal
 
@@ -10,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.compiler import engine
-from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.kernel import Kernel
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import compiled_run, simulate
@@ -125,8 +124,11 @@ def test_a_run_that_is_too_fast_ends_at_its_limit():
 @pytest.fixture
 def in_python(monkeypatch):
     """What the compiled engine does about a run, without machine code."""
-    slow = functools.partial(CompiledRun, as_machine_code=False)
-    monkeypatch.setattr(compiled_run, "CompiledRun", slow)
+    monkeypatch.setattr(
+        compiled_run,
+        "Evaluator",
+        lambda diagram, context, as_machine_code: Evaluator(diagram, context),
+    )
 
 
 class Wall(LeafSystem):

@@ -20,7 +20,7 @@ from teleop_drake.architectures.adaptive_backstepping import AdaptiveBacksteppin
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeDiagram, run_monitor, simulate
+from teleop_drake.simulation import MakeDiagram, drake_run, simulate
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # They look at the same runs.
@@ -601,12 +601,12 @@ def test_spring_hit_peaks_at_v_sqrt_k_m():
 def test_a_run_leaves_no_samples_behind(monkeypatch):
     recorders = []
 
-    class Recorder(run_monitor.Recorder):
+    class Recorder(drake_run.Recorder):
         def __init__(self, *args):
             super().__init__(*args)
             recorders.append(weakref.ref(self))
 
-    monkeypatch.setattr(run_monitor, "Recorder", Recorder)
+    monkeypatch.setattr(drake_run, "Recorder", Recorder)
     simulate(LoadScenario("one_dof", {"duration": 0.1}), engine="drake")
     gc.collect()
     assert [recorder() for recorder in recorders] == [None]

@@ -7,7 +7,8 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
 from teleop_drake.compiler import engine as compiler_engine
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeSimulator, run_monitor, simulate
+from teleop_drake.simulation import MakeSimulator, simulate
+from teleop_drake.simulation import run as simulation_run
 
 SCHEMES = ["runge_kutta3", "runge_kutta5"]
 
@@ -121,8 +122,8 @@ def test_the_longest_step_does_not_decide_whether_a_run_diverges():
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_steps_without_end_are_refused(engine, monkeypatch):
     """After a hundredth of the steps that there may be in all."""
-    monkeypatch.setattr(run_monitor, "_MOST_STEPS", 3000)
-    monkeypatch.setattr(run_monitor, "_STRETCH", 30)
+    monkeypatch.setattr(simulation_run, "_MOST_STEPS", 3000)
+    monkeypatch.setattr(simulation_run, "_STRETCH", 30)
     monkeypatch.setattr(compiler_engine, "_CHUNK", 30)
     scenario = LoadScenario("two_dof_combined", RATE | {"duration": 1.0})
     match = r"duration = 1: must be at most .* s here, which took [3-7]\d steps;"
@@ -133,7 +134,7 @@ def test_steps_without_end_are_refused(engine, monkeypatch):
 @pytest.mark.parametrize("is_stuck", [False, True])
 def test_a_slow_stretch_is_no_crawl(is_stuck):
     """10 000 steps in a hundredth of the time, before and after faster ones."""
-    pace = run_monitor.Pace(10.0)
+    pace = simulation_run.Pace(10.0)
     pace.Check(9_000, 2.0)
     pace.Check(10_000, 2.1)
     if is_stuck:

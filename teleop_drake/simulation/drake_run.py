@@ -1,0 +1,206 @@
+"""Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
+
+import math
+import time as clock
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
+
+from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
+from teleop_drake.signals import SignalsOf
+from teleop_drake.simulation.failures import (
+    IsDivergence,
+    NamingBlocks,
+    ReasonOfDivergence,
+)
+from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
+from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
+
+Array = NDArray[np.float64]
+
+# How often progress is reported, in s of real time.
+_REPORT_PERIOD = 0.1
+
+
+def RunInDrake(job: Job) -> Outcome:
+    """Runs a diagram in Drake's Simulator."""
+    simulator = MakeSimulator(job.diagram, job.config)
+    run = _DrakeRun(simulator, job)
+    simulator.set_monitor(run.Monitor)
+    termination, reason = "completed", ""
+    start = clock.monotonic()
+    with run.interruption as interruption:
+        with NamingBlocks():
+            simulator.Initialize()
+        try:
+            with NamingBlocks():
+                if not run.has_ended:
+                    job.Advance(run)
+        except KeyboardInterrupt:
+            interruption.has_come = True
+        except Exception as error:
+            if not (
+                interruption.has_come or IsDivergence(error, simulator.get_context())
+            ):
+                raise
+            is_controlled = not simulator.get_integrator().get_fixed_step_mode()
+            reason = ReasonOfDivergence(error, has_error_control=is_controlled)
+            termination = "diverged"
+    if interruption.has_come:  # However it ended: more runs may be to come.
+        termination, reason = "interrupted", "interrupted by the user"
+    elif run.failure:
+        termination, reason = "diverged", run.failure
+    wall_time = clock.monotonic() - start
+    # The samples know the Context, and pydrake keeps the Simulator alive with that.
+    simulator.clear_monitor()
+    outcome = Outcome(
+        engine="drake",
+        series=run.recorder.Finish(),
+        steps=simulator.CountSteps(),
+        derivative_evaluations=simulator.CountEvaluations(),
+        wall_time=wall_time,
+        termination=termination,
+        reason=reason,
+        is_too_fast=bool(run.failure),
+    )
+    outcome.TakeStatistics(job.diagram.GetSystems())
+    return outcome
+
+
+class Recorder:
+    """Samples every vector output of the systems of a diagram, step by step.
+
+    Drake tells the states at the ends of a step only. Within it they are the cubic
+    polynomials that have their rates there, and the outputs are evaluated at these
+    states, in a Context of its own.
+
+    Attributes:
+        names: Of the signals, in the order of a sample's values.
+        inner_context: In which the outputs within a step are evaluated.
+    """
+
+    def __init__(self, diagram: Diagram, root_context: Context):
+        signals = SignalsOf(diagram)
+        self.names = list(signals)
+        self.inner_context = root_context.Clone()
+        self._at_end, self._inside = (
+            [
+                (port.Eval, port.get_system().GetMyContextFromRoot(root))
+                for port in signals.values()
+            ]
+            for root in (root_context, self.inner_context)
+        )
+        self._diagram = diagram
+        self._root_context = root_context
+        self._rows: list[tuple[float, list[np.ndarray]]] = []
+        self._step_ends: list[int] = []
+        self._state = self._rate = np.empty(0)
+
+    def Now(self) -> list[np.ndarray]:
+        """Returns the signals' values."""
+        return [evaluate(context) for evaluate, context in self._at_end]
+
+    def Sample(self) -> list[np.ndarray]:
+        """Takes a sample now, and those in the step that ends; returns its values."""
+        time, root = self._root_context.get_time(), self._root_context
+        values = self.Now()
+        state = root.get_continuous_state_vector().CopyToVector()
+        rate = self._diagram.EvalTimeDerivatives(
+            self._diagram.GetMyContextFromRoot(root)
+        ).CopyToVector()
+        if self._rows and time > self._rows[-1][0]:
+            self._SampleInside(time, state, rate)
+            self._step_ends.append(len(self._rows))
+        self._rows.append((time, values))
+        self._state, self._rate = state, rate
+        return values
+
+    def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
+        """Takes the samples between the last one and a time."""
+        inner, begin = self.inner_context, self._rows[-1][0]
+        inner.SetTimeStateAndParametersFrom(self._root_context)
+        h = end - begin
+        for s in shares(DEGREE)[1:-1].tolist():
+            inner.SetTime(begin + s * h)
+            inner.SetContinuousState(
+                (1 - s) ** 2 * ((1 + 2 * s) * self._state + s * h * self._rate)
+                + s**2 * ((3 - 2 * s) * state - (1 - s) * h * rate)
+            )
+            values = [evaluate(context) for evaluate, context in self._inside]
+            self._rows.append((begin + s * h, values))
+
+    def Finish(self) -> Series:
+        """Returns the times (N,), the signals (N, k) and the steps."""
+        times = np.array([time for time, _ in self._rows])
+        signals = {
+            name: np.array([values[i] for _, values in self._rows])
+            for i, name in enumerate(self.names)
+        }
+        ends = np.array(self._step_ends, int)
+        return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+
+
+class _DrakeRun:
+    """A run in Drake's Simulator; see LiveRun. It watches each step, and records.
+
+    Attributes:
+        recorder: What it records with.
+        failure: Why the run cannot go on; empty while it can.
+        interruption: Ends it because of Ctrl-C.
+    """
+
+    def __init__(self, simulator: TeleoperatorSimulator, job: Job):
+        self._simulator, self._job = simulator, job
+        self._pace, self._num_samples = Pace(job.duration), 0
+        self.recorder = Recorder(job.diagram, simulator.get_mutable_context())
+        self.failure = ""
+        self.interruption = Interruption()
+        self._last_report = clock.monotonic()
+        names = self.recorder.names
+        # Without a tool, whatever is recorded has to stay finite.
+        self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
+        self._watched = self._watched or list(range(len(names)))
+
+    @property
+    def time(self) -> float:
+        """How far the run is, s."""
+        return float(self._simulator.get_context().get_time())
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it cannot go on: it diverged, or was interrupted."""
+        return bool(self.failure) or self.interruption.has_come
+
+    def AdvanceTo(self, time: float) -> None:
+        """Simulates until a time, or less far if the run ends before."""
+        self._simulator.AdvanceTo(time)
+
+    def Signals(self) -> dict[str, Array]:
+        """Returns all signals as they are now, by name; see simulate()."""
+        return dict(zip(self.recorder.names, self.recorder.Now(), strict=True))
+
+    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
+        """Sets an input that is not connected; nothing may jump thereby."""
+        root = self._simulator.get_mutable_context()
+        for each in (root, self.recorder.inner_context):
+            context = system.GetMyMutableContextFromRoot(each)
+            system.GetInputPort(port).FixValue(context, np.asarray(values, dtype=float))
+
+    def Monitor(self, root_context: Context) -> EventStatus:
+        """Records the end of a step; ends the run if it cannot go on."""
+        now = self.recorder.Sample()
+        time, diagram, limit = self.time, self._job.diagram, self._job.speed_limit
+        self._num_samples += 1
+        self._pace.Check(self._num_samples + self._simulator.CountRejected(), time)
+        speed = math.hypot(*(x for i in self._watched for x in now[i]))
+        if not speed <= limit.speed:
+            self.failure = limit.Reason(speed)
+            return EventStatus.ReachedTermination(diagram, self.failure)
+        progress = self._job.progress
+        if progress and clock.monotonic() > self._last_report + _REPORT_PERIOD:
+            self._last_report = clock.monotonic()
+            progress(time)
+        if self.interruption.has_come:
+            return EventStatus.ReachedTermination(diagram, "interrupted")
+        return EventStatus.DidNothing()

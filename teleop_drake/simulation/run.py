@@ -1,0 +1,186 @@
+"""A run of a diagram, whichever engine does it."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram, System
+
+from teleop_drake.channels.network import NetworkDelay
+from teleop_drake.channels.packet_statistics import PacketStatistics
+from teleop_drake.numerics.step_polynomials import Series
+from teleop_drake.scenario.scenario import MAX_STEPS
+from teleop_drake.tasks.base import SpeedLimit
+from teleop_drake.validation import ScenarioError
+
+Array = NDArray[np.float64]
+
+# Steps of a run, among them those that were tried in vain and events at one instant.
+# Error control may want a few more than a run is forced to take.
+_MOST_STEPS = 2 * MAX_STEPS
+
+# In so many steps a run shows its pace.
+_STRETCH = 10_000
+
+
+class LiveRun(Protocol):
+    """A run that goes on step by step and can be fed, as simulate() gives it away."""
+
+    @property
+    def time(self) -> float:
+        """How far the run is, s."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it cannot go on: it diverged, or was interrupted."""
+
+    def AdvanceTo(self, time: float) -> None:
+        """Simulates until a time in s, or less far if the run ends before."""
+
+    def Signals(self) -> dict[str, Array]:
+        """Returns all signals as they are now, by name; see simulate()."""
+
+    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
+        """Sets an input that is not connected; nothing may jump thereby.
+
+        Args:
+            system: The block, anywhere in the diagram.
+            values: What comes in from now on.
+        """
+
+
+class Job(NamedTuple):
+    """What to run.
+
+    Attributes:
+        diagram: The model.
+        config: The solver.
+        duration: How long, s.
+        speed_limit: When to end early.
+        progress: Called now and then with the simulated time in s.
+        advance: As simulate() takes it.
+    """
+
+    diagram: Diagram
+    config: SimulatorConfig
+    duration: float
+    speed_limit: SpeedLimit
+    progress: Callable[[float], None] | None
+    advance: Callable[[LiveRun, float], None] | None
+
+    def Advance(self, run: LiveRun) -> None:
+        """Advances a run to its end, or as its user wants."""
+        if self.advance is None:
+            run.AdvanceTo(self.duration)
+        else:
+            self.advance(run, self.duration)
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """The outcome of a run.
+
+    Attributes:
+        engine: As in SolverStatistics.
+        series: The times (N,), the signals by name (N, k), and the steps.
+        steps: Number of steps taken.
+        derivative_evaluations: Number of evaluations of the time derivatives.
+        wall_time: Real time that it took, in s.
+        termination: As in Recording, and so is the reason.
+        reason: Why it did not complete.
+        is_too_fast: Whether it ended because the tool was faster than allowed.
+        channels: As in Recording.
+    """
+
+    engine: str
+    series: Series
+    steps: int
+    derivative_evaluations: int
+    wall_time: float
+    termination: str
+    reason: str
+    is_too_fast: bool
+    channels: dict[str, PacketStatistics] = field(default_factory=dict)
+
+    def TakeStatistics(self, systems: Iterable[System]) -> None:
+        """Takes what became of the packets of network channels among systems."""
+        for system in systems:
+            if isinstance(system, NetworkDelay):
+                context = system.CreateDefaultContext()
+                context.SetTime(self.series[0][-1])
+                self.channels[system.get_name()] = system.Statistics(context)
+
+
+class Pace:
+    """Refuses to go on with a run that would take steps without end.
+
+    A loop may be so stiff that the solver takes ever so many steps of nanoseconds.
+
+    Args:
+        duration: How far the run should come, s.
+    """
+
+    def __init__(self, duration: float):
+        self._duration = duration
+        self._num_steps, self._time = 0, 0.0
+
+    def Check(self, num_steps: int, time: float) -> None:
+        """Looks at how far a run has come, after 10 000 steps again.
+
+        Args:
+            time: How far it has come, s.
+
+        Raises:
+            ScenarioError: If it would take more than 2 000 000 steps, as it goes on.
+        """
+        steps, gone = num_steps - self._num_steps, time - self._time
+        if steps < _STRETCH:
+            return
+        if num_steps * gone + steps * (self._duration - time) > _MOST_STEPS * gone:
+            raise ScenarioError(
+                f"duration = {self._duration:g}: must be at most {time:.3g} s here, "
+                f"which took {num_steps} steps; the loop is so stiff, or has so many "
+                f"events, that the last {steps} steps came {gone:.2g} s further, and "
+                f"more than {_MOST_STEPS} would be needed"
+            )
+        self._num_steps, self._time = num_steps, time
+
+
+class Interruption:
+    """Lets Ctrl-C end a run with the step, instead of anywhere in Python.
+
+    There it could leave a state that is half written. A second Ctrl-C is a
+    KeyboardInterrupt at once, for systems that never return.
+
+    Attributes:
+        has_come: Whether there was a first Ctrl-C.
+    """
+
+    def __init__(self) -> None:
+        self.has_come = False
+        self._is_watching = False
+
+    def __enter__(self) -> "Interruption":
+        handler = signal.default_int_handler
+        self._is_watching = (
+            # Only there are signals handled, or their handlers set.
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGINT) is handler
+        )
+        if self._is_watching:
+            signal.signal(signal.SIGINT, self._Note)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._is_watching:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _Note(self, signal_number: int, frame: FrameType | None) -> None:
+        self.has_come = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
