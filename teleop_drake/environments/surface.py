@@ -88,14 +88,15 @@ class Surface:
 
     def Along(self, vector: ArrayLike) -> Any:
         """Returns the component of vectors (..., n) along the normal (...)."""
-        return np.asarray(vector, dtype=float) @ self.normal_W
+        # Quicker than a matrix product for each piece of a run.
+        return np.einsum("...i,i", np.asarray(vector, dtype=float), self.normal_W)
 
     def Depth(self, p_WT: ArrayLike) -> Any:
         """Returns how far points (..., n) are behind the surface in m (...).
 
         It is negative in front of it.
         """
-        return self.Along(np.asarray(p_WT, dtype=float) - self.point_W)
+        return self.Along(p_WT) - self.Along(self.point_W)
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns plain data, from which FromRecord() gives an equal surface."""

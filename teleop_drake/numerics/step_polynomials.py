@@ -7,6 +7,8 @@ reaches across such an instant. In a step a signal is the polynomial of degree d
 its values (S, d + 1, k), `values[steps]`.
 """
 
+import math
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -22,6 +24,9 @@ DEGREE = 4
 # Newton's method takes some seven; bisection of a bracket alone as many as these.
 _MAX_ITERATIONS = 60
 
+# A step of Newton's method that is shorter has squared its error away.
+_SHORT_STEP = 1e-10
+
 
 @cache
 def shares(degree: int) -> Array:
@@ -35,6 +40,23 @@ def _to_powers(degree: int) -> Array:
     """Returns the matrix from values to coefficients of ascending powers."""
     powers = np.vander(shares(degree), increasing=True)
     return np.asarray(np.linalg.inv(powers), np.float64)
+
+
+@cache
+def _slopes(degree: int) -> Array:
+    """Returns the matrix from values to the slopes at the points."""
+    powers = np.vander(shares(degree), degree, increasing=True)
+    return powers @ _derivative(_to_powers(degree))
+
+
+@cache
+def _to_bernstein(degree: int) -> Array:
+    """Returns the matrix from values to Bernstein's coefficients."""
+    rows = [
+        [math.comb(i, j) / math.comb(degree, j) for j in range(degree + 1)]
+        for i in range(degree + 1)
+    ]
+    return np.array(rows) @ _to_powers(degree)
 
 
 @cache
@@ -70,12 +92,16 @@ def lagrange(at: Array, degree: int) -> Array:
         at: (...,) shares of a step, 0 at its begin and 1 at its end.
     """
     nodes = shares(degree)
-    result = np.ones((*at.shape, degree + 1))
-    for a in range(degree + 1):
-        for b in range(degree + 1):
-            if a != b:
-                result[..., a] *= (at - nodes[b]) / (nodes[a] - nodes[b])
-    return result
+    return (
+        _products(at[..., None] - nodes) / _products(nodes[:, None] - nodes).diagonal()
+    )
+
+
+def _products(factors: Array) -> Array:
+    """Returns in each place the product of the other factors (..., d + 1)."""
+    is_own = np.eye(factors.shape[-1], dtype=bool)
+    products: Array = np.where(is_own, 1.0, factors[..., None, :]).prod(axis=-1)
+    return products
 
 
 def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Array:
@@ -138,12 +164,12 @@ def finite_part(series: Series) -> Series:
     columns = [times[:, np.newaxis], *signals.values()]
     # A sum is quick, and finite unless one of its numbers is not, or it is absurd.
     with np.errstate(invalid="ignore", over="ignore"):
-        if np.isfinite([x.sum() for x in columns]).all():
+        if all(math.isfinite(x.sum()) for x in columns):
             return series
     is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
-    count = len(times) if is_finite.all() else int(np.argmin(is_finite))
-    if count == len(times):
+    if is_finite.all():
         return series
+    count = int(np.argmin(is_finite))
     steps = steps[steps[:, -1] < count]
     if count > 0:
         count = int(steps[-1, -1]) + 1 if len(steps) else 1
@@ -161,7 +187,9 @@ def crossings(y: Array) -> tuple[Indices, Array, NDArray[np.bool_]]:
     i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
     nodes = shares(degree)
     c = _to_powers(degree) @ y[i].T
-    at = _roots(c, nodes[j], nodes[j + 1], is_above[i, j], 2e-16)
+    # By the secant at first.
+    at = nodes[j] + (nodes[j + 1] - nodes[j]) * y[i, j] / (y[i, j] - y[i, j + 1])
+    at = _roots(c, at, nodes[j], nodes[j + 1], is_above[i, j])
     return i, at, is_above[i, j + 1]
 
 
@@ -189,22 +217,38 @@ def trace(y: Array) -> Array:
         that lies there (or the former value again).
     """
     degree = y.shape[1] - 1
-    nodes, powers = shares(degree), np.arange(1, degree + 1)
-    c = _to_powers(degree) @ y.T
-    slopes = c[1:] * powers[:, None]
-    slope = (np.vander(nodes, degree, increasing=True) @ slopes).T
+    nodes = shares(degree)
+    slope = y @ _slopes(degree).T
     i, j = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0)
     # By the secant, and then by Newton's method. An extreme is flat: its value is more
     # exact than its place.
     at = nodes[j] + slope[i, j] / (slope[i, j] - slope[i, j + 1]) / degree
-    c, slopes = c[:, i], slopes[:, i]
+    c = _to_powers(degree) @ y[i].T
+    slopes = _derivative(c)
+    curvatures = _derivative(slopes)
     for _ in range(2):
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = at - _value(slopes, at) / _value(slopes[1:] * powers[:-1, None], at)
+            at = at - _value(slopes, at) / _value(curvatures, at)
         at = np.fmin(np.fmax(at, nodes[j]), nodes[j + 1])
     values = np.repeat(y, 2, axis=1)[:, :-1]
     values[i, 2 * j + 1] = _value(c, at)
     return values
+
+
+def maxima(parts: Sequence[Array]) -> list[float]:
+    """Returns the maximum of each of some signals (S, d + 1), S >= 1.
+
+    Only a step with a Bernstein coefficient above all values can exceed them.
+    """
+    y = np.concatenate(parts)
+    largest = np.array([part.max() for part in parts])
+    numbers = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    # Not by BLAS, whose threads cost more than they help here.
+    bounds = np.einsum("ab,sb->as", _to_bernstein(y.shape[1] - 1), y).max(axis=0)
+    may_exceed = bounds > largest[numbers]
+    np.maximum.at(largest, numbers[may_exceed], trace(y[may_exceed]).max(axis=1))
+    result: list[float] = largest.tolist()
+    return result
 
 
 def integrate_product(first: Array, second: Array) -> Array:
@@ -226,37 +270,37 @@ def mean_square(y: Array) -> Array:
     Args:
         y: (S, d + 1, k) the signal in its steps.
     """
-    mean: Array = (y * (_mass(y.shape[1] - 1).sum(axis=0) @ y)).sum(axis=1)
-    return mean
+    columns = np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)
+    mass = _mass(y.shape[1] - 1).sum(axis=0)
+    mean: Array = (columns * (mass @ columns)).sum(axis=0)
+    return mean.reshape(len(y), -1)
 
 
 def _roots(
-    c: Array,
-    low: Array,
-    high: Array,
-    is_positive_at_low: NDArray[np.bool_],
-    tolerance: float,
+    c: Array, x: Array, low: Array, high: Array, is_positive_at_low: NDArray[np.bool_]
 ) -> Array:
     """Returns where polynomials c (d, K) change their sign, each in its bracket.
 
-    By Newton's method, and by bisection where that leaves the bracket.
+    By Newton's method from x on, and by bisection where that leaves the bracket.
     """
-    x: Array = (low + high) / 2
-    if x.size == 0:
-        return x
-    slope = c[1:] * np.arange(1, len(c))[:, None]
-    for _ in range(_MAX_ITERATIONS):
+    slope = _derivative(c)
+    for _ in range(_MAX_ITERATIONS if x.size else 0):
         y = _value(c, x)
         is_low = (y >= 0) == is_positive_at_low
         low, high = np.where(is_low, x, low), np.where(is_low, high, x)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = x - y / _value(slope, x)
-        is_there = np.abs(newton - x) <= tolerance
+        is_there = np.abs(newton - x) <= _SHORT_STEP
         is_inside = (low < newton) & (newton < high)
         x = np.where(is_there | is_inside, newton, (low + high) / 2)
-        if np.all(is_there | (high - low <= tolerance)):
+        if (is_there | (high - low <= 2e-16)).all():
             break
     return np.clip(x, low, high)
+
+
+def _derivative(c: Array) -> Array:
+    """Returns the coefficients (d - 1, K) of the derivatives of polynomials (d, K)."""
+    return c[1:] * np.arange(1, len(c))[:, None]
 
 
 def _value(c: Array, x: Array) -> Array:

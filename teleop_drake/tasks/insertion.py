@@ -62,16 +62,15 @@ class Insertion(Task[Scenario]):
         Args:
             recording: A run, its events not found yet.
         """
-        times, pieces, events = recording.time, Split(recording), []
-        for surface_name, names in _CROSSINGS.items():
-            surface = recording.FindSurface(surface_name)
-            if surface is None:
-                continue
-            depth = surface.Depth(pieces.Sample(recording["tool_position"]))
-            events += [
-                Event(name=names[0 if is_inwards else 1], time=time)
-                for time, is_inwards in pieces.Crossings(depth)
-            ]
+        times, pieces = recording.time, Split(recording)
+        p = pieces.Sample(recording["tool_position"])
+        surfaces = {name: recording.FindSurface(name) for name in _CROSSINGS}
+        depths = {name: x.Depth(p) for name, x in surfaces.items() if x is not None}
+        names = [_CROSSINGS[name] for name in depths]
+        events = [
+            Event(name=names[i][0 if is_inwards else 1], time=time)
+            for time, i, is_inwards in pieces.Crossings(*depths.values())
+        ]
         mode = recording["surgeon_mode"][:, 0]
         for i in np.flatnonzero(np.diff(mode)):
             name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"

@@ -13,11 +13,9 @@ from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
 from teleop_drake.numerics.step_polynomials import shares
 from teleop_drake.recording import Recording
 from teleop_drake.tasks.pieces import (
-    Maximum,
     Pieces,
     Split,
     Traces,
-    ValueBefore,
 )
 
 # A command that is slower than this share of |v_d| points nowhere: it may be zero but
@@ -60,34 +58,29 @@ class _Signals:
         pieces: M.
         v: (M, d + 1, n) tool velocity in the pieces, and so on.
         excess: (M, d + 1) how far v exceeds the command, in the direction of it.
+        errors: (M, d + 1, 2n) [F_e - F_hd; v - v_dd].
         crossings: (time, number of the surface, whether into it), ascending.
         surfaces: Of the environment.
     """
 
     pieces: Pieces
     v: np.ndarray
-    excess: np.ndarray
     F_e: np.ndarray
     F_c: np.ndarray
-    v_dd: np.ndarray
-    F_hd: np.ndarray
+    excess: np.ndarray
+    errors: np.ndarray
     crossings: list[tuple[float, int, bool]]
     surfaces: tuple[Surface, ...]
 
-    def CountBefore(self, time: float) -> int:
-        """Returns how many pieces lie before a time."""
-        begin, end = self.pieces.begin, self.pieces.end
-        return int(np.count_nonzero(begin + end < 2 * time))
-
     def FirstCrossing(
         self, surface: Surface | None, inwards: bool, after: float = -math.inf
-    ) -> float | None:
-        """Returns when a surface is first crossed, None if it is not."""
+    ) -> float:
+        """Returns when a surface is first crossed, infinity if it is not."""
         for time, crossed, is_inwards in self.crossings:
             is_it = self.surfaces[crossed] is surface
             if is_it and is_inwards == inwards and time > after:
                 return time
-        return None
+        return math.inf
 
 
 def InsertionMetrics(recording: Recording) -> dict[str, Any]:
@@ -138,73 +131,56 @@ def InsertionMetrics(recording: Recording) -> dict[str, Any]:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
         them with one entry per task axis, bool and None.
     """
-    v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
     signals = _MakeSignals(recording)
-    pieces = signals.pieces
+    pieces, excess, F_c = signals.pieces, signals.excess, Traces(signals.F_c)
     pierced, surface = map(recording.FindSurface, (PUNCTURE, CONTACT))
     t_puncture = signals.FirstCrossing(pierced, True)
     t_contact = signals.FirstCrossing(surface, True)
+    t_start_end = t_puncture if t_puncture < math.inf else t_contact
     has_diverged = recording.termination == "diverged"
 
-    start_ends = [time for time in (t_puncture, t_contact) if time is not None]
-    start_end = signals.CountBefore(start_ends[0]) if start_ends else len(signals.v)
-    puncture = collision = None
-    if pierced is not None and t_puncture is not None:
+    stretches = {"start": (excess, -math.inf, t_start_end)}
+    puncture: dict[str, Any] | None = None
+    collision: dict[str, Any] | None = None
+    if pierced is not None and t_puncture < math.inf:
+        v_x, F_x = pierced.Along(signals.v), pierced.Along(signals.F_e)
+        puncture = {
+            "time": t_puncture,
+            "velocity": pieces.ValueBefore(v_x, t_puncture),
+            "force": pieces.ValueBefore(F_x, t_puncture),
+        }
         t_next = signals.FirstCrossing(surface, True, after=t_puncture)
-        puncture = _Puncture(signals, pierced, t_puncture, t_next)
-    if surface is not None and t_contact is not None:
-        collision = _Collision(signals, surface, t_contact, v_d)
-        if has_diverged:
-            collision["settling_time"] = None
-    F_c = Traces(signals.F_c)
+        stretches["free"] = excess, t_puncture, t_next
+    if surface is not None and t_contact < math.inf:
+        v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
+        collision = {
+            "time": t_contact,
+            "velocity": pieces.ValueBefore(v_x, t_contact),
+        }
+        t_release = signals.FirstCrossing(surface, False, after=t_contact)
+        stretches["impact"] = F_x, t_contact, t_release
+        stretches["contact"] = F_x, t_contact, math.inf
+        stretches["rebound"] = -v_x, t_contact, math.inf
+    largest = pieces.Maxima(stretches)
+    if puncture is not None:
+        puncture["velocity_overshoot"] = largest["free"]
+    if collision is not None:
+        collision["initial_impact_force"] = largest["impact"]
+        collision["peak_force"] = largest["contact"]
+        collision["rebound_velocity"] = -largest["rebound"]
+        settling_time = _SettlingTime(recording, pieces, v_x, t_contact)
+        collision["settling_time"] = None if has_diverged else settling_time
+    errors = pieces.RootMeanSquare(signals.errors)
     return {
-        "start_velocity_overshoot": max(Maximum(signals.excess, 0, start_end), 0.0),
+        "start_velocity_overshoot": max(largest["start"], 0.0),
         "puncture": puncture,
         "collision": collision,
-        "velocity_rms_error": pieces.RootMeanSquare(signals.v - signals.v_dd),
-        "force_rms_error": pieces.RootMeanSquare(signals.F_e - signals.F_hd),
+        "velocity_rms_error": errors[len(F_c) :],
+        "force_rms_error": errors[: len(F_c)],
         "control_force_peak": np.abs(F_c).max(axis=1).tolist(),
         "control_force_variation": np.abs(np.diff(F_c)).sum(axis=1).tolist(),
         "diverged": has_diverged,
         "diverged_at": float(recording.time[-1]) if has_diverged else None,
-    }
-
-
-def _Puncture(
-    signals: _Signals,
-    surface: Surface,
-    time: float,
-    t_next: float | None,
-) -> dict[str, Any]:
-    """Returns the metrics of a puncture; t_next is when the next contact is."""
-    v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
-    i = signals.CountBefore(time)
-    j = len(v_x) if t_next is None else signals.CountBefore(t_next)
-    return {
-        "time": time,
-        "velocity": ValueBefore(v_x, i),
-        "force": ValueBefore(F_x, i),
-        "velocity_overshoot": Maximum(signals.excess, i, j),
-    }
-
-
-def _Collision(
-    signals: _Signals, surface: Surface, time: float, v_d: np.ndarray
-) -> dict[str, Any]:
-    """Returns the metrics of a collision, of a run that does not diverge."""
-    v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
-    num_pieces = len(v_x)
-    i = signals.CountBefore(time)
-    t_release = signals.FirstCrossing(surface, False, after=time)
-    j = num_pieces if t_release is None else signals.CountBefore(t_release)
-    settled = SETTLING_RATIO * float(np.linalg.norm(v_d))
-    return {
-        "time": time,
-        "velocity": ValueBefore(v_x, i),
-        "initial_impact_force": Maximum(F_x, i, j),
-        "peak_force": Maximum(F_x, i, num_pieces),
-        "rebound_velocity": -Maximum(-v_x, i, num_pieces),
-        "settling_time": _SettlingTime(signals, v_x, time, settled),
     }
 
 
@@ -224,40 +200,33 @@ def _MakeSignals(recording: Recording) -> _Signals:
     normal = _FirstNormal(surfaces, v_d)
     n = len(normal)
 
-    echoes = _Echoes(recording)
-    pieces = Split(recording, echoes)
+    instants = _Echoes(recording)
+    pieces = Split(recording, instants)
     p = pieces.Sample(recording["tool_position"])
-    crossings = sorted(
-        (crossing, i, is_inwards)
-        for i, surface in enumerate(surfaces)
-        for crossing, is_inwards in pieces.Crossings(surface.Depth(p))
-    )
-    instants = [crossing for crossing, _, _ in crossings]
+    crossings = pieces.Crossings(*(surface.Depth(p) for surface in surfaces))
+    instants += [crossing for crossing, _, _ in crossings]
     slowest = _AT_REST * float(np.linalg.norm(v_d))
     if not recording.has_constant_command:
         along = _ReceivedCommands(recording, pieces)[:, :, n:] @ normal
-        instants += [reversal for reversal, _ in pieces.Crossings(along + slowest)]
-    if instants:
-        pieces = Split(recording, [*echoes, *instants])
+        instants += [reversal for reversal, _, _ in pieces.Crossings(along + slowest)]
+    pieces = Split(recording, instants)
 
     v, F_e, F_c = (
         pieces.Sample(recording[name])
         for name in ("tool_velocity", "environment_force", "control_force")
     )
     commands = _ReceivedCommands(recording, pieces)
-    v_dd = commands[:, :, n:]
-    command = np.broadcast_to(v_d, v.shape) if recording.has_constant_command else v_dd
-    along = command @ normal
+    is_constant = recording.has_constant_command
+    along = (v_d[None, None] if is_constant else commands[:, :, n:]) @ normal
     # The command reverses only where a piece ends.
     is_back = along.mean(axis=1, keepdims=True) < -slowest
     return _Signals(
         pieces=pieces,
         v=v,
-        excess=np.where(is_back, -1.0, 1.0) * (v @ normal - along),
         F_e=F_e,
         F_c=F_c,
-        v_dd=v_dd,
-        F_hd=commands[:, :, :n],
+        excess=np.where(is_back, -1.0, 1.0) * (np.einsum("...i,i", v, normal) - along),
+        errors=np.concatenate([F_e, v], axis=2) - commands,
         crossings=crossings,
         surfaces=surfaces,
     )
@@ -295,25 +264,22 @@ def _ReceivedCommands(recording: Recording, pieces: Pieces) -> np.ndarray:
 
 
 def _SettlingTime(
-    signals: _Signals, v_x: np.ndarray, t_contact: float, threshold: float
+    recording: Recording, pieces: Pieces, v_x: np.ndarray, t_contact: float
 ) -> float | None:
-    """Returns how long after contact |v_x| stays under a threshold, if it does."""
-    first = signals.CountBefore(t_contact)
+    """Returns how long after contact |v_x| stays slow, None if it does not."""
+    first = pieces.CountBefore(t_contact)
     if first == len(v_x):
         return None
-    pieces = signals.pieces
-    changes = sorted(
-        (time, not exceeds)
-        for direction in (1, -1)
-        for time, exceeds in pieces.Crossings(direction * v_x - threshold)
-        if time > t_contact
-    )
-    slow_since = t_contact if abs(v_x[first, 0]) < threshold else None
+    v_d = recording.teleoperation.surgeon.velocity
+    slow = SETTLING_RATIO * float(np.linalg.norm(v_d))
+    slow_since = t_contact if abs(v_x[first, 0]) < slow else None
     longest = 0.0
-    for time, is_slow in changes:
+    for time, _, is_fast in pieces.Crossings(v_x - slow, -v_x - slow):
+        if time <= t_contact:
+            continue
         if slow_since is not None:
             longest = max(longest, time - slow_since)
-        slow_since = time if is_slow else None
+        slow_since = None if is_fast else time
     if slow_since is None or pieces.end[-1] - slow_since <= longest:
         return None
     return slow_since - t_contact

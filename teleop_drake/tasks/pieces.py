@@ -8,7 +8,7 @@ A signal is held as its values (M, d + 1) or (M, d + 1, k) in M pieces; see
 numerics.step_polynomials.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from teleop_drake.numerics.step_polynomials import (
     DEGREE,
     crossings,
     lagrange,
+    maxima,
     mean_square,
     shares,
     trace,
@@ -43,8 +44,9 @@ class Pieces:
 
     def Sample(self, values: np.ndarray) -> np.ndarray:
         """Returns a signal (N, k) of the recording in the pieces (M, d + 1, k)."""
-        result: np.ndarray = values[self.rows]
-        result[self.cut] = self.weights @ result[self.cut]
+        result = np.take(values, self.rows, axis=0)
+        if len(self.cut):
+            result[self.cut] = self.weights @ result[self.cut]
         return result
 
     def Times(self, at: np.ndarray) -> np.ndarray:
@@ -52,11 +54,47 @@ class Pieces:
         begin, end = self.begin[:, None], self.end[:, None]
         return np.asarray(begin + at * (end - begin))
 
-    def Crossings(self, y: np.ndarray) -> list[tuple[float, bool]]:
-        """Returns when a signal (M, d + 1) crosses 0, in s, and whether upwards."""
-        i, at, is_upwards = crossings(y)
+    def Crossings(self, *signals: np.ndarray) -> list[tuple[float, int, bool]]:
+        """Returns when signals (M, d + 1) cross 0, ascending.
+
+        Returns:
+            The time in s, the number of the signal, and whether it goes up.
+        """
+        if not signals:
+            return []
+        i, at, is_upwards = crossings(np.concatenate(signals))
+        number, i = np.divmod(i, len(self.begin))
         times = self.begin[i] + at * (self.end[i] - self.begin[i])
-        return list(zip(times.tolist(), is_upwards.tolist(), strict=True))
+        return sorted(
+            zip(times.tolist(), number.tolist(), is_upwards.tolist(), strict=True)
+        )
+
+    def CountBefore(self, time: float) -> int:
+        """Returns how many pieces lie before a time."""
+        return int(np.count_nonzero(self.begin + self.end < 2 * time))
+
+    def ValueBefore(self, y: np.ndarray, time: float) -> float:
+        """Returns the value of a signal (M, d + 1) just before a time.
+
+        Before the first piece, it is the value with which that one begins.
+        """
+        i = self.CountBefore(time)
+        return float(y[i - 1, -1] if i > 0 else y[0, 0])
+
+    def Maxima(
+        self, stretches: Mapping[str, tuple[np.ndarray, float, float]]
+    ) -> dict[str, float]:
+        """Returns maxima of signals (M, d + 1), each from one time to another.
+
+        Where no piece lies between the two, it is the value before the first one.
+        """
+        parts = []
+        for y, begin, end in stretches.values():
+            part = y[self.CountBefore(begin) : self.CountBefore(end)]
+            if len(part) == 0:
+                part = np.full((1, y.shape[1]), self.ValueBefore(y, begin))
+            parts.append(part)
+        return dict(zip(stretches, maxima(parts), strict=True))
 
     def RootMeanSquare(self, error: np.ndarray) -> list[float]:
         """Returns the rms over time of a signal (M, d + 1, n), per axis."""
@@ -77,18 +115,12 @@ def Split(recording: Recording, instants: Sequence[float] = ()) -> Pieces:
     if len(steps) == 0:
         steps = np.full((1, DEGREE + 1), len(time) - 1)
     starts, ends = time[steps[:, 0]], time[steps[:, -1]]
-    cuts = np.unique(np.asarray(instants, dtype=float))
+    cuts = np.array(sorted(set(instants)), dtype=float)
     i = np.clip(np.searchsorted(starts, cuts) - 1, 0, None)
     is_within = (cuts > starts[i]) & (cuts < ends[i])
-    begin = np.concatenate([starts, cuts[is_within]])
-    order = np.argsort(begin, kind="stable")
-    begin, i = (
-        begin[order],
-        np.concatenate([np.arange(len(steps)), i[is_within]])[order],
-    )
-    end = ends[i]
-    is_same = i[1:] == i[:-1]
-    end[:-1][is_same] = begin[1:][is_same]
+    begin = np.sort(np.concatenate([starts, cuts[is_within]]))
+    i = np.searchsorted(starts, begin, side="right") - 1
+    end = np.minimum(ends[i], np.append(begin[1:], np.inf))
     cut = np.flatnonzero((begin > starts[i]) | (end < ends[i]))
     k = i[cut]
     low, high = ((x[cut] - starts[k]) / (ends[k] - starts[k]) for x in (begin, end))
@@ -108,26 +140,3 @@ def Traces(y: np.ndarray) -> np.ndarray:
     """
     axes = np.moveaxis(y, 2, 0)
     return trace(axes.reshape(-1, y.shape[1])).reshape(len(axes), -1)
-
-
-def Maximum(y: np.ndarray, first: int, last: int) -> float:
-    """Returns the maximum of a signal over some pieces.
-
-    Args:
-        y: (M, d + 1) the signal in the pieces.
-        last: Number of the piece after the last one. If it is not after the first
-            one, the value where the first one begins is the maximum.
-    """
-    if first >= last:
-        return ValueBefore(y, first)
-    return float(trace(y[first:last]).max())
-
-
-def ValueBefore(y: np.ndarray, i: int) -> float:
-    """Returns the value of a signal at the end of the piece before piece i.
-
-    Args:
-        y: (M, d + 1) the signal in the pieces.
-        i: Number of a piece. Before the first one the signal is what it begins with.
-    """
-    return float(y[i - 1, -1]) if i > 0 else float(y[0, 0])
