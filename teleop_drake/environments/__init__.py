@@ -1,10 +1,10 @@
 """Environments of the tool: a file for each kind."""
 
 from teleop_drake.environments.base import EnvironmentConfig
-from teleop_drake.environments.friction_wall import FrictionWallConfig
-from teleop_drake.environments.hunt_crossley import HuntCrossleyConfig
-from teleop_drake.environments.layers import LayerConfig, LayersEnvironmentConfig
-from teleop_drake.environments.standard_linear_solid import StandardLinearSolidConfig
+from teleop_drake.environments.layered_force_field import (
+    LayerConfig,
+    LayersEnvironmentConfig,
+)
 from teleop_drake.environments.surface import (
     CONTACT,
     PUNCTURE,
@@ -13,6 +13,11 @@ from teleop_drake.environments.surface import (
     ShownNormal,
     Surface,
     SurfacesOf,
+)
+from teleop_drake.environments.wall import (
+    FrictionWallConfig,
+    HuntCrossleyConfig,
+    StandardLinearSolidConfig,
 )
 from teleop_drake.kinds import KindTable
 

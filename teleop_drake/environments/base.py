@@ -1,4 +1,4 @@
-"""Base of the configs of environments."""
+"""Base of the configs of environments, and their stiffness and damping at a point."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -7,11 +7,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
-from teleop_drake.environments.slopes import StackSlopes, StiffnessAndDamping
-from teleop_drake.environments.surface import Surface, SurfacesOf
+from teleop_drake.environments.surface import (
+    MaterialAt,
+    StackNormal,
+    Surface,
+    SurfacesOf,
+)
 from teleop_drake.kinds import KindConfig
+from teleop_drake.numerics.differences import differentiate
 
 Array = NDArray[np.float64]
+
+# The longest steps of the differences, in m and m/s; the first at most as a share of
+# the way to the nearest surface.
+_STEP = 1e-4
+_SPEED_STEP = 1e-3
+_STEP_SHARE = 1 / 50
 
 
 @dataclass(kw_only=True, eq=False)
@@ -66,5 +77,69 @@ class EnvironmentConfig(KindConfig, ABC):
         Args:
             start: p_WT in m (n).
         """
-        told = StackSlopes(self.Surfaces(start), start)
-        return told or StiffnessAndDamping(self.MakeEnvironment(start), start)
+        return StiffnessAndDamping(self.MakeEnvironment(start), start)
+
+
+def StackSlopes(
+    surfaces: tuple[Surface, ...], p_WT: ArrayLike
+) -> tuple[Array, Array] | None:
+    """Returns stiffness and damping in a stack of materials; see StackNormal.
+
+    Args:
+        p_WT: Where, in m (n).
+
+    Returns:
+        K in N/m and D in N s/m (n, n), or None if the surfaces are no stack.
+    """
+    normal = StackNormal(surfaces)
+    if normal is None:
+        return None
+    along = np.outer(normal, normal)
+    material = MaterialAt(surfaces, p_WT)
+    if material is None:
+        return 0 * along, 0 * along
+    return material.stiffness * along, material.damping * along
+
+
+def StiffnessAndDamping(
+    environment: System, p_WT: ArrayLike, v_WT: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Returns dF_e/dp and dF_e/dv of an environment.
+
+    From what its surfaces tell, or else by differences of its force.
+
+    Args:
+        p_WT: Where, in m (n).
+        v_WT: With which velocity, in m/s (n); None: at rest.
+
+    Returns:
+        K in N/m and D in N s/m (n, n).
+    """
+    p = np.asarray(p_WT, dtype=float)
+    v = 0 * p if v_WT is None else np.asarray(v_WT, dtype=float)
+    surfaces = SurfacesOf(environment) or ()
+    told = StackSlopes(surfaces, p)
+    if told is not None:
+        return told
+    n = p.size
+    gap = min((abs(float(x.Depth(p))) for x in surfaces), default=np.inf)
+    step = min(_STEP, _STEP_SHARE * gap) or _STEP
+    steps = np.repeat([step, _SPEED_STEP], n)
+    slope = differentiate(
+        lambda x: ForceAt(environment, x[:n], x[n:]), np.concatenate([p, v]), steps
+    )
+    return slope[:, :n], slope[:, n:]
+
+
+def ForceAt(environment: System, p_WT: Array, v_WT: Array) -> Array:
+    """Returns the force on an environment in N (n), in its default state.
+
+    Args:
+        p_WT: Where the tool is, in m (n).
+        v_WT: Its velocity in m/s (n).
+    """
+    context = environment.CreateDefaultContext()
+    environment.GetInputPort("tool_position").FixValue(context, p_WT)
+    environment.GetInputPort("tool_velocity").FixValue(context, v_WT)
+    F_e: Array = environment.GetOutputPort("environment_force").Eval(context)
+    return F_e

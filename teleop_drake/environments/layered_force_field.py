@@ -1,11 +1,13 @@
-"""Environment of the tool: layers of material along an axis."""
+"""Layers of material along an axis."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.surface import (
     CONTACT,
     PUNCTURE,
@@ -18,15 +20,85 @@ from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
     EMPTY_SPACE,
-    Layer,
     contact_position,
     layer_table,
     layered_force,
     puncture_position,
 )
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+)
 
 Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True, eq=False)
+class LayerConfig(FixedFields):
+    """One layer of the environment, from its start to the next one's (eq. 2.14).
+
+    force = stiffness (x - reference) + damping v_x along the direction of the layers,
+    and lateral_stiffness times the distance of the tool from its axis across it.
+    """
+
+    # Unique, letters, digits and _ only: overrides address a layer by it.
+    name: str = REQUIRED
+    # Where the layer begins, m, ascending; the first may be -.inf.
+    start: float = REQUIRED
+    # N/m, >= 0.
+    stiffness: float = Number(0.0, "N/m", minimum=0)
+    # N s/m, >= 0.
+    damping: float = Number(0.0, "N s/m", minimum=0)
+    # Where the spring is relaxed, m.
+    reference: float = Number(0.0, "m")
+    # N/m, >= 0, across the direction of the layers; assumed: the thesis has none. It
+    # pulls to the line through the tool's start along that direction.
+    lateral_stiffness: float = Number(0.0, "N/m", minimum=0)
+
+
+@dataclass(kw_only=True, eq=False)
+class LayersEnvironmentConfig(EnvironmentConfig):
+    """Layers along an axis (eq. 2.14 to 2.16); no force in front of the first."""
+
+    kind = "layers"
+
+    layers: list[LayerConfig] = field(default_factory=list)
+    # Into the layers, n entries, of any length but 0. What a layer calls x, its start
+    # and its reference, are measured along it from the origin. Null: along x.
+    direction: np.ndarray | None = None
+
+    def Check(self) -> None:
+        """Checks every layer and the direction."""
+        CheckLayers("layers", self.layers)
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
+
+    def MakeEnvironment(self, start: ArrayLike) -> "LayeredForceField":
+        """Makes the block; see EnvironmentConfig.MakeEnvironment.
+
+        Raises:
+            ValueError: If the starts do not ascend or a value is not allowed.
+        """
+        return LayeredForceField(
+            layers=self.layers,
+            num_axes=np.size(start),
+            starts_inside=self._StartsInside(start),
+            direction=self.direction,
+            axis_point=start,
+        )
+
+    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
+        """Returns the surfaces that the block tells."""
+        is_inside = self._StartsInside(start)
+        return LayerSurfaces(self.layers, np.size(start), is_inside, self.direction)
+
+    def _StartsInside(self, start: ArrayLike) -> bool:
+        """Returns whether the tool starts in a layer."""
+        x = np.asarray(start, dtype=float) @ UnitNormal(self.direction, np.size(start))
+        return bool(self.layers) and bool(x >= self.layers[0].start)
 
 
 class LayeredForceField(KernelBlock):
@@ -82,14 +154,14 @@ class LayeredForceField(KernelBlock):
     def __init__(
         self,
         *,
-        layers: Sequence[Layer],
+        layers: Sequence[LayerConfig],
         num_axes: int,
         starts_inside: bool = False,
         direction: ArrayLike | None = None,
         axis_point: ArrayLike | None = None,
     ):
         KernelBlock.__init__(self)
-        _CheckLayers(layers)
+        CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
         table = layer_table(layers)
@@ -161,7 +233,7 @@ def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -
 
 
 def LayerSurfaces(
-    layers: Sequence[Layer],
+    layers: Sequence[LayerConfig],
     num_axes: int,
     starts_inside: bool,
     direction: ArrayLike | None = None,
@@ -186,53 +258,53 @@ def LayerSurfaces(
         contact_position([*behind, *layers]): CONTACT,
     }
     normal_W = UnitNormal(direction, num_axes)
-    return tuple(
-        PlaneSurface(
-            names.get(layer.start, _OwnName(layer)),
-            layer.start,
-            normal_W,
-            None if layer.lateral_stiffness else _MaterialOf(layer),
+    surfaces = []
+    for layer in layers:
+        own = f"layer {layer.name}" if layer.name in (CONTACT, PUNCTURE) else layer.name
+        material = Material(
+            name=layer.name,
+            stiffness=layer.stiffness,
+            damping=layer.damping,
+            relaxed=layer.reference,
         )
-        for layer in layers
-    )
+        surfaces.append(
+            PlaneSurface(
+                names.get(layer.start, own),
+                layer.start,
+                normal_W,
+                None if layer.lateral_stiffness else material,
+            )
+        )
+    return tuple(surfaces)
 
 
-def _MaterialOf(layer: Layer) -> Material:
-    return Material(
-        name=layer.name,
-        stiffness=layer.stiffness,
-        damping=layer.damping,
-        relaxed=layer.reference,
-    )
-
-
-def _OwnName(layer: Layer) -> str:
-    """Returns the name of a layer, told from those of the two special surfaces."""
-    is_special = layer.name in (CONTACT, PUNCTURE)
-    return f"layer {layer.name}" if is_special else layer.name
-
-
-def CheckLayerValues(path: str, layer: Layer) -> None:
-    """Checks what a layer is made of.
+def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
+    """Checks layers, as a scenario has them.
 
     Args:
-        path: Its place in a scenario, for messages.
+        path: Their field in a scenario, for messages.
+        layers: By ascending start.
 
     Raises:
         ScenarioError: Naming the first bad field, its value and what is allowed.
     """
-    CheckNumber(f"{path}.stiffness", layer.stiffness, "N/m", minimum=0)
-    CheckNumber(f"{path}.damping", layer.damping, "N s/m", minimum=0)
-    CheckNumber(f"{path}.reference", layer.reference, "m")
-    lateral = f"{path}.lateral_stiffness"
-    CheckNumber(lateral, layer.lateral_stiffness, "N/m", minimum=0)
-
-
-def _CheckLayers(layers: Sequence[Layer]) -> None:
+    names: set[str] = set()
+    previous = -math.inf
     for i, layer in enumerate(layers):
-        path = f"layers.{layer.name}"
-        CheckLayerValues(path, layer)
-        if i > 0:
-            CheckNumber(
-                f"{path}.start", layer.start, "m", above=float(layers[i - 1].start)
+        is_named = layer.name is not None and layer.name.isidentifier()
+        if not is_named or layer.name in names:
+            Refuse(
+                f"{path}.{i}.name",
+                layer.name,
+                "unique, of letters, digits and _, not beginning with a digit",
             )
+        place = f"{path}.{layer.name}"
+        names.add(layer.name)
+        if not (i == 0 and layer.start == -math.inf):
+            CheckNumber(f"{place}.start", layer.start, "m")
+        if i > 0 and layer.start <= previous:
+            Refuse(
+                f"{place}.start", layer.start, f"> {previous:g} m, the previous start"
+            )
+        previous = layer.start
+        layer.CheckNumbers(place)

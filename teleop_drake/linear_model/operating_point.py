@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import System
 
-from teleop_drake.environments.slopes import ForceAt, StiffnessAndDamping
+from teleop_drake.environments.base import ForceAt, StiffnessAndDamping
 from teleop_drake.environments.surface import (
     CONTACT,
     EMPTY,

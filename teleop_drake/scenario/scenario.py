@@ -35,7 +35,7 @@ from teleop_drake.environments import (
     LayersEnvironmentConfig,
     Surface,
 )
-from teleop_drake.environments.slopes import StiffnessAndDamping
+from teleop_drake.environments.base import StiffnessAndDamping
 from teleop_drake.kinds import KIND_KEYS, IsOwn, KindConfig
 from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
 from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.environments.slopes import StackSlopes, StiffnessAndDamping
+from teleop_drake.environments.base import StackSlopes, StiffnessAndDamping
 from teleop_drake.environments.surface import Material, Surface
 
 
