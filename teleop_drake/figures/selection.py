@@ -1,7 +1,7 @@
 """Selection of signals and of a window of time for a figure."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, UnitOf
@@ -10,6 +10,19 @@ from teleop_drake.validation import Choices, Refuse, Show
 
 # Up to this many components of a signal get a row each where runs are compared.
 _MAX_ROWS = 4
+
+
+def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
+    """Refuses runs that do not fit into one picture.
+
+    Raises:
+        ValueError: If there is none, or their numbers of axes differ.
+    """
+    if not recordings:
+        Refuse("recordings", {}, "one or more")
+    sizes = {x["tool_position"].shape[1] for x in recordings.values()}
+    if len(sizes) > 1:
+        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
 
 
 def SelectRows(

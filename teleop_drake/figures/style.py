@@ -143,6 +143,20 @@ def Above(ax: Axes) -> dict[str, Any]:
     }
 
 
+def NameAbove(ax: Axes, x: float, name: str) -> None:
+    """Writes a name above a panel, at an x of it."""
+    ax.annotate(
+        name,
+        (x, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(0, 2),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=SMALL_FONT_SIZE,
+    )
+
+
 def Key(label: str, **line: Any) -> Line2D:
     """Returns the entry of a line in a legend."""
     return Line2D([], [], label=label, **line)

@@ -25,8 +25,8 @@ from teleop_drake.figures.scene.stage import (
     Stage,
 )
 from teleop_drake.figures.scene.visuals import RobotVisuals
+from teleop_drake.figures.selection import CheckRecordings
 from teleop_drake.recording import Recording
-from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
@@ -86,19 +86,6 @@ class Act:
         """
         known = self.recording.time
         return np.stack([np.interp(times, known, x) for x in samples.T], -1)
-
-
-def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
-    """Refuses what does not fit into one scene.
-
-    Raises:
-        ValueError: If there is none, or their numbers of axes differ.
-    """
-    if not recordings:
-        Refuse("recordings", {}, "one or more")
-    sizes = {x["tool_position"].shape[1] for x in recordings.values()}
-    if len(sizes) > 1:
-        Refuse("recordings.num_axes", sorted(sizes), "the same for all")
 
 
 def AnimateRuns(
