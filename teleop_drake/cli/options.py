@@ -197,6 +197,58 @@ def ControllersOf(controllers: str) -> list[str]:
     return names
 
 
+def AddGridOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds --controllers, --vary and --seeds."""
+    parser.add_argument(
+        "--controllers",
+        metavar="A,B,...",
+        help="controller.kind, the baseline first; `all`: every architecture "
+        "(default: the thesis's two)",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="PATH=VALUES",
+        help="values of any other field, for example "
+        "environment.layers.bone.stiffness=100:400:7; repeatable",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="N runs of each, with the seeds 0 to N - 1 of the network channels: "
+        "medians, shares and differences between controllers with intervals",
+    )
+
+
+def GridOf(
+    args: argparse.Namespace, controllers: list[str], *more: tuple[str, str]
+) -> dict[str, list[Any]]:
+    """Returns the grid that --vary and --seeds ask for, see MakeGrid().
+
+    Args:
+        controllers: Those that are varied, if any.
+        more: Further paths and the text of their values.
+
+    Raises:
+        BadInput: If it is none.
+    """
+    from teleop_drake.scenario import ScenarioError
+    from teleop_drake.sweep.study import MakeGrid
+
+    varied = []
+    for item in args.vary:
+        path, equals, text = item.partition("=")
+        if not equals or not path.strip():
+            raise BadInput(f"--vary = {item!r}: must be PATH=VALUES")
+        varied.append((path.strip(), text))
+    try:
+        return MakeGrid(controllers or None, [*varied, *more], args.seeds)
+    except ScenarioError as e:
+        raise BadInput(e) from None
+
+
 def AddEngineOption(parser: argparse.ArgumentParser) -> None:
     """Adds --engine."""
     parser.add_argument(

@@ -1,7 +1,7 @@
 """Many runs: a grid of values times controllers."""
 
 from teleop_drake.sweep.folder import TableNames, WriteTables
-from teleop_drake.sweep.plan import ALIASES, MAX_RUNS, ParseValues, PlanSweep, SweepPlan
+from teleop_drake.sweep.plan import ALIASES, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     CHANNEL_METRICS,
     FlattenMetrics,
@@ -21,7 +21,6 @@ from teleop_drake.sweep.statistics import (
 __all__ = [
     "ALIASES",
     "CHANNEL_METRICS",
-    "MAX_RUNS",
     "Differences",
     "FlattenMetrics",
     "HasSeeds",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.scenario import AnyScenario
+from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.tasks import TaskOf
 
 CHANNEL_METRICS = {
@@ -42,7 +42,7 @@ _HEADLINES = (
 )
 
 
-class SweepError(ValueError):
+class SweepError(ScenarioError):
     """Bad input. Its text is one line: the parameter, its value and what is allowed."""
 
 
@@ -85,6 +85,11 @@ class SweepResult:
         return np.array(
             [math.nan if value is None else value for value in values], dtype=float
         ).reshape(self.shape)
+
+    def Metrics(self) -> list[str]:
+        """Returns the metrics that most people look at, and that any run has."""
+        names = SelectMetrics(self.scenario)
+        return [name for name in names if np.isfinite(self.Values(name)).any()]
 
     def Status(self) -> np.ndarray:
         """Returns the status of each run as an array of text in the grid's shape."""

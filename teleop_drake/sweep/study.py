@@ -9,15 +9,22 @@
     overrides: {duration: 8}
     engine: auto
 
-Every key but `scenarios` may be left out. The folder of a study has a folder for each
-scenario, which is that of a sweep (see sweep.folder). A part of a study, one of N, is
-what one job of an array of jobs does; it stands in folders `part-I-of-N` of those.
+Every key but `scenarios` may be left out. Instead of a list, `scenarios` may be a
+mapping, in which each sweep has a name, and more than what all of them have:
+
+    scenarios:
+      slow: {scenario: one_dof, overrides: {duration: 30}, seeds: 5}
+      fast: {scenario: one_dof, grid: {surgeon.velocity: [[0.2], [0.4]]}}
+
+The folder of a study has a folder for each sweep (see sweep.folder). A part of a study,
+one of N, is what one job of an array of jobs does; it stands in folders `part-I-of-N`
+of those.
 """
 
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -30,15 +37,7 @@ from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.run import RunSweep
 from teleop_drake.validation import CheckChoice, Refuse, Within
 
-_KEYS = (
-    "scenarios",
-    "controllers",
-    "grid",
-    "seeds",
-    "overrides",
-    "engine",
-    "metrics",
-)
+_OF_A_SWEEP = ("controllers", "grid", "seeds", "overrides")
 
 
 @dataclass(kw_only=True, frozen=True)
@@ -88,24 +87,85 @@ def LoadStudy(file: str | os.PathLike[str]) -> Study:
     path = _STUDIES / f"{file}.yaml" if file in StudyNames() else Path(file)
     tree = ParseFile(path, ReadText(path))
     for key in tree:
-        CheckChoice("key", key, _KEYS)
-    grid = _Grid(tree)
-    overrides = tree.get("overrides") or {}
-    if not isinstance(overrides, Mapping):
-        Refuse("overrides", overrides, "a mapping of paths to values")
-    plans: dict[str, SweepPlan] = {}
-    for name in _Scenarios(tree, path.parent):
-        stem = Path(name).stem
-        if stem in plans:
-            Refuse("scenarios", stem, "scenarios whose files have different names")
-        with Within(f"scenarios.{stem}"):
-            plans[stem] = PlanSweep(
-                name, grid, overrides=overrides, engine=tree.get("engine") or "auto"
-            )
+        CheckChoice("key", key, ("scenarios", *_OF_A_SWEEP, "engine", "metrics"))
+    sweeps = tree.get("scenarios")
+    if _IsListOfText(sweeps):
+        named = {Path(name).stem: {"scenario": name} for name in sweeps}
+        if len(named) < len(sweeps):
+            Refuse("scenarios", sweeps, "scenarios whose files have different names")
+        sweeps = named
+    if not isinstance(sweeps, Mapping) or not sweeps:
+        Refuse("scenarios", sweeps, "a list of scenarios, or a mapping of sweeps")
+    plans = {}
+    for name, own in sweeps.items():
+        with Within(f"scenarios.{name}"):
+            plans[str(name)] = _PlanOf(tree, own, path.parent)
     metrics = tree.get("metrics")
     if metrics is not None and not _IsListOfText(metrics):
         Refuse("metrics", metrics, "a list of metrics")
     return Study(plans=plans, metrics=metrics)
+
+
+def _PlanOf(common: Mapping[str, Any], own: Any, folder: Path) -> SweepPlan:
+    """Returns the plan of a sweep from what all sweeps have and what it has."""
+    if not isinstance(own, Mapping):
+        Refuse("sweep", own, "a mapping with the key scenario")
+    for key in own:
+        CheckChoice("key", key, ("scenario", *_OF_A_SWEEP))
+    scenario = own.get("scenario")
+    if not isinstance(scenario, str):
+        Refuse("scenario", scenario, "the name of a scenario or its file")
+    values = {key: common.get(key) for key in _OF_A_SWEEP} | dict(own)
+    for key in ("grid", "overrides"):
+        both = [x.get(key) or {} for x in (common, own)]
+        for given in both:
+            if not isinstance(given, Mapping):
+                Refuse(key, given, "a mapping of paths to values")
+        values[key] = {str(path): x for given in both for path, x in given.items()}
+    return PlanSweep(
+        scenario if scenario in ScenarioNames() else folder / scenario,
+        MakeGrid(values["controllers"], values["grid"].items(), values["seeds"]),
+        overrides=values["overrides"],
+        engine=common.get("engine") or "auto",
+    )
+
+
+def MakeGrid(
+    controllers: Any, varied: Iterable[tuple[str, Any]], seeds: int | None
+) -> dict[str, list[Any]]:
+    """Returns the grid of a sweep: controllers vary first, seeds last.
+
+    Args:
+        controllers: A list of kinds, `all`, or None.
+        varied: Paths, and their values as a list or as ParseValues() takes them.
+        seeds: Number of seeds; None: none.
+
+    Raises:
+        ScenarioError: Naming what is none of that, or the path that is there twice.
+        SweepError: If the text of a path has no values.
+    """
+    if controllers == "all":
+        controllers = list(ARCHITECTURES)
+    elif controllers is not None and not _IsListOfText(controllers):
+        Refuse("controllers", controllers, "`all` or a list of controllers")
+    grid: dict[str, list[Any]] = {"controller": controllers} if controllers else {}
+    last: list[tuple[str, Any]] = []
+    if seeds is not None:
+        if not isinstance(seeds, int) or not 1 <= seeds <= MAX_RUNS:
+            Refuse("seeds", seeds, f"1 to {MAX_RUNS}")
+        last = [("seed", list(range(seeds)))]
+    for key, values in [*varied, *last]:
+        if key in grid:
+            Refuse(f"grid.{key}", values, "left out, because it is varied already")
+        if isinstance(values, str):
+            try:
+                values = ParseValues(values)
+            except SweepError as e:
+                raise SweepError(f"grid.{key} = {e}") from None
+        if not isinstance(values, list) or not values:
+            Refuse(f"grid.{key}", values, "a list of values or START:STOP:COUNT")
+        grid[key] = values
+    return grid
 
 
 def RunStudy(
@@ -222,47 +282,6 @@ def _Parts(folders: Sequence[Path]) -> list[Path]:
         if name not in found or not (found[name] / "sweep.json").exists():
             raise SweepError(f"{title}: must be all, and lack {name}")
     return [found[name] for name in names]
-
-
-def _Scenarios(tree: Mapping[str, Any], folder: Path) -> list[str]:
-    """Returns built-in names, and paths as seen from here."""
-    names = tree.get("scenarios")
-    if not _IsListOfText(names):
-        Refuse("scenarios", names, "a list of scenarios")
-    return [
-        name if name in ScenarioNames() else str(folder / Path(name)) for name in names
-    ]
-
-
-def _Grid(tree: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Returns the grid of every scenario: controllers first, seeds last."""
-    grid: dict[str, list[Any]] = {}
-    controllers = tree.get("controllers")
-    if controllers == "all":
-        grid["controller"] = list(ARCHITECTURES)
-    elif controllers is not None:
-        if not _IsListOfText(controllers):
-            Refuse("controllers", controllers, "`all` or a list of controllers")
-        grid["controller"] = controllers
-    varied = tree.get("grid") or {}
-    if not isinstance(varied, Mapping):
-        Refuse("grid", varied, "a mapping of paths to values")
-    for key, values in varied.items():
-        if isinstance(values, str):
-            try:
-                grid[str(key)] = ParseValues(values)
-            except SweepError as e:
-                raise SweepError(f"grid.{key} = {e}") from None
-        elif isinstance(values, list) and values:
-            grid[str(key)] = values
-        else:
-            Refuse(f"grid.{key}", values, "a list of values or START:STOP:COUNT")
-    seeds = tree.get("seeds")
-    if seeds is not None:
-        if not isinstance(seeds, int) or not 1 <= seeds <= MAX_RUNS:
-            Refuse("seeds", seeds, f"1 to {MAX_RUNS}")
-        grid["seed"] = list(range(seeds))
-    return grid
 
 
 def _IsListOfText(value: Any) -> TypeGuard[list[str]]:

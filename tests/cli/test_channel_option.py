@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from teleop_drake.cli import main
-from teleop_drake.cli.commands.sweep import Grid
+from teleop_drake.cli.commands.sweep import PlanOf
 from teleop_drake.cli.main import MakeParser
 
 
@@ -73,8 +73,10 @@ def test_a_sweep_has_them_as_well():
     args = MakeParser().parse_args(
         ["sweep", "one_dof", "--channel", "lte", "--seeds", "2"]
     )
-    _, overrides = Grid(args)
-    assert overrides == ["forward_channel={kind: lte}", "return_channel={kind: lte}"]
+    assert PlanOf(args).overrides == [
+        "forward_channel={kind: lte}",
+        "return_channel={kind: lte}",
+    ]
 
 
 @pytest.mark.parametrize("given", ["ltee", "none.yaml", "bad.yaml", "none.csv"])

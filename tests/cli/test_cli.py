@@ -299,7 +299,7 @@ def test_a_run_that_comes_no_further_ends_with_its_reason(capsys):
     ("command", "options", "message"),
     [
         ("compare", ["--vary", "delay"], "--vary = 'delay': must be PATH=VALUES"),
-        ("compare", ["--vary", "delay=a:b:c"], "--vary delay = 'a:b:c': must be START"),
+        ("compare", ["--vary", "delay=a:b:c"], "grid.delay = 'a:b:c': must be START"),
         ("compare", ["--vary", "dely=1,2"], "dely = 1: unknown key 'dely'"),
         ("compare", ["--vary", "delay=0.1", "--seeds", "2"], "left out with --seeds"),
         ("run", ["--format", "gif"], "--format = 'gif': must be one of png, svg, pdf"),

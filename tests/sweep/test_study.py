@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
+from teleop_drake.scenario import LoadScenario, ScenarioToYaml
 from teleop_drake.sweep import SweepError, study
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
@@ -87,6 +88,24 @@ def test_a_sweep_of_one_scenario_in_parts(capsys):
     assert Files("merged") == Files("whole")
 
 
+def test_sweeps_have_what_all_have_and_their_own():
+    own = """
+scenarios:
+  slow: {scenario: one_dof, grid: {robot.mass: [1, 2]}, overrides: {duration: 9}}
+  wifi:
+    {scenario: mine.yaml, seeds: 2, grid: {delay: [0.05]},
+     overrides: {return_channel.kind: wifi}}
+"""
+    text = STUDY.replace("scenarios: [one_dof, mine.yaml]\n", own)
+    Path("mine.yaml").write_text(ScenarioToYaml(LoadScenario("one_dof")))
+    slow, wifi = study.LoadStudy(Write(text)).plans.values()
+    delays = {"controller": ["direct_force"], "delay": [0.0, 0.02, 0.04]}
+    assert slow.axes == delays | {"robot.mass": [1, 2]}
+    assert slow.overrides == ["duration=9"] and slow.engine == "drake"
+    assert wifi.axes == delays | {"delay": [0.05], "seed": [0, 1]}
+    assert wifi.overrides == ["duration=0.2", "return_channel.kind=wifi"]
+
+
 def test_a_part_of_another_study_is_noticed(capsys):
     text = STUDY.replace(", mine.yaml", "")
     one = ["--jobs", "1", "--quiet"]
@@ -101,8 +120,10 @@ def test_a_part_of_another_study_is_noticed(capsys):
     [
         ("grid:", "grids:", "key = 'grids': must be one of scenarios, .*'grid'"),
         ("[one_dof, mine.yaml]", "one_dof", "scenarios = 'one_dof': must be a list"),
-        ("[one_dof, mine.yaml]", "[]", "scenarios = .*: must be a list"),
-        ("mine.yaml", "one_dof", "scenarios = 'one_dof': must be scenarios whose"),
+        ("[one_dof, mine.yaml]", "{a: 1}", "scenarios.a.sweep = 1: must be a mapping"),
+        ("[one_dof, mine.yaml]", "{a: {grid: {}}}", "a.scenario = null: must be the"),
+        ("[one_dof, mine.yaml]", "{a: {metrics: x}}", "a.key = 'metrics': must be one"),
+        ("mine.yaml", "one_dof", "scenarios = .*: must be scenarios whose"),
         (", mine.yaml", ", none.yaml", "none.yaml"),
         ("[direct_force]", "direct", "controllers = 'direct': must be `all` or"),
         ("0:0.04:3", "0:0.04:x", "grid.delay = '0:0.04:x': must be START"),

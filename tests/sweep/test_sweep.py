@@ -22,10 +22,11 @@ import pytest
 from runs import Run
 
 from teleop_drake.cli import main
+from teleop_drake.cli.commands.sweep import PlanOf
+from teleop_drake.cli.main import MakeParser
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.sweeps import PlotStability, PlotSweep
 from teleop_drake.scenario import (
-    ARCHITECTURES,
     CONTROLLERS,
     LoadScenario,
     ScenarioError,
@@ -592,7 +593,6 @@ def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
 def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
     """By default, and if it cannot be, that is said once and not in each run."""
     from teleop_drake import sweep
-    from teleop_drake.cli.main import MakeParser
 
     assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
@@ -649,21 +649,18 @@ def test_the_controllers_are_a_choice():
     """The thesis's two, unless options say what the controller is."""
 
     def Axes(*options, scenario="one_dof"):
-        from teleop_drake.cli.commands.sweep import Grid
-        from teleop_drake.cli.main import MakeParser
-
         args = MakeParser().parse_args(["sweep", scenario, *options])
-        return Grid(args)[0]
+        return PlanOf(args).axes
 
     assert Axes("--delay", "0.1") == {"controller": list(CONTROLLERS), "delay": [0.1]}
-    assert Axes("--controllers", "all") == {"controller": list(ARCHITECTURES)}
     assert Axes("--controllers", "direct_force") == {"controller": ["direct_force"]}
     assert Axes("--set", "controller.kind=direct_force") == {}
     assert Axes("--vary", "controller.kind=direct_force") == {
         "controller.kind": ["direct_force"]
     }
     assert Axes(
-        "--vary", "robot.mass=1:2:2", "--seeds", "2", "--forward-delay", "0"
+        *("--vary", "robot.mass=1:2:2", "--seeds", "2", "--forward-delay", "0"),
+        *("--set", "return_channel.kind=lte"),
     ) == {
         "controller": list(CONTROLLERS),
         "robot.mass": [1.0, 2.0],
@@ -691,21 +688,21 @@ def test_seeds(threads):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--delay", "0:0.4"], "--delay = '0:0.4': must be START:STOP:COUNT or"),
-        (["--delay", "0:0.4:0"], "--delay = '0:0.4:0': COUNT must be 1 to"),
+        (["--delay", "0:0.4"], "grid.delay = '0:0.4': must be START:STOP:COUNT or"),
+        (["--delay", "0:0.4:0"], "grid.delay = '0:0.4:0': COUNT must be 1 to"),
         (["--vary", "robot.mass"], "--vary = 'robot.mass': must be PATH=VALUES"),
-        (["--vary", "robot.mass=1:2"], "--vary robot.mass = '1:2': must be START"),
-        (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "--vary = 'robot.mass="),
+        (["--vary", "robot.mass=1:2"], "grid.robot.mass = '1:2': must be START"),
+        (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "grid.robot.mass = '2'"),
         (["--delay", "0.1", "--set", "forward_channel.delay=1"], "grid.delay: must"),
-        (["--delay", "0.1", "--vary", "delay=0.2"], "--vary = 'delay=0.2': must vary"),
-        (["--seeds", "2", "--vary", "seed=3"], "--vary = 'seed=3': must vary what no"),
+        (["--delay", "0.1", "--vary", "delay=0.2"], "grid.delay = '0.1': must be left"),
+        (["--seeds", "2", "--vary", "seed=3"], "grid.seed = [0, 1]: must be left out"),
         (
             ["--controllers", "all", "--vary", "controller=direct_force"],
-            "--vary = 'controller=direct_force': must vary what no other option does",
+            "grid.controller = 'direct_force': must be left out, because it is varied",
         ),
         (["--delay", "1e-6", "--set", "duration=25"], "duration = 25: must be at most"),
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
-        (["--seeds", "0"], "--seeds = 0: must be 1 to"),
+        (["--seeds", "0"], "seeds = 0: must be 1 to"),
         (["--out", "file"], "out = 'file': must be a folder that can be written"),
         (["--json", "none/x.json"], "--json = 'none/x.json': must be where"),
         (["--jobs", "2", "--dask", "host:1"], "--jobs: must be left out with --dask"),

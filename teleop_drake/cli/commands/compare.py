@@ -1,8 +1,7 @@
-"""The command `teleop-drake compare`."""
+"""The command `teleop-drake compare`: a sweep that draws trajectories."""
 
 import argparse
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.options import (
     AddEngineOption,
     AddFigureOptions,
+    AddGridOptions,
     AddHtmlOption,
     AddRunOptions,
     AddScenarioOptions,
@@ -17,6 +17,7 @@ from teleop_drake.cli.options import (
     ControllersOf,
     FigureOptionsOf,
     FormatsOf,
+    GridOf,
     Load,
     LoadToRun,
     OverridesOf,
@@ -27,30 +28,17 @@ from teleop_drake.cli.tables import Headline, SeedsTable, Table
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
+    from teleop_drake.sweep import SweepPlan
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
+    parser.epilog = (
+        "VALUES are START:STOP:COUNT or A,B,... in YAML. Values that are varied are "
+        "those of the scenario's own controller, or with --controllers of each."
+    )
     AddScenarioOptions(parser, has_controller=False)
-    parser.add_argument(
-        "--controllers",
-        metavar="A,B,...",
-        help="the controllers, the baseline first; `all`: every architecture "
-        "(default: the thesis's two)",
-    )
-    parser.add_argument(
-        "--vary",
-        metavar="PATH=VALUES",
-        help="instead of controllers compare values, for example "
-        "delay=0.05,0.1,0.2; with --controllers both",
-    )
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        metavar="N",
-        help="N runs of each, with the seeds 0 to N - 1 of the network channels: "
-        "medians, shares and differences with intervals",
-    )
+    AddGridOptions(parser)
     AddEngineOption(parser)
     AddFigureOptions(parser)
     AddHtmlOption(parser)
@@ -64,7 +52,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Puts the controllers of a scenario, or values of a field, side by side."""
+    """Puts the controllers of a scenario, or values of its fields, side by side."""
+    from teleop_drake.scenario import ScenarioError
+    from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
     controllers = list(TaskOf(Load(args)).controllers)
@@ -75,30 +65,49 @@ def Execute(args: argparse.Namespace) -> int:
         )
     if args.controllers is not None:
         controllers = ControllersOf(args.controllers)
+    elif args.vary:
+        controllers = []
     if args.seeds is not None:
         for option in ("vary", "html"):
-            value = getattr(args, option)
-            if value is not None:
-                raise BadInput(f"--{option} = {value!r}: must be left out with --seeds")
-        return _CompareOverSeeds(args, controllers)
-    return _CompareRuns(args, _Cases(args, controllers))
-
-
-def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
-    """Simulates each case once and puts them side by side."""
-    formats, options = FormatsOf(args), FigureOptionsOf(args)
-    scenarios = {
-        case.label: LoadToRun(args, *case.overrides) for case in cases.values()
-    }
-    for scenario in scenarios.values():
-        CheckSignals(args, scenario)
-    name = next(iter(scenarios.values())).name
+            if getattr(args, option):
+                raise BadInput(f"--{option}: must be left out with --seeds")
+        if args.seeds < 2:
+            raise BadInput(f"--seeds = {args.seeds}: must be 2 or more")
     CheckJson(args.json)
     CheckHtml(args.html)
+    overrides = [  # The controllers that are compared replace a given one.
+        text
+        for text in OverridesOf(args)
+        if not controllers or text.partition("=")[0].strip() != "controller.kind"
+    ]
+    try:
+        plan = PlanSweep(
+            args.scenario,
+            GridOf(args, controllers),
+            overrides=overrides,
+            engine=args.engine,
+        )
+    except ScenarioError as e:
+        raise BadInput(e) from None
+    if args.seeds is not None:
+        return _CompareOverSeeds(args, plan)
+    return _CompareRuns(args, plan)
+
+
+def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
+    """Simulates each point of the grid once and puts the runs side by side."""
+    from teleop_drake.sweep.plan import PointOverrides
+
+    formats, options = FormatsOf(args), FigureOptionsOf(args)
+    names = _Names(plan)
+    scenarios = [LoadToRun(args, *PointOverrides(point)) for point in plan.points]
+    for scenario in scenarios:
+        CheckSignals(args, scenario)
+    name = scenarios[0].name
     paths = PrepareFolder(
         args.out,
         *(f"{name}_comparison.{suffix}" for suffix in formats),
-        *(f"{name}_{stem}.npz" for stem in cases),
+        *(f"{name}_{stem}.npz" for stem in names),
     )
     figure_paths, recording_paths = paths[: len(formats)], paths[len(formats) :]
 
@@ -106,15 +115,17 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
     from teleop_drake.tasks.metrics import RunSummary
 
     recordings: dict[str, Recording] = {}
-    for (label, scenario), path in zip(scenarios.items(), recording_paths, strict=True):
+    for scenario, label, path in zip(
+        scenarios, names.values(), recording_paths, strict=True
+    ):
         recordings[label] = Simulate(scenario, args.quiet, args.engine)
         recordings[label].Save(path)
         if recordings[label].termination == "interrupted":
             break
     records = [RunSummary(recording) for recording in recordings.values()]
-    names = {label.replace("_", " "): x for label, x in recordings.items()}
+    shown = {label.replace("_", " "): x for label, x in recordings.items()}
     try:
-        figure = PlotComparison(names, **options)
+        figure = PlotComparison(shown, **options)
     except (KeyError, ValueError) as e:
         raise BadInput(e) from None
     for path in figure_paths:
@@ -122,7 +133,7 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
-        MakeReplay(names).Save(args.html)
+        MakeReplay(shown).Save(args.html)
     if args.json is not None:
         WriteJson(args.json, records)
     if args.json != "-":
@@ -136,94 +147,49 @@ def _CompareRuns(args: argparse.Namespace, cases: dict[str, "_Case"]) -> int:
     return INTERRUPTED if is_interrupted else 0
 
 
-@dataclass(frozen=True)
-class _Case:
-    """One of the runs that are compared: what it is called, and how it differs."""
+def _Names(plan: "SweepPlan") -> dict[str, str]:
+    """Returns what the runs are called, by the ends of the names of their files.
 
-    label: str
-    overrides: list[str]
-
-
-def _Cases(args: argparse.Namespace, controllers: list[str]) -> dict[str, _Case]:
-    """Returns the runs that are compared, by the ends of the names of their files.
-
-    A value that is varied is one of every controller; if none is asked for, of the
-    scenario's own.
+    What is the same of all is left to the headlines.
     """
-    if args.vary is None:
-        return {kind: _Case(kind, [f"controller.kind={kind}"]) for kind in controllers}
     from teleop_drake.figures.style import LabelOfValue
-    from teleop_drake.scenario.tree import DumpYaml
-    from teleop_drake.sweep import ALIASES, ParseValues, SweepError
+    from teleop_drake.sweep.plan import PointOverrides
 
-    key, equals, text = args.vary.partition("=")
-    key = key.strip()
-    if not equals or not key:
-        raise BadInput(f"--vary = {args.vary!r}: must be PATH=VALUES")
-    try:
-        values = ParseValues(text)
-    except SweepError as e:
-        raise BadInput(f"--vary {key} = {e}") from None
-    cases = {}
-    for kind in controllers if args.controllers is not None else [""]:
-        for value in values:
-            shown = (
-                DumpYaml(value, default_flow_style=True).removesuffix("...\n").strip()
-            )
-            overrides = [f"controller.kind={kind}"] if kind else []
-            overrides += [f"{path}={shown}" for path in ALIASES.get(key, (key,))]
-            label = LabelOfValue(key, value)
-            stem = re.sub(r"[^\w.=-]+", "_", f"{key.split('.')[-1]}={shown}")
-            # What is the same of all is left to the headlines.
-            named = kind if len(controllers) > 1 else ""
-            cases["_".join(filter(None, [kind, stem]))] = _Case(
-                ", ".join(filter(None, [named, label])), overrides
-            )
-    return cases
+    has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
+    names = {}
+    for point in plan.points:
+        stems, labels = [], []
+        for key, value in point.items():
+            if key == "controller":
+                stems.append(value)
+                labels += [value] if has_controllers else []
+            else:
+                shown = PointOverrides({key: value})[0].partition("=")[2]
+                text = f"{key.split('.')[-1]}={shown}"
+                stems.append(re.sub(r"[^\w.=-]+", "_", text))
+                labels.append(LabelOfValue(key, value))
+        names["_".join(stems)] = ", ".join(labels)
+    return names
 
 
-def _CompareOverSeeds(args: argparse.Namespace, controllers: list[str]) -> int:
+def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates the scenario with each controller over the same seeds."""
-    from teleop_drake.sweep import MAX_RUNS, PlanSweep, SweepError
-
-    if not 2 <= args.seeds <= MAX_RUNS:
-        raise BadInput(f"--seeds = {args.seeds}: must be 2 to {MAX_RUNS}")
-    CheckJson(args.json)
-    try:
-        plan = PlanSweep(
-            args.scenario,
-            {"controller": controllers, "seed": range(args.seeds)},
-            overrides=OverridesOf(args),
-            engine=args.engine,
-        )
-    except (ValueError, SweepError) as e:  # ScenarioError is a ValueError.
-        raise BadInput(e) from None
+    stem = f"{plan.scenario.name}_seeds"
     figure_paths = PrepareFolder(
-        args.out,
-        *(f"{plan.scenario.name}_seeds.{suffix}" for suffix in FormatsOf(args)),
+        args.out, *(f"{stem}.{suffix}" for suffix in FormatsOf(args))
     )
-
-    import numpy as np
 
     from teleop_drake.figures.runs import SaveFigure
     from teleop_drake.figures.sweeps import PlotSeeds
-    from teleop_drake.sweep import (
-        RunSweep,
-        SelectMetrics,
-        WriteTables,
-    )
+    from teleop_drake.sweep import RunSweep, WriteTables
 
     with SweepProgress(args.quiet) as show:
         result = RunSweep(plan, progress=show)
-    metrics = [
-        metric
-        for metric in SelectMetrics(plan.scenario)
-        if np.isfinite(result.Values(metric)).any()
-    ]
+    metrics = result.Metrics()
     figure = PlotSeeds(result, *metrics)
     for path in figure_paths:
         SaveFigure(figure, path)
-    tables = WriteTables(result, Path(args.out), f"{plan.scenario.name}_seeds_")
+    tables = WriteTables(result, Path(args.out), f"{stem}_")
     if args.json is not None:
         WriteJson(args.json, result.records)
     if args.json != "-":

@@ -2,29 +2,33 @@
 
 import argparse
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from teleop_drake.cli.exit_codes import FAILED, INTERRUPTED, BadInput, Fail
+from teleop_drake.cli.exit_codes import DONE, FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.options import (
     OVERRIDES,
     AddEngineOption,
     AddFormatOption,
+    AddGridOptions,
     AddRunOptions,
     AddScenarioOptions,
     ChannelOverrides,
+    ControllersOf,
     FormatsOf,
+    GridOf,
 )
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
-from teleop_drake.cli.sweeping import (
-    AddSweepOptions,
-    DaskExecutor,
-    ExitCode,
-    ReportSweep,
-)
+from teleop_drake.cli.tables import SeedsTable
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from teleop_drake.figures.sweeps import Boundaries
+    from teleop_drake.sweep import SweepPlan, SweepResult
     from teleop_drake.sweep.study import Study
 
 
@@ -38,27 +42,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "has a folder for each scenario."
     )
     AddScenarioOptions(parser, has_controller=False, is_sweep=True)
-    parser.add_argument(
-        "--controllers",
-        metavar="A,B,...",
-        help="controller.kind; `all`: every architecture (default: the thesis's two)",
-    )
-    parser.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="PATH=VALUES",
-        help="values of any other field, for example "
-        "environment.layers.bone.stiffness=100:400:7; repeatable",
-    )
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        metavar="N",
-        help="N runs of each, with the seeds 0 to N - 1 of the network channels; "
-        "statistics.csv and differences.csv have medians, shares and differences "
-        "between controllers with intervals",
-    )
+    AddGridOptions(parser)
     parser.add_argument(
         "--metrics",
         metavar="A,B,...",
@@ -76,7 +60,27 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="simulate nothing; put the parts in these folders together in --out",
     )
-    AddSweepOptions(parser)
+    parser.add_argument(
+        "--separate",
+        action="store_true",
+        help="draw each metric into a file of its own; more than 24 panels always are",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that simulate (default: one per processor; none for a few "
+        "compiled runs)",
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="simulate on the cluster of this Dask scheduler instead, for example "
+        "tcp://host:8786",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="do only what is missing in --out"
+    )
     AddEngineOption(parser)
     AddFormatOption(parser)
     AddRunOptions(
@@ -88,20 +92,17 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-# What a study says itself, by the option that says it of a scenario.
-_OF_A_SCENARIO = {
-    name: f"--{name.replace('_', '-')}"
-    for name in (
-        *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
-        *("set", "controllers", "vary", "seeds", "metrics"),
-    )
-}
+# What a study says itself.
+_OF_A_SCENARIO = (
+    *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
+    *("set", "controllers", "vary", "seeds", "metrics"),
+)
 
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep, or a part of them, and draws them."""
     from teleop_drake.scenario import ScenarioError
-    from teleop_drake.sweep import SelectMetrics, SweepError
+    from teleop_drake.sweep import SelectMetrics
     from teleop_drake.sweep.study import MergeStudy, ParsePart, RunStudy
 
     _CheckOptions(args)
@@ -123,7 +124,7 @@ def Execute(args: argparse.Namespace) -> int:
             results = MergeStudy(study, args.out, args.merge, notice=Notice)
         else:
             with (
-                DaskExecutor(args.dask, args.quiet) as executor,
+                _DaskExecutor(args.dask, args.quiet) as executor,
                 SweepProgress(args.quiet) as show,
             ):
 
@@ -142,7 +143,7 @@ def Execute(args: argparse.Namespace) -> int:
                     progress=Report,
                     notice=Notice,
                 )
-    except (ScenarioError, SweepError) as e:
+    except ScenarioError as e:
         raise BadInput(e) from None
     except RuntimeError as e:  # The executor gave up.
         return Fail(FAILED, f"{e}; --resume does the rest")
@@ -152,25 +153,25 @@ def Execute(args: argparse.Namespace) -> int:
             f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
             "--resume does the rest",
         )
-    is_silent = args.json == "-"
     if part is not None:
-        if not is_silent:
+        if args.json != "-":
             print(f"Part {args.shard} is done. When all are: --merge {args.out}")
-        return 0
+        return DONE
     for name, result in results.items():
-        ReportSweep(
+        figures, note = _Draw(
             result,
-            study.plans[name],
             metrics[name],
             Path(args.out, name),
-            is_silent=is_silent,
-            is_separate=args.separate,
-            formats=formats,
+            study.plans[name],
+            formats,
+            args.separate,
         )
+        if args.json != "-":
+            _Print(result, metrics[name], Path(args.out, name), figures, note)
     if args.json is not None:
         records = {name: result.records for name, result in results.items()}
         WriteJson(args.json, records.get("", records))
-    return max(ExitCode(result) for result in results.values())
+    return max(_ExitCode(result) for result in results.values())
 
 
 def _CheckOptions(args: argparse.Namespace) -> None:
@@ -191,92 +192,182 @@ def _Study(args: argparse.Namespace) -> "Study":
     Raises:
         BadInput: If the study has an option of a scenario.
     """
-    from teleop_drake.sweep import PlanSweep
     from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 
-    if IsStudy(args.scenario):
-        given = [x for name, x in _OF_A_SCENARIO.items() if getattr(args, name)]
-        if args.engine != "auto":
-            given.append("--engine")
-        for option in given:
-            raise BadInput(f"{option}: must be left out with a study, which says it")
-        return LoadStudy(args.scenario)
-    grid, overrides = Grid(args)
-    plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
     metrics = args.metrics and [name.strip() for name in args.metrics.split(",")]
-    return Study(plans={"": plan}, metrics=metrics)
+    if not IsStudy(args.scenario):
+        return Study(plans={"": PlanOf(args)}, metrics=metrics)
+    given = [name for name in _OF_A_SCENARIO if getattr(args, name)]
+    for name in [*given, *(["engine"] if args.engine != "auto" else [])]:
+        option = "--" + name.replace("_", "-")
+        raise BadInput(f"{option}: must be left out with a study, which says it")
+    return LoadStudy(args.scenario)
 
 
-# Options that stand for keys of a grid.
-_GRID_OPTIONS = {
-    "delay": "delay",
-    "forward_delay": "forward_delay",
-    "return_delay": "return_delay",
-    "seed": "seeds",
-    "controller": "controllers",
-}
-
-
-def Grid(args: argparse.Namespace) -> tuple[dict[str, list[Any]], list[str]]:
-    """Returns the grid of a sweep and the overrides for all its runs.
-
-    Seeds vary fastest, then the delays.
-    """
-    from teleop_drake.scenario import (
-        ARCHITECTURES,
-        CONTROLLERS,
-        LoadScenario,
-        ScenarioError,
-    )
-    from teleop_drake.sweep import MAX_RUNS, ParseValues, SweepError
+def PlanOf(args: argparse.Namespace) -> "SweepPlan":
+    """Returns the plan of a scenario's sweep. Seeds vary fastest, then the delays."""
+    from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+    from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
-    def Parse(option: str, text: str) -> list[Any]:
-        try:
-            return ParseValues(text)
-        except SweepError as e:
-            raise BadInput(f"{option} = {e}") from None
-
-    overrides = (
-        ChannelOverrides(args)
-        + [
-            f"{path}={getattr(args, option)}"
-            for option in ("duration", "accuracy")
-            if getattr(args, option) is not None
-            for path in OVERRIDES[option]
-        ]
-        + args.set
-    )
-    grid: dict[str, list[Any]] = {}
-    for item in args.vary:
-        path, equals, text = item.partition("=")
-        path = path.strip()
-        if not equals or not path:
-            raise BadInput(f"--vary = {item!r}: must be PATH=VALUES")
-        if path in grid or getattr(args, _GRID_OPTIONS.get(path, ""), None):
-            raise BadInput(f"--vary = {item!r}: must vary what no other option does")
-        grid[path] = Parse(f"--vary {path}", text)
-    for key in ("delay", "forward_delay", "return_delay"):
-        text = getattr(args, key)
-        if text is not None:
-            grid[key] = Parse(f"--{key.replace('_', '-')}", text)
-
-    if args.seeds is not None:
-        if not 1 <= args.seeds <= MAX_RUNS:
-            raise BadInput(f"--seeds = {args.seeds}: must be 1 to {MAX_RUNS}")
-        grid["seed"] = list(range(args.seeds))
-
-    controllers: list[Any] = []
-    if args.controllers == "all":
-        controllers = list(ARCHITECTURES)
-    elif args.controllers is not None:
-        controllers = Parse("--controllers", args.controllers)
-    elif not any(
-        item.partition("=")[0].strip() in ("controller", "controller.kind")
-        for item in [*args.vary, *args.set]
-    ):
+    overrides = ChannelOverrides(args)
+    for option in ("duration", "accuracy"):
+        if getattr(args, option) is not None:
+            overrides.append(f"{OVERRIDES[option][0]}={getattr(args, option)}")
+    delays = [
+        (key, getattr(args, key))
+        for key in ("delay", "forward_delay", "return_delay")
+        if getattr(args, key) is not None
+    ]
+    given = {item.partition("=")[0].strip() for item in [*args.vary, *args.set]}
+    controllers: list[str] = []
+    if args.controllers is not None:
+        controllers = ControllersOf(args.controllers)
+    elif not given & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
         except ScenarioError:  # It may be good with its overrides.
             controllers = list(CONTROLLERS)
-    return ({"controller": controllers} if controllers else {}) | grid, overrides
+    return PlanSweep(
+        args.scenario,
+        GridOf(args, controllers, *delays),
+        overrides=[*overrides, *args.set],
+        engine=args.engine,
+    )
+
+
+def _Print(
+    result: "SweepResult",
+    metrics: Sequence[str],
+    folder: Path,
+    figures: Sequence[Path],
+    note: str,
+) -> None:
+    """Prints how a sweep ended, and what was written."""
+    from teleop_drake.sweep import TableNames, VariesSeedsOnly
+
+    statuses = [record["status"] for record in result.records]
+    counts = ", ".join(
+        f"{statuses.count(status)} {status}"
+        for status in ("completed", "diverged", "failed")
+    )
+    print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
+    if VariesSeedsOnly(result):
+        print(SeedsTable(result, metrics))
+    if note:
+        print(note)
+    names = ["runs.jsonl", *TableNames(result)]
+    print("Written:", ", ".join(map(str, [*(folder / x for x in names), *figures])))
+
+
+def _ExitCode(result: "SweepResult") -> int:
+    """Returns the exit code of a sweep; says so if none of its runs succeeded."""
+    if any(record["status"] != "failed" for record in result.records):
+        return DONE
+    count, first = len(result.records), result.records[0]["reason"]
+    return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
+
+
+@contextmanager
+def _DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | None"]:
+    """Yields the executor of a Dask cluster, or None without an address.
+
+    If the cluster has no workers yet, it says so on stderr.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise BadInput(
+            f"--dask = {address!r}: must be left out, or the package distributed "
+            "installed (pip install 'teleop-drake[dask]')"
+        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as e:
+        raise BadInput(
+            f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
+        ) from None
+    with client:
+        if not is_quiet and not client.scheduler_info()["workers"]:
+            print(
+                f"teleop-drake: {address} has no workers; the runs wait for the first "
+                f"one (dask worker {address}). Ctrl-C ends the sweep",
+                file=sys.stderr,
+                flush=True,
+            )
+        # The default, pure, would take runs with equal arguments for one.
+        yield client.get_executor(pure=False)
+
+
+def _Draw(
+    result: "SweepResult",
+    names: Sequence[str],
+    folder: Path,
+    plan: "SweepPlan",
+    formats: Sequence[str],
+    is_separate: bool,
+) -> tuple[list[Path], str]:
+    """Draws the metrics; returns the files, or why there are none."""
+    from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.figures.sweeps import (
+        MAX_PANELS,
+        PlotMap,
+        PlotSeeds,
+        PlotStability,
+        PlotSweep,
+        SweepGrid,
+    )
+    from teleop_drake.sweep import VariesSeedsOnly
+
+    metrics = list(names) or result.Metrics()
+    # Over the seeds alone, there is nothing to plot a metric against.
+    has_seeds_only = VariesSeedsOnly(result)
+    plot = PlotSeeds if has_seeds_only else PlotSweep
+    try:
+        rows, columns = (1, 1) if has_seeds_only else SweepGrid(result).shape[:2]
+        is_separate |= rows * columns * len(metrics) > MAX_PANELS
+        groups: dict[str, Sequence[str]] = {
+            metric.replace(".", "_") if is_separate else "metrics": (
+                [metric] if is_separate else metrics
+            )
+            for metric in metrics
+        }
+        figures = {name: plot(result, *group) for name, group in groups.items()}
+    except ValueError as e:
+        return [], f"No figures ({e})"
+    note = ""
+    with suppress(ValueError):  # Only one key is varied.
+        figures["stability"] = PlotStability(result)
+        boundaries, note = _Boundaries(result, plan)
+        figures["stability"] = PlotStability(result, boundaries)
+        for name, group in groups.items():
+            figures[f"{name}_map"] = PlotMap(result, *group, boundaries=boundaries)
+    written = []
+    for name, figure in figures.items():
+        for suffix in formats:
+            written.append(folder / f"{name}.{suffix}")
+            SaveFigure(figure, written[-1])
+    return written, note
+
+
+def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
+    """Returns what the analysis says of each panel of a map, or why it says nothing."""
+    from teleop_drake.figures.sweeps import SweepGrid
+    from teleop_drake.sweep.boundary import FindBoundaries
+
+    grid = SweepGrid(result)
+    try:
+        found = {
+            (i, j): FindBoundaries(
+                plan, grid.x_key, grid.line_key, grid.line_values, others=others
+            )
+            for i, row in enumerate(grid.panel_points)
+            for j, others in enumerate(row)
+        }
+    except ValueError as error:
+        return {}, f"No boundary of stability in the maps ({error})"
+    notes = dict.fromkeys(x.note for drawn in found.values() for x in drawn if x.note)
+    return found, "\n".join(notes)
