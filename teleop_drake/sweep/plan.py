@@ -39,6 +39,7 @@ MAX_RUNS = 100_000
 """Most runs of a sweep, so that a typing error cannot exhaust the memory."""
 
 ALIASES = {
+    "channel": ("forward_channel", "return_channel"),
     "controller": ("controller.kind",),
     "delay": DELAYS,
     "forward_delay": ("forward_channel.delay",),
