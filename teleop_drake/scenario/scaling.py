@@ -4,65 +4,48 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.architectures import ARCHITECTURES
 from teleop_drake.robots import RobotConfig
 from teleop_drake.scenario.scenario import Scenario
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.validation import CheckNumber, Refuse
 
-# By which power of the factor each field goes; the others stay. P s goes by f^2 as z
-# does by f, so that V2 keeps its form and goes by f^2 as a whole. The rates follow from
-# the update laws: dW1/dt keeps its size, dPsi/dt goes by 1/f, dW3/dt by f.
-_STATION = {"damping": 1, "stiffness": 1}
-_POWERS: dict[str, Any] = {
-    "robot": {"mass": 1, "damping": 1},
-    "surgeon": {
-        "contact_force": 1,
-        "arm_mass": 1,
-        "arm_damping": 1,
-        "arm_stiffness": 1,
-    },
-    "haptic_device": {"numerator": 1},
-    "environment": {
-        "layers": {"stiffness": 1, "damping": 1, "lateral_stiffness": 1},
-        # That of a wall; its damping is in s/m.
-        "stiffness": 1,
-        "branch_stiffness": 1,
-    },
-    "controller": {
-        "Lambda": -1,
-        "P": 2,
-        "beta1": -2,
-        "beta2": -4,
-        "initial_psi": -1,
-        "minimum_psi": -1,
-        "robust": {"velocity_width": 2, "force_rate_bound": 1, "force_width": 1},
-        "damped_force": {"damping": 1},
-        "wave_variables": {"impedance": 1, "master_damping": 1},
-        "time_domain_passivity": {
-            "maximum_damping": 1,
-            "maximum_mobility": -1,
-            "initial_energy": 1,
-            "local_damping": 1,
-        },
-        "proportional_damping": {
-            "master_mass": 1,
-            "master_damping": 1,
-            "slave_damping": 1,
-            "stiffness": 1,
-        },
-        "four_channel": {
-            "master_mass": 1,
-            "master_damping": 1,
-            "slave_mass": 1,
-            "slave_damping": 1,
-            "C_m": _STATION,
-            "C_s": _STATION,
-        },
-        "smith_predictor": {"mass": 1, "local_damping": 1, **_STATION},
-    },
-    "actuator": {"force_limit": 1, "coulomb_friction": 1, "viscous_friction": 1},
-    "sensor": {"force": {"resolution": 1, "noise": 1}},
+# The fields that go by a power of the factor; the others stay. P s goes by f^2 as z does
+# by f, so that V2 keeps its form and goes by f^2 as a whole. The rates follow from the
+# update laws: dW1/dt keeps its size, dPsi/dt goes by 1/f, dW3/dt by f.
+_POWERS = {
+    1: """
+        robot.mass robot.damping haptic_device.numerator
+        surgeon.contact_force
+        surgeon.arm_mass surgeon.arm_damping surgeon.arm_stiffness
+        environment.stiffness environment.branch_stiffness
+        environment.layers.stiffness environment.layers.damping
+        environment.layers.lateral_stiffness
+        controller.robust.force_rate_bound controller.robust.force_width
+        controller.damped_force.damping
+        controller.wave_variables.impedance controller.wave_variables.master_damping
+        controller.time_domain_passivity.maximum_damping
+        controller.time_domain_passivity.initial_energy
+        controller.time_domain_passivity.local_damping
+        controller.proportional_damping.master_mass
+        controller.proportional_damping.master_damping
+        controller.proportional_damping.slave_damping
+        controller.proportional_damping.stiffness
+        controller.four_channel.master_mass controller.four_channel.master_damping
+        controller.four_channel.slave_mass controller.four_channel.slave_damping
+        controller.four_channel.C_m.damping controller.four_channel.C_m.stiffness
+        controller.four_channel.C_s.damping controller.four_channel.C_s.stiffness
+        controller.smith_predictor.mass controller.smith_predictor.local_damping
+        controller.smith_predictor.damping controller.smith_predictor.stiffness
+        actuator.force_limit actuator.coulomb_friction actuator.viscous_friction
+        sensor.force.resolution sensor.force.noise
+    """,
+    2: "controller.P controller.robust.velocity_width",
+    -1: """
+        controller.Lambda controller.initial_psi controller.minimum_psi
+        controller.time_domain_passivity.maximum_mobility
+    """,
+    -2: "controller.beta1",
+    -4: "controller.beta2",
 }
 
 
@@ -99,34 +82,32 @@ def ScaleForces(
     ):
         allowed = "a slider with mass and damping, or `robot` given, f times as heavy"
         Refuse("robot.model", scenario.robot.kind, allowed)
-    for name in ("surgeon", "environment"):
+    for name in ("surgeon", "environment", "controller"):
         config = getattr(scenario, name)
-        if not type(config).__module__.startswith("teleop_drake."):
+        kind = config.Chosen() if name == "controller" else config
+        if not type(kind).__module__.startswith("teleop_drake."):
             Refuse(f"{name}.kind", config.kind, "a kind of the package to be scaled")
-    if scenario.controller.kind not in ARCHITECTURES:
-        allowed = "a kind of the package to be scaled"
-        Refuse("controller.kind", scenario.controller.kind, allowed)
     tree = ToTree(scenario)
     gains = tree["controller"]
     for name in ("beta1", "beta2", "beta3"):
         if gains[name] is None:
             gains[name] = gains["adaptation_rate"]
-    scaled = FromTree(_Scaled(tree, _POWERS, factor), Scenario)
+    for power, paths in _POWERS.items():
+        for path in paths.split():
+            _Scale(tree, path.split("."), factor**power)
+    scaled = FromTree(tree, Scenario)
     if robot is not None:
         scaled.robot = robot
     scaled.Validate()
     return scaled
 
 
-def _Scaled(value: Any, powers: Any, factor: float) -> Any:
-    """Returns what a tree has at a place, scaled; `powers` is a power or by keys."""
-    if isinstance(powers, int):
-        if value is None or isinstance(value, str):
-            return value
-        return (np.asarray(value) * factor**powers).tolist()
-    if isinstance(value, list):
-        return [_Scaled(item, powers, factor) for item in value]
-    return {
-        key: _Scaled(item, powers[key], factor) if key in powers else item
-        for key, item in value.items()
-    }
+def _Scale(tree: Any, keys: list[str], factor: float) -> None:
+    """Scales the value at a path, in each element of a list, if there is one."""
+    if isinstance(tree, list):
+        for item in tree:
+            _Scale(item, keys, factor)
+    elif len(keys) > 1:
+        _Scale(tree[keys[0]] if keys[0] in tree else {}, keys[1:], factor)
+    elif not (tree.get(keys[0]) is None or isinstance(tree[keys[0]], str)):
+        tree[keys[0]] = (np.asarray(tree[keys[0]]) * factor).tolist()
