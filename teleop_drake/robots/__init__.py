@@ -8,7 +8,7 @@ from teleop_drake.kinds import KindTable
 from teleop_drake.robots.arm import ArmConfig
 from teleop_drake.robots.base import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.driven_arm import DrivenArmConfig
-from teleop_drake.robots.facts import FactsOfRobot, RobotFacts
+from teleop_drake.robots.facts import FactsOfConfig, FactsOfRobot, RobotFacts
 from teleop_drake.robots.puma560 import Puma560Config
 from teleop_drake.robots.robot_diagram import MakeRobotDiagram
 from teleop_drake.robots.slider import SliderConfig
@@ -28,6 +28,7 @@ __all__ = [
     "ROBOT_KINDS",
     "ArmConfig",
     "DrivenArmConfig",
+    "FactsOfConfig",
     "FactsOfRobot",
     "MakeRobot",
     "MakeRobotDiagram",

@@ -1,5 +1,7 @@
 """Facts of a robot, read from its system in the diagram."""
 
+import functools
+import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +12,7 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.robots.base import RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 
 Array = NDArray[np.float64]
@@ -55,6 +58,24 @@ def FactsOfRobot(robot: System) -> RobotFacts:
     return RobotFacts(
         num_axes=len(start), start=start, inertia=inertia, damping=damping
     )
+
+
+def FactsOfConfig(robot: RobotConfig) -> RobotFacts:
+    """Returns the facts of the robot that a config makes.
+
+    To make one takes as long as to run machine code, and a sweep asks for the same
+    robot again and again. So they are remembered, of kinds of the package that name no
+    file.
+    """
+    names_file = any(getattr(robot, name) is not None for name in robot.file_fields)
+    if names_file or not type(robot).__module__.startswith("teleop_drake."):
+        return FactsOfRobot(robot.MakeRobot())
+    return _Remembered(pickle.dumps(robot))
+
+
+@functools.lru_cache(maxsize=64)
+def _Remembered(robot: bytes) -> RobotFacts:
+    return FactsOfRobot(pickle.loads(robot).MakeRobot())
 
 
 def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:

@@ -3,22 +3,16 @@
 from teleop_drake.architectures import ARCHITECTURES, CONTROLLERS
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.environments import (
-    EnvironmentConfig,
     LayerConfig,
     LayersEnvironmentConfig,
 )
-from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
-from teleop_drake.robots import RobotConfig
 from teleop_drake.scenario.config import (
     TRACKING_CONTROLLERS,
     ControllerConfig,
-    DisturbanceConfig,
-    TrackingControllerConfig,
     TrajectoryConfig,
 )
 from teleop_drake.scenario.scaling import ScaleForces
 from teleop_drake.scenario.scenario import (
-    DELAYS,
     AnyScenario,
     AsScenario,
     AsTeleoperation,
@@ -33,7 +27,7 @@ from teleop_drake.scenario.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.scenario.tree import DELAYS
 from teleop_drake.validation import GainMatrix, ScenarioError
 
 __all__ = [
@@ -47,18 +41,12 @@ __all__ = [
     "ChannelConfig",
     "CheckStart",
     "CheckSteps",
-    "ConstantVelocityConfig",
     "ControllerConfig",
-    "DisturbanceConfig",
-    "EnvironmentConfig",
     "GainMatrix",
-    "HapticDeviceConfig",
     "LayerConfig",
     "LayersEnvironmentConfig",
     "LoadScenario",
-    "OperatorConfig",
     "OverriddenPaths",
-    "RobotConfig",
     "ScaleForces",
     "Scenario",
     "ScenarioError",
@@ -66,7 +54,6 @@ __all__ = [
     "ScenarioLike",
     "ScenarioNames",
     "ScenarioToYaml",
-    "TrackingControllerConfig",
     "TrackingScenario",
     "TrajectoryConfig",
 ]

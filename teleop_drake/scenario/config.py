@@ -1,8 +1,8 @@
 """The parts of a scenario that have no folder: controller, tracking, solver.
 
-Each is a dataclass, with its unit and where its default is from beside every field,
-and has a function that checks it: the Check functions raise a ScenarioError that names
-the first bad field, its value and what is allowed.
+Each is a dataclass, with its unit and where its default is from beside every field. Its
+checks raise a ScenarioError that names the first bad field, its value and what is
+allowed.
 """
 
 from dataclasses import dataclass, field, fields
@@ -30,14 +30,20 @@ from teleop_drake.architectures.robust_backstepping import (
     RobustTermsConfig,
 )
 from teleop_drake.channels.base import SHORTEST_TIME
+from teleop_drake.robots import RobotConfig
 from teleop_drake.scenario.tree import FromTree
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
+    CheckGain,
     CheckNumber,
+    CheckVector,
     FixedFields,
+    GainMatrix,
     Number,
     Refuse,
+    ScenarioError,
+    Show,
     Within,
 )
 
@@ -97,11 +103,9 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
     @property
     def path(self) -> str:
         """The place in a scenario of what the architecture of this kind has to say."""
-        if self.kind in ARCHITECTURES:
-            return (
-                f"controller.{self.kind}" if hasattr(self, self.kind) else "controller"
-            )
-        return "controller.parameters"
+        if self.kind not in ARCHITECTURES:
+            return "controller.parameters"
+        return f"controller.{self.kind}" if hasattr(self, self.kind) else "controller"
 
     @property
     def is_backstepping(self) -> bool:
@@ -128,14 +132,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             return FromTree(self.parameters, kind)
 
     def Check(self, num_axes: int) -> None:
-        """Checks every field, also those that this kind does not use.
-
-        Args:
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field, also those that this kind does not use."""
         chosen = self.Chosen()
         for item in fields(self):
             section = getattr(self, item.name)
@@ -163,6 +160,26 @@ class TrajectoryConfig(FixedFields):
     # rad.
     phase: float = Number(0.0, "rad")
 
+    def Check(self, robot: RobotConfig) -> None:
+        """Checks every field, and whether the robot reaches the whole line."""
+        CheckVector("trajectory.centre", self.centre, robot.num_axes, "m")
+        CheckVector("trajectory.amplitude", self.amplitude, robot.num_axes, "m")
+        self.CheckNumbers("trajectory")
+        # The farthest point is an end. The nearest may be inside.
+        with np.errstate(all="ignore"):
+            nearest = -(self.centre @ self.amplitude) / (
+                self.amplitude @ self.amplitude
+            )
+        for share in (-1.0, 1.0, np.clip(np.nan_to_num(nearest), -1, 1)):
+            try:
+                robot.JointPositions(self.centre + share * self.amplitude)
+            except ScenarioError as e:
+                reason = str(e).removeprefix("start: ")
+                raise ScenarioError(
+                    f"trajectory.amplitude = {Show(self.amplitude)}: must keep the "
+                    f"trajectory in reach ({reason})"
+                ) from None
+
 
 @dataclass(kw_only=True, eq=False)
 class DisturbanceConfig(FixedFields):
@@ -172,6 +189,18 @@ class DisturbanceConfig(FixedFields):
     kind: str = REQUIRED
     # K, N/m; a number (times the identity) or an n x n matrix.
     gain: np.ndarray | float = REQUIRED
+
+    def Check(self, num_axes: int) -> None:
+        """Checks both fields."""
+        CheckChoice("disturbance.kind", self.kind, DISTURBANCES)
+        n = num_axes
+        if (
+            self.gain is None
+            or not np.all(np.isfinite(self.gain))
+            or GainMatrix(self.gain, n).shape != (n, n)
+        ):
+            allowed = f"a finite number or {n} x {n} matrix (N/m)"
+            Refuse("disturbance.gain", self.gain, allowed)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -190,6 +219,14 @@ class TrackingControllerConfig(FixedFields):
     leakage: float = Number(REQUIRED, minimum=0)
     network: NetworkConfig = field(default_factory=NetworkConfig)
 
+    def Check(self, num_axes: int) -> None:
+        """Checks every field."""
+        CheckChoice("controller.kind", self.kind, TRACKING_CONTROLLERS)
+        CheckGain("controller.Lambda", self.Lambda, num_axes)
+        CheckGain("controller.G1", self.G1, num_axes)
+        self.CheckNumbers("controller")
+        self.network.Check("controller.network", num_axes)
+
 
 def DefaultSimulator() -> SimulatorConfig:
     """Returns the solver of a scenario that says nothing of it."""
@@ -204,21 +241,12 @@ def DefaultSimulator() -> SimulatorConfig:
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
     """Checks `simulator`."""
-    CheckChoice(
-        "simulator.integration_scheme",
-        simulator.integration_scheme,
-        INTEGRATION_SCHEMES,
-    )
+    scheme = simulator.integration_scheme
+    CheckChoice("simulator.integration_scheme", scheme, INTEGRATION_SCHEMES)
     # Below 1e-14 no step passes the error test.
     CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
-    CheckNumber(
-        "simulator.max_step_size",
-        simulator.max_step_size,
-        "s",
-        minimum=SHORTEST_TIME,
-    )
+    step, rate = simulator.max_step_size, simulator.target_realtime_rate
+    CheckNumber("simulator.max_step_size", step, "s", minimum=SHORTEST_TIME)
     if simulator.start_time != 0:
         Refuse("simulator.start_time", simulator.start_time, "0 s")
-    CheckNumber(
-        "simulator.target_realtime_rate", simulator.target_realtime_rate, minimum=0
-    )
+    CheckNumber("simulator.target_realtime_rate", rate, minimum=0)

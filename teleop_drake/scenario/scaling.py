@@ -9,9 +9,9 @@ from teleop_drake.scenario.scenario import Scenario
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.validation import CheckNumber, Refuse
 
-# The fields that go by a power of the factor; the others stay. P s goes by f^2 as z does
-# by f, so that V2 keeps its form and goes by f^2 as a whole. The rates follow from the
-# update laws: dW1/dt keeps its size, dPsi/dt goes by 1/f, dW3/dt by f.
+# The fields that go by a power of the factor; the others stay. P s goes by f^2 as z
+# does by f, so that V2 keeps its form and goes by f^2 as a whole. The rates follow from
+# the update laws: dW1/dt keeps its size, dPsi/dt goes by 1/f, dW3/dt by f.
 _POWERS = {
     1: """
         robot.mass robot.damping haptic_device.numerator
@@ -108,6 +108,6 @@ def _Scale(tree: Any, keys: list[str], factor: float) -> None:
         for item in tree:
             _Scale(item, keys, factor)
     elif len(keys) > 1:
-        _Scale(tree[keys[0]] if keys[0] in tree else {}, keys[1:], factor)
+        _Scale(tree.get(keys[0], {}), keys[1:], factor)
     elif not (tree.get(keys[0]) is None or isinstance(tree[keys[0]], str)):
         tree[keys[0]] = (np.asarray(tree[keys[0]]) * factor).tolist()

@@ -1,10 +1,9 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data.
 
 A scenario is a tree of dataclasses: a `Scenario` is a teleoperation, and what has a
-`trajectory` is a `TrackingScenario`. `LoadScenario` reads one from YAML with Drake's
-`yaml_load_typed`, applies overrides and validates it; `ScenarioToYaml` writes it back.
-Units are SI throughout. Vectors have one entry per task axis (n = 1 for the slider,
-n = 2 for the planar arm); the first axis is x, along which the environment is layered.
+`trajectory` is a `TrackingScenario`. `LoadScenario` reads one from YAML, applies
+overrides and validates it; `ScenarioToYaml` writes it back. Units are SI throughout.
+Vectors have one entry per task axis (n = 1 for the slider, n = 2 for the planar arm).
 
 "thesis" is P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
 Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it does
@@ -19,7 +18,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,10 +37,14 @@ from teleop_drake.environments import (
 from teleop_drake.environments.base import StiffnessAndDamping
 from teleop_drake.kinds import KIND_KEYS, IsOwn, KindConfig
 from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
-from teleop_drake.robots import ROBOT_KINDS, FactsOfRobot, PlantRobotConfig, RobotConfig
+from teleop_drake.robots import (
+    ROBOT_KINDS,
+    FactsOfConfig,
+    FactsOfRobot,
+    PlantRobotConfig,
+    RobotConfig,
+)
 from teleop_drake.scenario.config import (
-    DISTURBANCES,
-    TRACKING_CONTROLLERS,
     CheckSimulatorConfig,
     ControllerConfig,
     DefaultSimulator,
@@ -49,8 +52,8 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.robot_facts import FactsOfConfig
 from teleop_drake.scenario.tree import (
+    DELAYS,
     DumpYaml,
     FromTree,
     Given,
@@ -66,13 +69,10 @@ from teleop_drake.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.systems.sampled_sensor import SensorConfig
 from teleop_drake.validation import (
     REQUIRED,
-    CheckChoice,
-    CheckGain,
     CheckNumber,
     CheckVector,
     Choices,
     FixedFields,
-    GainMatrix,
     Refuse,
     ScenarioError,
     Show,
@@ -81,10 +81,6 @@ from teleop_drake.validation import (
 
 MAX_STEPS = 1_000_000
 """Most steps that a simulation may be forced to take."""
-
-# Of the arm with adaptive control, roughly: seconds and bytes.
-_TIME_OF_STEP = 1.5e-3
-_MEMORY_OF_STEP = 1e4
 
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
@@ -111,28 +107,9 @@ class _ScenarioBase(FixedFields):
     _valid = ""
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, (Scenario, TrackingScenario)):
+        if not isinstance(other, _ScenarioBase):
             return NotImplemented
         return ScenarioToYaml(self) == ScenarioToYaml(other)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Returns what pickle keeps; Drake's SimulatorConfig as a dict of its fields.
-
-        It cannot be pickled itself.
-        """
-        state = dict(self.__dict__)
-        if isinstance(simulator := state.get("simulator"), SimulatorConfig):
-            state["simulator"] = {
-                item.name: getattr(simulator, item.name)
-                for item in SimulatorConfig.__fields__
-            }
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Takes what __getstate__() returned."""
-        self.__dict__.update(state)
-        if isinstance(simulator := state.get("simulator"), dict):
-            self.__dict__["simulator"] = SimulatorConfig(**simulator)
 
     # Mutable, so not hashable.
     __hash__ = None  # type: ignore[assignment]
@@ -153,14 +130,27 @@ class _ScenarioBase(FixedFields):
             return
         # The round trip checks the types, and leaves arrays where a user who edits a
         # scenario in Python may have put lists.
-        scenario = FromTree(tree, cast(type[AnyScenario], type(self)))
-        _CheckScenario(scenario)
+        FromTree(tree, type(self))._Check()
         self._Remember(tree)
 
     def _Remember(self, tree: dict[str, Any]) -> None:
         """Remembers that this is valid, unless that depends on a file."""
-        if not ScenarioFiles(cast(AnyScenario, self)):
+        if not ScenarioFiles(self):
             self._valid = repr(tree)
+
+    def _Check(self, *, reads_files: bool = True) -> None:
+        """Checks the values, which have the right types.
+
+        Args:
+            reads_files: Whether also those that name a file are checked.
+        """
+        if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
+            Refuse("name", self.name, "one line of text without / and \\")
+        CheckNumber("duration", self.duration, "s", above=0)
+        if self.robot is None:
+            ROBOT_KINDS.Find(None, "robot.model")
+        if reads_files or not _Files(self.robot):
+            self.robot.Check("robot")
 
 
 @dataclass(kw_only=True, eq=False)
@@ -192,11 +182,7 @@ class Scenario(_ScenarioBase):
         return self.environment.Surfaces(self.robot.start)
 
     def FindSurface(self, name: str) -> Surface | None:
-        """Returns a surface of the environment, None if there is none of this name.
-
-        Args:
-            name: `contact` or `puncture`, or what else the environment has.
-        """
+        """Returns a surface, `contact` for instance; None: there is none so named."""
         return FindSurface(self.Surfaces(), name)
 
     def Facts(
@@ -233,12 +219,37 @@ class Scenario(_ScenarioBase):
         """Psi at time 0 in 1/kg (n, n); see BacksteppingParameters.InitialPsi."""
         return self.controller.InitialPsi(self.Facts())
 
+    def _Check(self, *, reads_files: bool = True) -> None:
+        super()._Check(reads_files=reads_files)
+        ratio, n = self.divergence_speed_ratio, self.num_axes
+        CheckNumber("divergence_speed_ratio", ratio, above=1, maximum=1000)
+        if reads_files or not _Files(self.surgeon):
+            self.surgeon.Check("surgeon", n)
+        self.haptic_device.Check("haptic_device")
+        for path in ("forward_channel", "return_channel"):
+            channel = getattr(self, path)
+            if reads_files or not _Files(channel):
+                channel.Check(path, self.duration)
+        with Within("environment"):
+            self.environment.Check()
+        CheckStart(self.robot.start, self.Surfaces())
+        self.actuator.CheckNumbers("actuator")
+        self.sensor.Check("sensor")
+        controller = self.controller
+        controller.Check(n)
+        is_given = not isinstance(controller.initial_psi, str)
+        if (controller.is_backstepping or is_given) and (
+            reads_files or not _Files(self.robot)
+        ):
+            controller.CheckInitialPsi(self.Facts())
+        CheckSimulatorConfig(self.simulator)
+
 
 @dataclass(kw_only=True, eq=False)
 class TrackingScenario(_ScenarioBase):
     """One simulation of the tracking task of chapter 3, completely described.
 
-    An arm follows a trajectory while it learns a disturbance. There is neither a
+    An arm follows a trajectory while it learns a disturbance. There is neither an
     operator nor a delay. For the rest see `Scenario`.
     """
 
@@ -254,15 +265,28 @@ class TrackingScenario(_ScenarioBase):
     # Drake's own; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
+    def _Check(self, *, reads_files: bool = True) -> None:
+        super()._Check(reads_files=reads_files)
+        # The controller's model has no friction, and a slider does.
+        robot, n = self.robot, self.num_axes
+        if not isinstance(robot, PlantRobotConfig) or not robot.is_frictionless:
+            possible = [
+                x.kind for x in ROBOT_KINDS.kinds if getattr(x, "is_frictionless", 0)
+            ]
+            Refuse("robot.model", robot.kind, Choices(robot.kind, possible))
+        CheckVector("gravity", self.gravity, n, "m/s^2")
+        self.trajectory.Check(robot)
+        self.disturbance.Check(n)
+        self.controller.Check(n)
+        CheckNumber("divergence_speed", self.divergence_speed, "m/s", above=0)
+        CheckSimulatorConfig(self.simulator)
+
 
 AnyScenario = Scenario | TrackingScenario
 """What LoadScenario() returns."""
 
 ScenarioLike = AnyScenario | str | os.PathLike[str]
 """A scenario, or what LoadScenario() loads one from; simulate() and others take it."""
-
-DELAYS = ("forward_channel.delay", "return_channel.delay")
-"""What the key `delay` stands for, in files and overrides."""
 
 
 def ScenarioNames() -> list[str]:
@@ -290,14 +314,32 @@ def LoadScenario(
     Raises:
         ScenarioError: if the file cannot be read or anything in it is not allowed.
     """
-    path = _FindScenario(name_or_path)
-    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    for dotted, value in _Pairs(overrides):
-        SetPath(tree, dotted, value)
+    tree, _ = _OverriddenTree(name_or_path, overrides)
     scenario = FromTree(tree, _SchemaOf(tree))
-    _CheckScenario(scenario)
+    scenario._Check()
     scenario._Remember(ToTree(scenario))
     return scenario
+
+
+def OverriddenPaths(
+    name_or_path: str | os.PathLike[str], overrides: Iterable[str]
+) -> list[str]:
+    """Returns what each override replaces: the same for all names of a field.
+
+    These are dotted paths with the numbers of elements, never their names; two for
+    `delay`. A path that does not exist raises a ScenarioError.
+    """
+    return _OverriddenTree(name_or_path, overrides)[1]
+
+
+def _OverriddenTree(
+    name_or_path: str | os.PathLike[str], overrides: Mapping[str, Any] | Iterable[str]
+) -> tuple[dict[str, Any], list[str]]:
+    """Returns the complete tree of a file with overrides, and what they replace."""
+    path = _FindScenario(name_or_path)
+    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
+    pairs = ParseOverrides(overrides)
+    return tree, [SetPath(tree, dotted, value) for dotted, value in pairs]
 
 
 def ReadScenario(
@@ -319,7 +361,7 @@ def ReadScenario(
     """
     path = _FindScenario(name_or_path)
     tree = Given(ParseScenario(path, ReadText(path)))
-    for dotted, value in _Pairs(overrides):
+    for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
     own = {
         f"{name}.{key}": section[key]
@@ -341,14 +383,10 @@ def AsScenario(scenario: ScenarioLike) -> AnyScenario:
 
 
 def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
-    """Returns the scenario, which must be a teleoperation.
+    """Returns the scenario, loaded if need be, and refuses one of another task.
 
     Args:
-        scenario: A scenario, or what LoadScenario() loads one from.
         reason: Why no other task will do, for the message.
-
-    Raises:
-        ScenarioError: If it is another task, or cannot be loaded.
     """
     scenario = AsScenario(scenario)
     if not isinstance(scenario, Scenario):
@@ -357,33 +395,10 @@ def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
     return scenario
 
 
-def OverriddenPaths(
-    name_or_path: str | os.PathLike[str], overrides: Iterable[str]
-) -> list[str]:
-    """Returns what each override replaces: the same for all names of a field.
-
-    Args:
-        name_or_path: A built-in name or a YAML file.
-
-    Returns:
-        Dotted paths with the numbers of elements, never their names; two for `delay`.
-
-    Raises:
-        ScenarioError: if a path does not exist.
-    """
-    path = _FindScenario(name_or_path)
-    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    return [SetPath(tree, dotted, value) for dotted, value in _Pairs(overrides)]
-
-
 def CheckSteps(scenario: AnyScenario) -> None:
-    """Refuses a scenario whose simulation would take very long and fill the memory.
+    """Refuses a valid scenario whose simulation takes more than MAX_STEPS.
 
-    Args:
-        scenario: A valid one that is going to be simulated.
-
-    Raises:
-        ScenarioError: If it takes more than MAX_STEPS.
+    It would take very long and fill the memory.
     """
     steps: dict[str, float] = {}
     if isinstance(scenario, Scenario):
@@ -398,34 +413,17 @@ def CheckSteps(scenario: AnyScenario) -> None:
     field, shortest = min(steps.items(), key=lambda item: item[1])
     num_steps = scenario.duration / shortest
     if num_steps > MAX_STEPS:
-        hours = num_steps * _TIME_OF_STEP / 3600
-        gigabytes = num_steps * _MEMORY_OF_STEP / 1e9
         raise ScenarioError(
             f"duration = {scenario.duration:g}: must be at most "
             f"{MAX_STEPS * shortest:g} s with {field} = {shortest:g} s, which makes "
-            f"{num_steps:.2g} steps, about {hours:.2g} h and {gigabytes:.2g} GB"
+            f"{num_steps:.2g} steps"
         )
-
-
-def _Pairs(
-    overrides: Mapping[str, Any] | Iterable[str],
-) -> list[tuple[str, Any]]:
-    """Returns the dotted paths of fields and their new values, trees."""
-    return [
-        (path, value)
-        for key, value in ParseOverrides(overrides)
-        for path in (DELAYS if key == "delay" else (key,))
-    ]
 
 
 def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
     """Returns the tree of a scenario file; `delay` has become that of both channels.
 
-    Args:
-        text: What ReadText() returned.
-
-    Raises:
-        ScenarioError: If it does not hold a mapping in YAML, or gives a delay twice.
+    A text that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
     """
     tree = ParseFile(path, text)
     if "delay" not in tree or _SchemaOf(tree) is not Scenario:
@@ -452,20 +450,13 @@ def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
 
 
 def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
-    """Makes the paths of files in a scenario file relative to its folder.
-
-    Args:
-        tree: What is in the scenario file; it is changed.
-
-    Raises:
-        ScenarioError: If a key is unknown or a value has the wrong type.
-    """
+    """Makes the paths of files in a scenario's tree relative to its file's folder."""
     for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
         section, key = dotted.split(".")
         tree[section][key] = str(folder / file)
 
 
-def ScenarioFiles(scenario: AnyScenario) -> dict[str, str]:
+def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
     """Returns the files that a scenario names, by their dotted fields."""
     return {
         f"{item.name}.{key}": file
@@ -492,18 +483,14 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
-    _CheckScenario(scenario, reads_files=False)
+    scenario._Check(reads_files=False)
     return scenario
 
 
 def ScenarioToYaml(scenario: _ScenarioBase) -> str:
-    """Returns YAML text from which `LoadScenario` or `ScenarioFromYaml` gives an
-    equal scenario.
+    """Returns YAML text of which `LoadScenario` or `ScenarioFromYaml` makes its equal.
 
     The text is plain ASCII, has every field, and depends on nothing but their values.
-
-    Raises:
-        ScenarioError: if a field has the wrong type.
     """
     tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
     return DumpYaml(tree, sort_keys=False, default_flow_style=None)
@@ -527,54 +514,6 @@ def _SchemaOf(tree: Any) -> type[AnyScenario]:
     return TrackingScenario if is_tracking else Scenario
 
 
-def _CheckScenario(scenario: AnyScenario, *, reads_files: bool = True) -> None:
-    """Checks the values of a scenario that has the right types."""
-    if (
-        not scenario.name
-        or not scenario.name.isprintable()
-        or set("/\\") & set(scenario.name)
-    ):
-        Refuse("name", scenario.name, "one line of text without / and \\")
-    CheckNumber("duration", scenario.duration, "s", above=0)
-    if scenario.robot is None:
-        ROBOT_KINDS.Find(None, "robot.model")
-    if reads_files or not _Files(scenario.robot):
-        scenario.robot.Check("robot")
-    if isinstance(scenario, TrackingScenario):
-        _CheckTracking(scenario)
-    else:
-        _CheckTeleoperation(scenario, reads_files)
-
-
-def _CheckTeleoperation(scenario: Scenario, reads_files: bool) -> None:
-    CheckNumber(
-        "divergence_speed_ratio",
-        scenario.divergence_speed_ratio,
-        above=1,
-        maximum=1000,
-    )
-    n = scenario.num_axes
-    if reads_files or not _Files(scenario.surgeon):
-        scenario.surgeon.Check("surgeon", n)
-    scenario.haptic_device.Check("haptic_device")
-    for path in ("forward_channel", "return_channel"):
-        channel = getattr(scenario, path)
-        if reads_files or not _Files(channel):
-            channel.Check(path, scenario.duration)
-    with Within("environment"):
-        scenario.environment.Check()
-    CheckStart(scenario.robot.start, scenario.Surfaces())
-    scenario.actuator.CheckNumbers("actuator")
-    scenario.sensor.Check("sensor")
-    controller = scenario.controller
-    controller.Check(n)
-    if (controller.is_backstepping or not isinstance(controller.initial_psi, str)) and (
-        reads_files or not _Files(scenario.robot)
-    ):
-        controller.CheckInitialPsi(scenario.Facts())
-    CheckSimulatorConfig(scenario.simulator)
-
-
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
     """Refuses a tool that starts behind the contact surface.
 
@@ -595,61 +534,8 @@ def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
     if contact is None or contact.Depth(start) < 0:
         return
     normal = contact.normal_W
-    where = (
-        f"x < {contact.point_W[0]:g} m"
-        if normal[0] == 1
-        else f"{Show(normal)} . p < {contact.Along(contact.point_W):g} m"
-    )
+    if normal[0] == 1:
+        where = f"x < {contact.point_W[0]:g} m"
+    else:
+        where = f"{Show(normal)} . p < {contact.Along(contact.point_W):g} m"
     Refuse("robot.start", start, f"in front of the contact surface ({where})")
-
-
-def _CheckTracking(scenario: TrackingScenario) -> None:
-    # The controller's model has no friction, and a slider does.
-    robot = scenario.robot
-    if not isinstance(robot, PlantRobotConfig) or not robot.is_frictionless:
-        possible = [
-            x.kind for x in ROBOT_KINDS.kinds if getattr(x, "is_frictionless", 0)
-        ]
-        Refuse("robot.model", robot.kind, Choices(robot.kind, possible))
-    n = scenario.num_axes
-    CheckVector("gravity", scenario.gravity, n, "m/s^2")
-    _CheckTrajectory(scenario)
-
-    CheckChoice("disturbance.kind", scenario.disturbance.kind, DISTURBANCES)
-    gain = scenario.disturbance.gain
-    if (
-        gain is None
-        or not np.all(np.isfinite(gain))
-        or GainMatrix(gain, n).shape != (n, n)
-    ):
-        allowed = f"a finite number or {n} x {n} matrix (N/m)"
-        Refuse("disturbance.gain", gain, allowed)
-
-    controller = scenario.controller
-    CheckChoice("controller.kind", controller.kind, TRACKING_CONTROLLERS)
-    CheckGain("controller.Lambda", controller.Lambda, n)
-    CheckGain("controller.G1", controller.G1, n)
-    controller.CheckNumbers("controller")
-    controller.network.Check("controller.network", n)
-    CheckNumber("divergence_speed", scenario.divergence_speed, "m/s", above=0)
-    CheckSimulatorConfig(scenario.simulator)
-
-
-def _CheckTrajectory(scenario: TrackingScenario) -> None:
-    trajectory, n = scenario.trajectory, scenario.num_axes
-    CheckVector("trajectory.centre", trajectory.centre, n, "m")
-    CheckVector("trajectory.amplitude", trajectory.amplitude, n, "m")
-    trajectory.CheckNumbers("trajectory")
-    # It runs along a line, whose farthest point is an end. The nearest may be inside.
-    centre, amplitude = trajectory.centre, trajectory.amplitude
-    with np.errstate(all="ignore"):
-        nearest = np.clip(-(centre @ amplitude) / (amplitude @ amplitude), -1, 1)
-    for share in (-1.0, 1.0, 0.0 if np.isnan(nearest) else nearest):
-        try:
-            scenario.robot.JointPositions(centre + share * amplitude)
-        except ScenarioError as e:
-            reason = str(e).removeprefix("start: ")
-            raise ScenarioError(
-                f"trajectory.amplitude = {Show(amplitude)}: must keep the trajectory "
-                f"in reach ({reason})"
-            ) from None

@@ -3,7 +3,9 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
+import contextlib
 import copy
+import copyreg
 import dataclasses
 import functools
 import re
@@ -23,6 +25,9 @@ from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 _T = TypeVar("_T")
 
+DELAYS = ("forward_channel.delay", "return_channel.delay")
+"""What the key `delay` stands for, in files and overrides."""
+
 # The fields of SimulatorConfig that every supported Drake has, so that a scenario
 # written by one version can be read by another.
 _SIMULATOR_FIELDS: dict[str, type] = {
@@ -33,6 +38,19 @@ _SIMULATOR_FIELDS: dict[str, type] = {
     "start_time": float,
     "target_realtime_rate": float,
 }
+
+
+def _MakeSimulator(values: dict[str, Any]) -> SimulatorConfig:
+    return SimulatorConfig(**values)
+
+
+def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[dict[str, Any]]]:
+    values = {x.name: getattr(config, x.name) for x in SimulatorConfig.__fields__}
+    return _MakeSimulator, (values,)
+
+
+# Drake's own cannot be pickled.
+copyreg.pickle(SimulatorConfig, _ReduceSimulator)
 
 
 # Reading and writing.
@@ -72,11 +90,7 @@ for _class in (_Loader, _Dumper):
 
 
 def DumpYaml(tree: Any, **options: Any) -> str:
-    """Returns a YAML text from which ParseYaml() gives the same tree.
-
-    Args:
-        **options: As yaml.dump() takes them.
-    """
+    """Returns a YAML text of which ParseYaml() makes the tree; see yaml.dump()."""
     return str(yaml.dump(tree, Dumper=_Dumper, **options))
 
 
@@ -106,11 +120,7 @@ def _Origin(path: Path) -> str:
 
 
 def ReadText(path: Path) -> str:
-    """Returns the text of a scenario file.
-
-    Raises:
-        ScenarioError: if it cannot be read.
-    """
+    """Returns the text of a scenario file, or refuses one that cannot be read."""
     origin = _Origin(path)
     try:
         return path.read_text(encoding="utf-8")
@@ -121,14 +131,7 @@ def ReadText(path: Path) -> str:
 
 
 def ParseFile(path: Path, text: str) -> dict[Any, Any]:
-    """Returns the tree of a scenario file.
-
-    Args:
-        text: What ReadText() returned.
-
-    Raises:
-        ScenarioError: if it does not hold a mapping in YAML.
-    """
+    """Returns the tree of a scenario file with this text, which must be a mapping."""
     origin = _Origin(path)
     tree = ParseYaml(text, origin)
     if not isinstance(tree, dict):
@@ -141,26 +144,30 @@ def ParseFile(path: Path, text: str) -> dict[Any, Any]:
 def ParseOverrides(
     overrides: Mapping[str, Any] | Iterable[str],
 ) -> list[tuple[str, Any]]:
-    """Returns the dotted paths and their new values, trees.
+    """Returns the dotted paths of fields and their new values, trees.
 
     Args:
-        overrides: A mapping of dotted paths to values, or strings PATH=VALUE.
-
-    Raises:
-        ScenarioError: if a text is not PATH=VALUE with a YAML value.
+        overrides: A mapping of dotted paths to values, or strings PATH=VALUE with a
+            YAML value. `delay` is that of both channels.
     """
     if isinstance(overrides, Mapping):
-        return [(str(path), ToTree(value)) for path, value in overrides.items()]
-    if isinstance(overrides, str):
-        overrides = [overrides]
-    pairs = []
-    for item in overrides:
-        path, equals, text = item.partition("=")
-        path = path.strip()
-        if not equals or not path:
-            raise ScenarioError(f"override {Show(item)}: must be PATH=VALUE")
-        pairs.append((path, ParseYaml(text, f"override of {Show(path)}")))
-    return pairs
+        pairs = [(str(path), ToTree(value)) for path, value in overrides.items()]
+    else:
+        texts = [overrides] if isinstance(overrides, str) else overrides
+        pairs = [_ParseOverride(text) for text in texts]
+    return [
+        (path, value)
+        for key, value in pairs
+        for path in (DELAYS if key == "delay" else (key,))
+    ]
+
+
+def _ParseOverride(item: str) -> tuple[str, Any]:
+    path, equals, text = item.partition("=")
+    path = path.strip()
+    if not equals or not path:
+        raise ScenarioError(f"override {Show(item)}: must be PATH=VALUE")
+    return path, ParseYaml(text, f"override of {Show(path)}")
 
 
 class Given(dict[Any, Any]):
@@ -171,25 +178,18 @@ _Dumper.add_representer(Given, _Dumper.represent_dict)
 
 
 def GetPath(tree: Any, dotted: str) -> Any:
-    """Returns one value in a tree of dicts and lists.
-
-    Raises:
-        ScenarioError: If there is no such value.
-    """
+    """Returns one value in a tree of dicts and lists, or refuses the path."""
     for part in dotted.split("."):
         tree = tree[_FindKey(tree, part, dotted)]
     return tree
 
 
 def SetPath(tree: Any, dotted: str, value: Any) -> str:
-    """Replaces one value in a tree of dicts and lists.
+    """Replaces one value in a tree of dicts and lists, or refuses the path.
 
     Returns:
         The path with the numbers of elements instead of their names: the same for all
         names of a value.
-
-    Raises:
-        ScenarioError: if there is no such value.
     """
     shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
     keys: list[str | int] = []
@@ -274,39 +274,42 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
     """Returns a config with fields of the right types, their values unchecked.
 
     Args:
-        tree: What ToTree() returned, or a file or its user made of it.
+        tree: Of ToTree(), or what a file or its user made of it.
 
     Raises:
-        ScenarioError: on unknown keys and wrong types.
+        ScenarioError: If a key is unknown or a value is of the wrong type.
     """
     config: _T = _Build(tree, schema, "")
     return config
 
 
+def _MayBeNull(schema: Any) -> bool:
+    return isinstance(schema, types.UnionType) and type(None) in typing.get_args(schema)
+
+
 def _Build(value: Any, schema: Any, path: str) -> Any:
-    """Returns what a tree describes, of a declared type."""
-    options = (
-        typing.get_args(schema) if isinstance(schema, types.UnionType) else (schema,)
-    )
-    if value is None and type(None) in options:
+    """Returns the value of a declared type that a tree describes."""
+    if value is None and _MayBeNull(schema):
         return None
-    options = tuple(option for option in options if option is not type(None))
-    # A list or a dict may be one of two options, the other of which is None.
-    schema = options[0] if len(options) == 1 else schema
-    build = _BUILDERS.get(options)
-    if build is not None:
-        return build(value, path)
-    if np.ndarray in options:
+    options = [schema]
+    if isinstance(schema, types.UnionType):
+        options = [x for x in typing.get_args(schema) if x is not type(None)]
+    if len(options) > 1 and np.ndarray in options:
         return _BuildGain(value, path, allow_text=str in options)
+    (schema,) = options
+    if schema in _BUILDERS:
+        return _BUILDERS[schema](value, path)
     if typing.get_origin(schema) is dict:
         _CheckMapping(value, ["your own"], path)
         return copy.deepcopy(value)
     if typing.get_origin(schema) is list:
         (item_schema,) = typing.get_args(schema)
+        if item_schema is int and not isinstance(value, list):
+            value = [value]
         if not isinstance(value, list):
             Refuse(path, value, "a list")
         return [
-            _Build(item, item_schema, f"{path}.{ElementName(item, i)}")
+            _Build(item, item_schema, f"{path}.{_ElementName(item, i)}")
             for i, item in enumerate(value)
         ]
     table = TableOf(schema)
@@ -323,31 +326,32 @@ def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
     for key in value:
         if key not in fields:
             _RefuseKey(prefix, key, value[key], fields)
-    arguments = {}
-    for key, item_schema in fields.items():
-        # A required field that is null is left for the checks to name.
-        is_required = getattr(schema, key, 0) is None and not (
-            isinstance(item_schema, types.UnionType)
-            and type(None) in typing.get_args(item_schema)
-        )
-        if key in value and not (is_required and value[key] is None):
-            arguments[key] = _Build(value[key], item_schema, prefix + key)
-    return schema(**arguments)
+    return schema(
+        **{
+            key: _Build(value[key], item_schema, prefix + key)
+            for key, item_schema in fields.items()
+            # A required field that is null is left for the checks to name.
+            if key in value
+            and not (
+                value[key] is None
+                and getattr(schema, key, 0) is None
+                and not _MayBeNull(item_schema)
+            )
+        }
+    )
 
 
 def _BuildKind(value: Any, table: KindTable[Any], path: str) -> Any:
     """Returns a config of the kind that a mapping names."""
     first = table.kinds[0]
-    _CheckMapping(value, {table.key: str, **FieldTypes(first)}, path)
+    _CheckMapping(value, [table.key, *FieldTypes(first)], path)
     default = None if table.is_named else first.kind
     kind = table.Find(value.get(table.key, default), f"{path}.{table.key}")
     fields = FieldTypes(kind)
-    own = {}
-    for key, item in value.items():
-        if key in fields:
-            own[key] = item
-        elif key != table.key:
-            _CheckForeign(item, key, kind, table, path)
+    for key in value:
+        if key not in fields and key != table.key:
+            _CheckForeign(value[key], key, kind, table, path)
+    own = {key: item for key, item in value.items() if key in fields}
     return _BuildConfig(own, kind, path)
 
 
@@ -358,23 +362,18 @@ def _CheckForeign(
 
     So that a scenario can be changed from one kind to another by its `kind` alone.
     """
-    for other in table.kinds:
-        schema = FieldTypes(other).get(key)
-        if schema is None:
-            continue
-        given = ToTree(_Build(value, schema | None, f"{path}.{key}"))
-        neutral = ToTree(getattr(other(), key))
-        place = f"{path}.{key}"
-        if isinstance(neutral, dict) and isinstance(given, dict):
-            different = [name for name in neutral if given[name] != neutral[name]]
-            if not different:
-                return
-            place = f"{place}.{different[0]}"
-            given, neutral = given[different[0]], neutral[different[0]]
-        if given == neutral:
-            return
-        Refuse(place, given, f"{Show(neutral)} for a {kind.kind} {table.noun}")
-    _RefuseKey(f"{path}.", key, value, [table.key, *FieldTypes(kind)])
+    other = next((x for x in table.kinds if key in FieldTypes(x)), None)
+    if other is None:
+        _RefuseKey(f"{path}.", key, value, [table.key, *FieldTypes(kind)])
+    place = f"{path}.{key}"
+    given = ToTree(_Build(value, FieldTypes(other)[key] | None, place))
+    neutral = ToTree(getattr(other(), key))
+    fields = [(place, given, neutral)]
+    if isinstance(neutral, dict) and isinstance(given, dict):
+        fields = [(f"{place}.{x}", given[x], neutral[x]) for x in neutral]
+    for place, actual, expected in fields:
+        if actual != expected:
+            Refuse(place, actual, f"{Show(expected)} for a {kind.kind} {table.noun}")
 
 
 def _CheckMapping(value: Any, keys: Iterable[str], path: str) -> None:
@@ -410,66 +409,47 @@ def _BuildBool(value: Any, path: str) -> bool:
 def _BuildNumber(value: Any, path: str, allowed: str = "a number") -> float:
     # Text as well: a number in quotes is one.
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        try:
+        with contextlib.suppress(ValueError, OverflowError):
             return float(value)
-        except (ValueError, OverflowError):
-            pass
     Refuse(path, value, allowed)
 
 
 def _BuildCount(value: Any, path: str) -> int:
-    return _BuildCounts([value], path, "a whole number")[0]
-
-
-def _BuildCounts(
-    value: Any, path: str, allowed: str = "a list of whole numbers"
-) -> list[int]:
-    values = value if isinstance(value, list) else [value]
-    counts = []
-    for item in values:
-        number = _BuildNumber(item, path, allowed)
-        if not number.is_integer():
-            Refuse(path, item if allowed == "a whole number" else value, allowed)
-        counts.append(int(number))
-    return counts
+    number = _BuildNumber(value, path, "a whole number")
+    if not number.is_integer():
+        Refuse(path, value, "a whole number")
+    return int(number)
 
 
 def _BuildVector(value: Any, path: str) -> NDArray[np.float64]:
     values = value if isinstance(value, list) else [value]
-    return np.array(
-        [_BuildNumber(x, path, "a list of numbers") for x in values], dtype=float
-    )
+    return np.array([_BuildNumber(x, path, "a list of numbers") for x in values])
 
 
 def _BuildGain(
     value: Any, path: str, allow_text: bool
 ) -> float | str | NDArray[np.float64]:
-    allowed = "a number or a matrix (a list of rows)"
-    if allow_text:
-        allowed += " or auto"
+    allowed = "a number or a matrix (a list of rows)" + " or auto" * allow_text
     if value == "auto" and allow_text:
         return "auto"
     if not isinstance(value, list):
         return _BuildNumber(value, path, allowed)
-    rows = []
-    for row in value:
-        if not isinstance(row, list) or len(row) != len(value):
-            Refuse(path, value, allowed + ", square")
-        rows.append([_BuildNumber(x, path, allowed) for x in row])
+    if any(not isinstance(row, list) or len(row) != len(value) for row in value):
+        Refuse(path, value, allowed + ", square")
+    rows = [[_BuildNumber(x, path, allowed) for x in row] for row in value]
     return np.array(rows, dtype=float)
 
 
-_BUILDERS: dict[tuple[Any, ...], Callable[[Any, str], Any]] = {
-    (str,): _BuildText,
-    (bool,): _BuildBool,
-    (float,): _BuildNumber,
-    (int,): _BuildCount,
-    (list[int],): _BuildCounts,
-    (np.ndarray,): _BuildVector,
+_BUILDERS: dict[Any, Callable[[Any, str], Any]] = {
+    str: _BuildText,
+    bool: _BuildBool,
+    float: _BuildNumber,
+    int: _BuildCount,
+    np.ndarray: _BuildVector,
 }
 
 
-def ElementName(item: Any, index: int) -> str:
+def _ElementName(item: Any, index: int) -> str:
     """Returns how messages call an element of a list."""
     name = item.get("name") if isinstance(item, dict) else None
     return name if isinstance(name, str) and name.isidentifier() else str(index)

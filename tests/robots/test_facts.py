@@ -15,11 +15,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
 from teleop_drake.robots import (
+    FactsOfConfig,
     FactsOfRobot,
     MakeRobotDiagram,
     SliderConfig,
     TwoLinkArmConfig,
 )
+from teleop_drake.scenario import LoadScenario
 
 
 def test_slider():
@@ -113,3 +115,14 @@ def test_a_singular_pose_tells_nothing():
     plant = TwoLinkArmConfig().LoadPlant()
     robot = MakeRobotDiagram(plant=plant, num_axes=2, joint_positions=[0.0, 0.0])
     assert FactsOfRobot(robot).inertia is None
+
+
+def test_facts_are_those_of_the_robot_whatever_was_asked_before():
+    for mass in (1.0, 2.0, 1.0):
+        robot = LoadScenario("one_dof", {"robot.mass": mass}).robot
+        facts, expected = FactsOfConfig(robot), FactsOfRobot(robot.MakeRobot())
+        for name in ("start", "inertia", "damping"):
+            np.testing.assert_array_equal(getattr(facts, name), getattr(expected, name))
+        assert facts.inertia is FactsOfConfig(robot).inertia
+    arm = LoadScenario("two_dof_combined").robot
+    assert FactsOfConfig(arm).inertia.shape == (2, 2)

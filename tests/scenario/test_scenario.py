@@ -11,6 +11,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from surfaces import Border
 
 from teleop_drake import scenario as dut
+from teleop_drake.operators import ConstantVelocityConfig
 from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import (
     DELAYS,
@@ -671,7 +672,7 @@ def test_validate_takes_lists_and_numpy():
         ({"robot": None}, "robot.model = null: must be one of slider, two_link"),
         ({"simulator": SimulatorConfig(accuracy=-1)}, "simulator.accuracy = -1.0"),
         (
-            {"surgeon": dut.ConstantVelocityConfig(velocity=[math.nan, 0])},
+            {"surgeon": ConstantVelocityConfig(velocity=[math.nan, 0])},
             "surgeon.velocity",
         ),
     ],
@@ -690,7 +691,7 @@ def test_scenario_made_in_python(minimal):
         name="mine",
         duration=2,
         robot=SliderConfig(start=[0]),
-        surgeon=dut.ConstantVelocityConfig(velocity=[0.001]),
+        surgeon=ConstantVelocityConfig(velocity=[0.001]),
         controller=dut.ControllerConfig(kind="direct_force"),
     )
     scenario.Validate()
