@@ -82,6 +82,11 @@ class FixedFields:
             place = f"{path}.{name}"
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
 
+    def Gain(self, name: str, num_axes: int) -> NDArray[np.float64]:
+        """Returns a field of GainField() as a matrix (n, n); refuses null."""
+        sign = next(sign for x, *_, sign in self._FieldsOf(_GAIN) if x == name)
+        return CheckGain(name, getattr(self, name), num_axes, **sign)
+
     def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, dict[str, Any]]]:
         """Returns the fields of a sort: name, value, and what _Sort() says."""
         config: Any = type(self)

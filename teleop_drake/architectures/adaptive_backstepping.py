@@ -1,17 +1,16 @@
 """The thesis's controller: adaptive backstepping with neural networks."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector
 
-from teleop_drake.architectures.base import ControlLawConfig
+from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.architectures.lattice import NetworkConfig
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -25,6 +24,7 @@ from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,
     CheckGain,
+    CheckVector,
     FixedFields,
     GainMatrix,
     Number,
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 _AT_LIMIT = 1e-5
 
 
-class AdaptiveBackstepping(KernelBlock):
+class AdaptiveBackstepping(FixedBlock):
     """Tracks the operator's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
@@ -87,78 +87,63 @@ class AdaptiveBackstepping(KernelBlock):
     Args:
         gains: The constants of the law.
         network: The basis functions of both networks, with n inputs in m.
-
-    Raises:
-        ValueError: If the network does not have one input per axis.
     """
 
     is_compiled = True
 
     def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        KernelBlock.__init__(self)
-        self.set_name("adaptive_backstepping")
-        self._Declare(gains, network, adaptive_rate, adaptive_errors)
+        self._Make(
+            "adaptive_backstepping", adaptive_rate, adaptive_errors, gains, network
+        )
 
-    def _Declare(
+    def _Make(
         self,
-        gains: BacksteppingGains,
-        network: GaussianNetwork,
+        name: str,
         rate: Law,
         errors: Law,
+        gains: BacksteppingGains,
+        network: GaussianNetwork,
         **constants: Any,
     ) -> None:
-        """Declares ports and state, and sets what the block computes."""
+        """Makes the block of two laws, which take the constants first."""
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
             allowed = f"{n}, one for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
-        self._n, self._num_functions = n, N
-        self._psi_min = gains.Psi_min
-        self._laws = rate, errors
-        self._constants = constants | {
-            "gains": gains.as_numbers(),
-            "network": network.as_numbers(),
-        }
-        for name in (
-            "haptic_force",
-            "velocity_command",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        ):
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareContinuousState(BasicVector(pack_state(initial_state(gains, N))))
-        self.DeclareOutputs(
-            control_force=n,
-            psi=n * n,
-            weights_1=n * N,
-            weights_3=n * N,
-            auxiliary_error=n,
-            control_force_error=n,
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n, N = self._n, self._num_functions
-        rate, errors = self._laws
+        self._n, self._psi_min = n, gains.Psi_min
+        constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
-            *self._constants, "state", "tool_position", "tool_velocity",
-            "velocity_command", "environment_force", "haptic_force",
+            *constants, "state", "tool_position", "tool_velocity", "velocity_command",
+            "environment_force", "haptic_force",
         )  # fmt: skip
         W1, Psi, W3 = n, n + n * N, n + n * N + n * n
-        return Kernel(
-            parameters=self._constants,
-            rate=(rate, *taken),
+        FixedBlock.__init__(
+            self,
+            name,
+            Kernel(
+                parameters=constants,
+                rate=(rate, *taken),
+                outputs={
+                    "control_force": ("state", 0, n),
+                    "weights_1": ("state", W1, Psi),
+                    "psi": ("state", Psi, W3),
+                    "weights_3": ("state", W3, W3 + n * N),
+                    "errors": (errors, *taken),
+                    "auxiliary_error": ("errors", 0, n),
+                    "control_force_error": ("errors", n, 2 * n),
+                },
+                sizes={"errors": 2 * n},
+            ),
+            inputs=dict.fromkeys(LAW_INPUTS, n),
             outputs={
-                "control_force": ("state", 0, n),
-                "weights_1": ("state", W1, Psi),
-                "psi": ("state", Psi, W3),
-                "weights_3": ("state", W3, W3 + n * N),
-                "errors": (errors, *taken),
-                "auxiliary_error": ("errors", 0, n),
-                "control_force_error": ("errors", n, 2 * n),
+                "control_force": n,
+                "psi": n * n,
+                "weights_1": n * N,
+                "weights_3": n * N,
+                "auxiliary_error": n,
+                "control_force_error": n,
             },
-            sizes={"errors": 2 * n},
+            state=pack_state(initial_state(gains, N)),
         )
 
     def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
@@ -181,13 +166,56 @@ class AdaptiveBackstepping(KernelBlock):
         ]
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that only F_c, the first part of the state, is one of the model.
-
-        Args:
-            estimates: The whole state at the operating point; None: the initial one.
-        """
+        """Returns that only F_c, the first part of the state, is one of the model."""
         return LinearPart(
             num_states=self._n, state=estimates, assumption=FROZEN_WEIGHTS
+        )
+
+
+MAX_BASIS_FUNCTIONS = 10_000
+"""Largest lattice that a network may have, so that a typing error cannot exhaust the
+memory."""
+
+
+@dataclass(kw_only=True, eq=False)
+class NetworkConfig(FixedFields):
+    """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
+
+    # Corners of the lattice of means, m, n entries each, lower < upper.
+    lower: np.ndarray = REQUIRED
+    upper: np.ndarray = REQUIRED
+    # Means along each axis, n entries, >= 1.
+    count: list[int] = REQUIRED
+    # Width of the Gaussians in units of the lattice spacing, > 0.
+    width: float = Number(1.0, "lattice spacings", above=0)
+
+    @property
+    def is_given(self) -> bool:
+        """Whether any of the fields that have no default is there."""
+        return any(item is not None for item in (self.lower, self.upper, self.count))
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field."""
+        n = num_axes
+        CheckVector(f"{path}.lower", self.lower, n, "m")
+        CheckVector(f"{path}.upper", self.upper, n, "m")
+        if not np.all(self.lower < self.upper):
+            Refuse(
+                f"{path}.upper",
+                self.upper,
+                f"> {path}.lower = {Show(self.lower)} m on every axis",
+            )
+        count = self.count
+        if count is None or len(count) != n or min(count) < 1:
+            Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
+        if math.prod(count) > MAX_BASIS_FUNCTIONS:
+            Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+        self.CheckNumbers(path)
+
+    def MakeNetwork(self) -> GaussianNetwork:
+        """Makes the basis functions."""
+        return GaussianNetwork(
+            lower=self.lower, upper=self.upper, count=self.count, width=self.width
         )
 
 
@@ -235,13 +263,9 @@ class BacksteppingParameters(FixedFields):
 
         Args:
             path: Their place in a scenario, for messages.
-            num_axes: Number n of task axes.
             is_needed: Whether fields without a default must be there. What another
                 kind of controller does not use may be missing, but not wrong, so
                 that `kind` alone changes one into the other.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         gains = {}
         for key in _GAINS:
@@ -262,31 +286,24 @@ class BacksteppingParameters(FixedFields):
         if is_needed or self.network.is_given:
             self.network.Check(f"{path}.network", num_axes)
 
-    def InitialPsi(self, facts: Facts, path: str = "controller") -> NDArray[np.float64]:
+    def InitialPsi(self, facts: Facts, path: str = "controller") -> Array:
         """Returns Psi at time 0 in 1/kg (n, n).
 
         For `auto` that is (I + Lambda D_e) M_r^-1 at the start pose. The thesis
         estimates M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is
         singular.
-
-        Raises:
-            ScenarioError: If `auto` cannot be derived.
         """
         n = facts.num_axes
         if not isinstance(self.initial_psi, str):
             return GainMatrix(self.initial_psi, n)
         field = f"{path}.initial_psi"
-        D_e = facts.EnvironmentDamping(field)
+        D_e = facts.Told("environment_damping", field)
         weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
-        psi: NDArray[np.float64] = weight @ np.linalg.inv(facts.Inertia(field))
+        psi: Array = weight @ np.linalg.inv(facts.Told("inertia", field))
         return psi
 
     def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
-        """Checks that Psi can be inverted at time 0 and stays so.
-
-        Raises:
-            ScenarioError: If it cannot.
-        """
+        """Refuses a Psi that cannot be inverted at time 0, or would not stay so."""
         psi, n = self.InitialPsi(facts, path), facts.num_axes
         if (
             (isinstance(self.initial_psi, float) and self.initial_psi <= 0)
@@ -319,19 +336,11 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
         )
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field for itself."""
         self.CheckParameters(path, num_axes, is_needed=True)
 
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
-        """Returns the gains with Psi at time 0.
-
-        Raises:
-            ScenarioError: If Psi cannot be derived or inverted.
-        """
+        """Returns the gains with Psi at time 0, which can be inverted."""
         self.CheckInitialPsi(facts, path)
         n, nu = facts.num_axes, self.leakage
         beta1, beta2, beta3 = (
@@ -354,11 +363,7 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
         )
 
     def MakeControlLaw(self, facts: Facts, path: str) -> AdaptiveBackstepping:
-        """Makes the law.
-
-        Raises:
-            ScenarioError: If Psi cannot be derived or inverted.
-        """
+        """Makes the law."""
         return AdaptiveBackstepping(
             gains=self.Resolve(facts, path), network=self.network.MakeNetwork()
         )

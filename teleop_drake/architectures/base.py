@@ -11,13 +11,80 @@ affair; those of the thesis are
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
+from teleop_drake.validation import Refuse
+
+LAW_INPUTS = (
+    "haptic_force",
+    "velocity_command",
+    "tool_position",
+    "tool_velocity",
+    "environment_force",
+)
+"""The inputs of every control law, n wide each."""
+
+
+class _Side(FixedBlock):
+    """A side of an architecture that is a kernel; see Architecture.
+
+    Args:
+        n: Number of task axes, and width of all that is no packet.
+        forward_packet: Width of that packet.
+        return_packet: Width of that packet.
+        state: The continuous state at first.
+    """
+
+    inputs: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        name: str,
+        kernel: Kernel,
+        n: int,
+        *,
+        forward_packet: int,
+        return_packet: int,
+        state: ArrayLike = (),
+    ):
+        packets = {"forward_packet": forward_packet, "return_packet": return_packet}
+        outputs = [name for name in kernel.outputs if name not in kernel.sizes]
+        FixedBlock.__init__(
+            self,
+            name,
+            kernel,
+            inputs={name: packets.get(name, n) for name in self.inputs},
+            outputs={name: packets.get(name, n) for name in outputs},
+            state=state,
+        )
+
+
+class MasterSide(_Side):
+    """A master side that is a kernel; see Architecture."""
+
+    inputs = ("haptic_force", "velocity_command", "return_packet")
+
+
+class SlaveSide(_Side):
+    """A slave side that is a kernel; see Architecture."""
+
+    inputs = ("forward_packet", *LAW_INPUTS[2:])
+
+
+def CheckStart(start: ArrayLike) -> NDArray[np.float64]:
+    """Returns a position as a vector, or refuses it."""
+    vector = np.array(start, dtype=float)
+    if vector.ndim != 1 or not np.all(np.isfinite(vector)):
+        Refuse("start", start, "finite numbers (m)")
+    return vector
 
 
 @dataclass(kw_only=True)
@@ -73,29 +140,21 @@ class ArchitectureConfig(KindConfig, ABC):
 
         Args:
             path: The config's place in a scenario, for messages.
-            num_axes: Number n of task axes.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         self.CheckGains(path, num_axes)
         self.CheckNumbers(path)
 
-    def Resolve(self, facts: Facts, path: str) -> object:
-        """Returns the parameters with every default derived; here nothing derives.
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived; here nothing derives.
 
-        Raises:
-            ScenarioError: If a default cannot be derived.
+        Gains are matrices then, and no null is left that stands for a default. What
+        cannot be derived is refused.
         """
         return self
 
     @abstractmethod
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
-
-        Raises:
-            ScenarioError: If the architecture cannot be built in this loop.
-        """
+        """Makes both sides, or refuses a parameter that this loop does not allow."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -110,18 +169,10 @@ class ControlLawConfig(ArchitectureConfig):
 
     @abstractmethod
     def MakeControlLaw(self, facts: Facts, path: str) -> System:
-        """Makes the law; see MakeSlaveStation for its ports.
-
-        Raises:
-            ScenarioError: If the law cannot be built in this loop.
-        """
+        """Makes the law; see MakeSlaveStation for its ports."""
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes the slave side out of the law; the master side is the thesis's.
-
-        Raises:
-            ScenarioError: If the law cannot be built in this loop.
-        """
+        """Makes the slave side out of the law; the master side is the thesis's."""
         return MakeLawArchitecture(
             self.MakeControlLaw(facts, path), facts.start.tolist()
         )

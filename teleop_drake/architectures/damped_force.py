@@ -2,18 +2,19 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.architectures.base import ControlLawConfig
+from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.proportional import braked_force, damper_force
 from teleop_drake.validation import CheckGain, GainField, GainMatrix
 
 
-class DampedForce(KernelBlock):
+class DampedForce(FixedBlock):
     """Applies the haptic force as it arrives, and brakes the tool without delay.
 
         F_c = F_h(t - T_f) - B v
@@ -40,38 +41,26 @@ class DampedForce(KernelBlock):
     overcome B v_d as well, and the tool reaches v_d later.
 
     Args:
-        num_axes: Number n of task axes, >= 1.
         damping: B in N s/m, a number or (n, n), symmetric, not negative.
-
-    Raises:
-        ValueError: If a value is not allowed.
     """
 
     def __init__(self, *, num_axes: int, damping: ArrayLike):
-        KernelBlock.__init__(self)
-        self.set_name("damped_force")
-        self._B = CheckGain("damping", damping, num_axes, may_be_zero=True)
-        for name in (
-            "haptic_force",
-            "velocity_command",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        ):
-            self.DeclareVectorInputPort(name, num_axes)
-        self.DeclareOutputs(control_force=num_axes, damping_force=num_axes)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return Kernel(
-            parameters={"damping": self._B},
-            outputs={
-                "control_force": (
-                    braked_force, "haptic_force", "tool_velocity", "damping"
-                ),
-                "damping_force": (damper_force, "tool_velocity", "damping"),
-            },
-            unused=("velocity_command", "tool_position", "environment_force"),
+        B = CheckGain("damping", damping, num_axes, may_be_zero=True)
+        FixedBlock.__init__(
+            self,
+            "damped_force",
+            Kernel(
+                parameters={"damping": B},
+                outputs={
+                    "control_force": (
+                        braked_force, "haptic_force", "tool_velocity", "damping"
+                    ),
+                    "damping_force": (damper_force, "tool_velocity", "damping"),
+                },
+                unused=("velocity_command", "tool_position", "environment_force"),
+            ),
+            inputs=dict.fromkeys(LAW_INPUTS, num_axes),
+            outputs={"control_force": num_axes, "damping_force": num_axes},
         )  # fmt: skip
 
 
@@ -88,25 +77,16 @@ class DampedForceConfig(ControlLawConfig):
     # thesis's slider and 2.4 N s/m for its arm. Assumed.
     damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
 
-    def Resolve(self, facts: Facts, path: str) -> "DampedForceConfig":
-        """Returns the config with its default derived.
-
-        Raises:
-            ScenarioError: If the default cannot be derived.
-        """
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with its default derived."""
         damping = self.damping
         if damping is None:
             field = f"{path}.damping"
-            mass = np.linalg.eigvalsh(facts.Inertia(field))[-1]
+            mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
             damping = 2 * math.sqrt(facts.OperatorStiffness(field) * mass)
         return replace(self, damping=GainMatrix(damping, facts.num_axes))
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
-        """Makes the law.
-
-        Raises:
-            ScenarioError: If the default cannot be derived.
-        """
+        """Makes the law."""
         damping = self.Resolve(facts, path).damping
-        assert damping is not None
         return DampedForce(num_axes=facts.num_axes, damping=damping)

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from teleop_drake.architectures.base import ControlLawConfig
+from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.validation import CheckNumber
 
 
-class DirectForce(KernelBlock):
+class DirectForce(FixedBlock):
     """Applies the haptic force as it arrives: no controller at the slave.
 
         F_c = F_hd = F_h(t - T_f)                                       (section 2.1)
@@ -30,34 +30,16 @@ class DirectForce(KernelBlock):
     Direct feedthrough: from haptic_force only.
 
     It has no telemetry, and does not limit or filter the force.
-
-    Args:
-        num_axes: Number n of task axes, >= 1.
-
-    Raises:
-        ValueError: If num_axes < 1.
     """
 
     def __init__(self, *, num_axes: int):
-        KernelBlock.__init__(self)
         CheckNumber("num_axes", num_axes, minimum=1)
-        self.set_name("direct_force")
-        for name in (
-            "haptic_force",
-            "velocity_command",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        ):
-            self.DeclareVectorInputPort(name, num_axes)
-        self.DeclareOutputs(control_force=num_axes)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        unused = ("velocity_command", "tool_position", "tool_velocity")
-        return Kernel(
-            outputs={"control_force": "haptic_force"},
-            unused=(*unused, "environment_force"),
+        FixedBlock.__init__(
+            self,
+            "direct_force",
+            Kernel(outputs={"control_force": "haptic_force"}, unused=LAW_INPUTS[1:]),
+            inputs=dict.fromkeys(LAW_INPUTS, num_axes),
+            outputs={"control_force": num_axes},
         )
 
 

@@ -65,81 +65,53 @@ class Facts:
             self.forward_channel.IsPassThrough() and self.return_channel.IsPassThrough()
         )
 
-    def Inertia(self, path: str) -> Array:
-        """Returns M_r in kg (n, n), from which a default derives.
+    def Told(self, fact: str, path: str) -> Array:
+        """Returns a fact from which the default of a field derives.
+
+        Args:
+            fact: inertia, robot_damping, environment_stiffness or environment_damping.
+            path: The field, for the message.
 
         Raises:
-            ScenarioError: If the robot does not tell it.
+            ScenarioError: If robot or environment does not tell it.
         """
-        return _Told(self.inertia, path, "robot does not tell its inertia")
-
-    def RobotDamping(self, path: str) -> Array:
-        """Returns the damping of the robot in N s/m (n, n); see Inertia.
-
-        Raises:
-            ScenarioError: If the robot does not tell it.
-        """
-        return _Told(self.robot_damping, path, "robot does not tell its damping")
-
-    def StartStiffness(self, path: str) -> Array:
-        """Returns the stiffness of the environment at the start in N/m (n, n).
-
-        Raises:
-            ScenarioError: If the environment does not tell it.
-        """
-        reason = "environment does not tell its stiffness"
-        return _Told(self.environment_stiffness, path, reason)
+        value = getattr(self, fact)
+        if value is None:
+            owner, _, what = fact.rpartition("_")
+            owner = owner or "robot"
+            Refuse(path, None, f"given, because the {owner} does not tell its {what}")
+        return np.array(value)
 
     def StartDamping(self, path: str) -> Array:
-        """Returns the damping of robot and environment at the start in N s/m (n, n).
-
-        Raises:
-            ScenarioError: If one of them does not tell it.
-        """
-        return self.RobotDamping(path) + self.EnvironmentDamping(path)
-
-    def EnvironmentDamping(self, path: str) -> Array:
-        """Returns D_e at the start in N s/m (n, n).
-
-        Raises:
-            ScenarioError: If the environment does not tell it.
-        """
-        reason = "environment does not tell its damping"
-        return _Told(self.environment_damping, path, reason)
+        """Returns the damping of robot and environment at the start in N s/m (n, n)."""
+        dampings = ("robot_damping", "environment_damping")
+        robot, environment = (self.Told(fact, path) for fact in dampings)
+        return robot + environment
 
     def OperatorResistance(self, path: str) -> float:
-        """Returns b of H = K/s + b + O(s) in N s/m, from which a default derives.
-
-        Raises:
-            ScenarioError: If it is not positive.
-        """
-        device = self.haptic_device
-        b = low_frequency_resistance(device.numerator, device.denominator)
-        if not b > 0:
-            Refuse(
-                path,
-                None,
-                "a number, because none derives from haptic_device, whose resistance "
-                f"at low frequency is {b:g} N s/m",
-            )
-        return b
+        """Returns b of H = K/s + b + O(s) in N s/m; refuses one that is not > 0."""
+        return self._AtLowFrequency(path, [], "resistance", "N s/m")
 
     def OperatorStiffness(self, path: str) -> float:
-        """Returns K of H = K/s + b + O(s) in N/m, from which a default derives.
+        """Returns K of H = K/s + b + O(s) in N/m; refuses one that is not > 0."""
+        return self._AtLowFrequency(path, [0.0], "stiffness", "N/m")
 
-        Raises:
-            ScenarioError: If it is not positive.
-        """
+    def _AtLowFrequency(
+        self, path: str, factor: list[float], name: str, unit: str
+    ) -> float:
+        """Returns the resistance of H, or of s H."""
         device = self.haptic_device
-        K = low_frequency_resistance([*device.numerator, 0.0], device.denominator)
-        if not K > 0:
+        value = low_frequency_resistance(
+            [*device.numerator, *factor], device.denominator
+        )
+        if not value > 0:
             Refuse(
                 path,
                 None,
-                "a number, because none derives from haptic_device, whose stiffness "
-                f"at low frequency is {K:g} N/m",
+                "a number, because none derives from haptic_device, whose "
+                f"{name} at low frequency is {value:g} {unit}",
             )
-        return K
+        return value
 
     def DeviceGain(self) -> float:
         """Returns h = s H(s) for s to infinity, in N/m."""
@@ -153,11 +125,7 @@ class Facts:
         return float(np.abs(poles).max(initial=0.0))
 
     def CheckStrictlyProper(self, kind: str) -> None:
-        """Refuses a device whose force answers at once to the velocity it feels.
-
-        Raises:
-            ScenarioError: If the device has such a force.
-        """
+        """Refuses a device whose force answers at once to the velocity it feels."""
         device = self.haptic_device
         numerator = np.trim_zeros(np.asarray(device.numerator, dtype=float), "f")
         if len(numerator) >= len(device.denominator):
@@ -166,9 +134,3 @@ class Facts:
                 f"degree than the denominator for {kind}, in which the velocity that "
                 "is felt depends on the force"
             )
-
-
-def _Told(value: Array | None, path: str, reason: str) -> Array:
-    if value is None:
-        Refuse(path, None, f"given, because the {reason}")
-    return value.copy()

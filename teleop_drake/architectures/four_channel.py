@@ -1,19 +1,22 @@
-"""Lawrence's architecture: position and force travel both ways.
+"""Lawrence's architecture: position and force travel both ways."""
 
-Both sides and the config are one kind, so they stand together, in more than 600 lines.
-"""
-
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector
+from numpy.typing import ArrayLike
 
-from teleop_drake.architectures.base import Architecture, ArchitectureConfig
+from teleop_drake.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.four_channel import (
+    Station,
     filtered_acceleration,
     master_packet,
     master_rate,
@@ -21,17 +24,16 @@ from teleop_drake.laws.four_channel import (
     slave_packet,
 )
 from teleop_drake.validation import (
-    CheckGain,
+    CheckChoice,
     CheckNumber,
     FixedFields,
     GainField,
     GainMatrix,
     Number,
-    Refuse,
 )
 
 
-class FourChannelMaster(KernelBlock):
+class FourChannelMaster(MasterSide):
     """A handle with mass that sends and gets motion and force.
 
         Z_m V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
@@ -69,93 +71,37 @@ class FourChannelMaster(KernelBlock):
     Nothing in it accounts for the delay, under which its ideal gains are not passive.
 
     Args:
-        mass: M in kg (n, n), symmetric positive definite.
-        damping: B in N s/m (n, n), symmetric, not negative.
-        local_damping: B_c in N s/m (n, n), symmetric, not negative.
-        local_stiffness: K_c in N/m (n, n), symmetric, not negative.
-        C2: Share of the slave's force.
-        C4: c4, share of the slave's motion.
-        C6: Local share of the own force.
+        config: Without nulls, as Resolve() makes it.
         start: x_m at time 0 in m (n).
-        acceleration_bandwidth: w in rad/s; None: no accelerations.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
     """
 
-    def __init__(
-        self,
-        *,
-        mass: ArrayLike,
-        damping: ArrayLike,
-        local_damping: ArrayLike,
-        local_stiffness: ArrayLike,
-        C2: float,
-        C4: float,
-        C6: float,
-        start: ArrayLike,
-        acceleration_bandwidth: float | None = None,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("four_channel_master")
-        self._start = np.array(start, dtype=float)
-        if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
-            Refuse("start", start, "finite numbers (m)")
-        n = self._n = self._start.size
-        self._M = CheckGain("mass", mass, n)
-        self._K = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)
-        # The device's own and the controller's act on the same velocity.
-        self._B = CheckGain("damping", damping, n, may_be_zero=True) + CheckGain(
-            "local_damping", local_damping, n, may_be_zero=True
-        )
-        self._factors = np.array([C2, C4, C6], dtype=float)
-        _CheckFactors(acceleration_bandwidth, C2=C2, C4=C4, C6=C6)
-        self._bandwidth = acceleration_bandwidth or 0.0
-        width = 4 * n if acceleration_bandwidth else 3 * n
-        self.DeclareVectorInputPort("haptic_force", n)
-        self.DeclareVectorInputPort("velocity_command", n)
-        self.DeclareVectorInputPort("return_packet", width)
-        num_zeros = width - 2 * n
-        initial = np.concatenate([self._start, np.zeros(num_zeros)])
-        self.DeclareContinuousState(BasicVector(initial))
-        self.DeclareOutputs(felt_position=n, felt_velocity=n, forward_packet=width)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = self._n
-        return Kernel(
-            parameters={
-                "start": self._start,
-                "mass": self._M,
-                "damping": self._B,
-                "stiffness": self._K,
-                "factors": self._factors,
-                "bandwidth": self._bandwidth,
-            },
-            rate=(
-                master_rate, "state", "haptic_force", "return_packet", "start", "mass",
-                "damping", "stiffness", "factors", "bandwidth",
+    def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
+        station = config.MakeStation("master", start)
+        n = station.start.size
+        width = 4 * n if station.bandwidth else 3 * n
+        MasterSide.__init__(
+            self,
+            "four_channel_master",
+            Kernel(
+                parameters={"station": station},
+                rate=(master_rate, "station", "state", "haptic_force", "return_packet"),
+                outputs={
+                    "felt_position": ("return_packet", 0, n),
+                    "felt_velocity": ("state", n, 2 * n),
+                    "forward_packet": (
+                        master_packet, "station", "state", "haptic_force"
+                    ),
+                },
+                unused=("velocity_command",),
             ),
-            outputs={
-                "felt_position": ("return_packet", 0, n),
-                "felt_velocity": ("state", n, 2 * n),
-                "forward_packet": (
-                    master_packet, "state", "haptic_force", "bandwidth"
-                ),
-            },
-            unused=("velocity_command",),
+            n,
+            forward_packet=width,
+            return_packet=width,
+            state=[*station.start, *[0.0] * (width - 2 * n)],
         )  # fmt: skip
 
 
-def _CheckFactors(acceleration_bandwidth: float | None, **factors: float) -> None:
-    """Refuses parameters that neither end can have."""
-    for name, value in factors.items():
-        CheckNumber(name, value)
-    if acceleration_bandwidth is not None:
-        CheckNumber("acceleration_bandwidth", acceleration_bandwidth, "rad/s", above=0)
-
-
-class FourChannelSlave(KernelBlock):
+class FourChannelSlave(SlaveSide):
     """Follows the motion and the force of the master.
 
         F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e
@@ -189,106 +135,48 @@ class FourChannelSlave(KernelBlock):
     It does not know the robot beyond Z, and nothing in it accounts for the delay.
 
     Args:
-        mass: M of the model in kg (n, n), symmetric, not negative.
-        damping: B of the model in N s/m (n, n), symmetric, not negative.
-        local_damping: B_c in N s/m (n, n), symmetric, not negative.
-        local_stiffness: K_c in N/m (n, n), symmetric, not negative.
-        C1: c1, share of the master's motion.
-        C3: Share of the master's force.
-        C5: Local share of the own force.
+        config: Without nulls, as Resolve() makes it.
         start: p_WT at time 0 in m (n).
-        acceleration_bandwidth: w in rad/s; None: no accelerations.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
     """
 
-    def __init__(
-        self,
-        *,
-        mass: ArrayLike,
-        damping: ArrayLike,
-        local_damping: ArrayLike,
-        local_stiffness: ArrayLike,
-        C1: float,
-        C3: float,
-        C5: float,
-        start: ArrayLike,
-        acceleration_bandwidth: float | None = None,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("four_channel_slave")
-        self._start = np.array(start, dtype=float)
-        if self._start.ndim != 1 or not np.all(np.isfinite(self._start)):
-            Refuse("start", start, "finite numbers (m)")
-        n = self._start.size
-        self._M = CheckGain("mass", mass, n, may_be_zero=True)
-        self._B = CheckGain("damping", damping, n, may_be_zero=True)
-        self._B_c = CheckGain("local_damping", local_damping, n, may_be_zero=True)
-        self._K_c = CheckGain("local_stiffness", local_stiffness, n, may_be_zero=True)
-        self._factors = np.array([C1, C3, C5], dtype=float)
-        _CheckFactors(acceleration_bandwidth, C1=C1, C3=C3, C5=C5)
-        self._bandwidth = acceleration_bandwidth or 0.0
-        width = 4 * n if acceleration_bandwidth else 3 * n
-        self.DeclareVectorInputPort("forward_packet", width)
-        for name in ("tool_position", "tool_velocity", "environment_force"):
-            self.DeclareVectorInputPort(name, n)
-        if acceleration_bandwidth:
-            self.DeclareContinuousState(n)
-        self.DeclareOutputs(control_force=n, return_packet=width)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        rate = None
-        if self.num_continuous_states() > 0:
-            rate = (filtered_acceleration, "tool_velocity", "state", "bandwidth")
-        return Kernel(
-            parameters={
-                "start": self._start,
-                "mass": self._M,
-                "damping": self._B,
-                "local_damping": self._B_c,
-                "local_stiffness": self._K_c,
-                "factors": self._factors,
-                "bandwidth": self._bandwidth,
-            },
-            rate=rate,
-            outputs={
-                "control_force": (
-                    slave_force, "forward_packet", "tool_position", "tool_velocity",
-                    "environment_force", "start", "mass", "damping", "local_damping",
-                    "local_stiffness", "factors",
-                ),
-                "return_packet": (
-                    slave_packet, "state", "tool_position", "tool_velocity",
-                    "environment_force", "bandwidth",
-                ),
-            },
-        )  # fmt: skip
-
-
-Array = NDArray[np.float64]
-
-
-class Variant(NamedTuple):
-    """What goes forward and comes back in a variant of the architecture."""
-
-    C1: float
-    C2: float
-    C3: float
-    C4: float
-    is_master_tied: bool
-    is_slave_tied: bool
+    def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
+        station = config.MakeStation("slave", start)
+        n = station.start.size
+        has_filter = station.bandwidth > 0
+        width = 4 * n if has_filter else 3 * n
+        tool = ("tool_position", "tool_velocity", "environment_force")
+        SlaveSide.__init__(
+            self,
+            "four_channel_slave",
+            Kernel(
+                parameters={"station": station},
+                rate=(filtered_acceleration, "station", "tool_velocity", "state")
+                if has_filter
+                else None,
+                outputs={
+                    "control_force": (slave_force, "station", "forward_packet", *tool),
+                    "return_packet": (slave_packet, "station", "state", *tool),
+                },
+            ),
+            n,
+            forward_packet=width,
+            return_packet=width,
+            state=[0.0] * n if has_filter else (),
+        )
 
 
 FOUR_CHANNEL_VARIANTS = {
-    # C1, C2, C3, C4; local stiffness at the master, at the slave.
-    "four_channel": Variant(1.0, 1.0, 1.0, 1.0, True, True),
-    "position_position": Variant(1.0, 0.0, 0.0, 1.0, True, True),
-    "position_force": Variant(1.0, 1.0, 0.0, 0.0, False, True),
-    "force_force": Variant(0.0, 1.0, 1.0, 0.0, False, False),
+    # C1, C2, C3, C4.
+    "four_channel": (1.0, 1.0, 1.0, 1.0),
+    "position_position": (1.0, 0.0, 0.0, 1.0),
+    "position_force": (1.0, 1.0, 0.0, 0.0),
+    "force_force": (0.0, 1.0, 1.0, 0.0),
 }
 """Variants of the four-channel architecture, by what goes forward and comes back."""
+
+
+# Local controller, and shares of the other end's motion, of its force, of the own one.
+_ENDS = {"master": ("C_m", "C4", "C2", "C6"), "slave": ("C_s", "C1", "C3", "C5")}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -301,34 +189,6 @@ class LocalController(FixedFields):
     damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
     stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResolvedLocalController:
-    """The same with every number: damping in N s/m, stiffness in N/m, (n, n) each."""
-
-    damping: Array
-    stiffness: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class FourChannel:
-    """Every number; see FourChannelConfig for what they are."""
-
-    master_mass: Array
-    master_damping: Array
-    slave_mass: Array
-    slave_damping: Array
-    bandwidth: float
-    C_m: ResolvedLocalController
-    C_s: ResolvedLocalController
-    C1: float
-    C2: float
-    C3: float
-    C4: float
-    C5: float
-    C6: float
-    acceleration_bandwidth: float | None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -375,32 +235,25 @@ class FourChannelConfig(ArchitectureConfig):
         return self.bandwidth is None
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        if self.variant not in FOUR_CHANNEL_VARIANTS:
-            variants = ", ".join(FOUR_CHANNEL_VARIANTS)
-            Refuse(f"{path}.variant", self.variant, f"one of {variants}")
+        """Checks every field for itself, those of the local controllers too."""
+        CheckChoice(f"{path}.variant", self.variant, FOUR_CHANNEL_VARIANTS)
         super().Check(path, num_axes)
         self.C_m.CheckGains(f"{path}.C_m", num_axes)
         self.C_s.CheckGains(f"{path}.C_s", num_axes)
 
-    def Resolve(self, facts: Facts, path: str) -> FourChannel:
-        """Returns the parameters with every default derived.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
-        n, variant = facts.num_axes, FOUR_CHANNEL_VARIANTS[self.variant]
-
-        def Given(value: float | None, default: float) -> float:
-            return default if value is None else value
-
-        def Exchanged(force: float) -> float:
-            return force - 1 if force else 0.0
-
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        n, factors = facts.num_axes, FOUR_CHANNEL_VARIANTS[self.variant]
+        variant = dict(zip(("C1", "C2", "C3", "C4"), factors, strict=True))
+        derived: dict[str, Any] = {
+            name: value
+            for name, value in variant.items()
+            if getattr(self, name) is None
+        }
+        config = replace(self, **derived)
+        for local, exchanged in (("C5", config.C3), ("C6", config.C2)):
+            if getattr(self, local) is None:
+                setattr(config, local, exchanged - 1 if exchanged else 0.0)
         w = self.bandwidth
         if w is None:
             w, T = facts.DevicePole(), facts.round_trip
@@ -408,74 +261,55 @@ class FourChannelConfig(ArchitectureConfig):
         M_m = GainMatrix(self.master_mass, n)
         M_s, B_s = self.slave_mass, self.slave_damping
         if M_s is None:
-            M_s = facts.Inertia(f"{path}.slave_mass")
+            M_s = facts.Told("inertia", f"{path}.slave_mass")
         if B_s is None:
             B_s = 0.0
             if self.variant == "four_channel":
-                B_s = facts.RobotDamping(f"{path}.slave_damping")
+                B_s = facts.Told("robot_damping", f"{path}.slave_damping")
 
-        def Local(given: LocalController, is_tied: bool) -> ResolvedLocalController:
-            K, B = given.stiffness, given.damping
-            if K is None:
-                K = M_m * w**2 if is_tied else 0.0
-            if B is None:
-                B = 2 * M_m * w if is_tied else 0.0
-            return ResolvedLocalController(
-                damping=GainMatrix(B, n), stiffness=GainMatrix(K, n)
+        def Local(given: LocalController, is_tied: float) -> LocalController:
+            K = M_m * w**2 if is_tied else 0.0
+            B = 2 * M_m * w if is_tied else 0.0
+            return LocalController(
+                damping=GainMatrix(B if given.damping is None else given.damping, n),
+                stiffness=GainMatrix(
+                    K if given.stiffness is None else given.stiffness, n
+                ),
             )
 
-        C2, C3 = Given(self.C2, variant.C2), Given(self.C3, variant.C3)
-        return FourChannel(
+        return replace(
+            config,
             master_mass=M_m,
             master_damping=GainMatrix(self.master_damping, n),
             slave_mass=GainMatrix(M_s, n),
             slave_damping=GainMatrix(B_s, n),
             bandwidth=w,
-            C_m=Local(self.C_m, variant.is_master_tied),
-            C_s=Local(self.C_s, variant.is_slave_tied),
-            C1=Given(self.C1, variant.C1),
-            C2=C2,
-            C3=C3,
-            C4=Given(self.C4, variant.C4),
-            C5=Given(self.C5, Exchanged(C3)),
-            C6=Given(self.C6, Exchanged(C2)),
-            acceleration_bandwidth=self.acceleration_bandwidth,
+            C_m=Local(self.C_m, variant["C4"]),
+            C_s=Local(self.C_s, variant["C1"]),
         )
 
-    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
+    def MakeStation(self, end: str, start: ArrayLike) -> Station:
+        """Returns what one end is, master or slave; refuses what it cannot be."""
+        start = CheckStart(start)
+        n = start.size
+        local, *factors = (getattr(self, name) for name in _ENDS[end])
+        for name, factor in zip(_ENDS[end][1:], factors, strict=True):
+            CheckNumber(name, factor)
+        own = (self.Gain(f"{end}_{name}", n) for name in ("mass", "damping"))
+        of_local = (local.Gain(name, n) for name in ("damping", "stiffness"))
+        bandwidth = self.acceleration_bandwidth or 0.0
+        return Station._make((*own, *of_local, start, *factors, bandwidth))
 
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
-        numbers = self.Resolve(facts, path)
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
         start: list[float] = facts.start.tolist()
         # Position, velocity and force, and the acceleration where it is measured.
-        num_others = 3 if numbers.acceleration_bandwidth else 2
+        num_others = 3 if self.acceleration_bandwidth else 2
         packet = [*start, *[0.0] * (num_others * facts.num_axes)]
         return Architecture(
-            master_side=FourChannelMaster(
-                mass=numbers.master_mass,
-                damping=numbers.master_damping,
-                local_damping=numbers.C_m.damping,
-                local_stiffness=numbers.C_m.stiffness,
-                C2=numbers.C2,
-                C4=numbers.C4,
-                C6=numbers.C6,
-                start=start,
-                acceleration_bandwidth=numbers.acceleration_bandwidth,
-            ),
-            slave_side=FourChannelSlave(
-                mass=numbers.slave_mass,
-                damping=numbers.slave_damping,
-                local_damping=numbers.C_s.damping,
-                local_stiffness=numbers.C_s.stiffness,
-                C1=numbers.C1,
-                C3=numbers.C3,
-                C5=numbers.C5,
-                start=start,
-                acceleration_bandwidth=numbers.acceleration_bandwidth,
-            ),
+            master_side=FourChannelMaster(config, start=start),
+            slave_side=FourChannelSlave(config, start=start),
             initial_forward_packet=packet,
             initial_return_packet=packet,
         )

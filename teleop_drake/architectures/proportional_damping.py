@@ -1,20 +1,26 @@
 """P+d: position-position control with a spring and damping injection."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector
+from numpy.typing import ArrayLike
 
-from teleop_drake.architectures.base import Architecture, ArchitectureConfig
+from teleop_drake.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import GainField, GainMatrix, Number, Refuse
 
 
-class ProportionalMaster(KernelBlock):
+class ProportionalMaster(MasterSide):
     """A handle with mass, tied to where the tool was by a spring and braked.
 
         M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
@@ -46,63 +52,44 @@ class ProportionalMaster(KernelBlock):
     It compensates neither the mass nor the damping: the operator feels both.
 
     Args:
-        mass: M in kg (n, n), symmetric positive definite.
-        stiffness: K in N/m (n, n), symmetric, not negative.
-        damping: B in N s/m (n, n), symmetric, not negative.
+        config: Without nulls, as Resolve() makes it.
         start: x_m at time 0 in m (n).
-
-    Raises:
-        ValueError: If a size or value is not allowed.
     """
 
-    def __init__(
-        self,
-        *,
-        mass: ArrayLike,
-        stiffness: ArrayLike,
-        damping: ArrayLike,
-        start: ArrayLike,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("proportional_master")
-        start = np.array(start, dtype=float)
-        if start.ndim != 1 or not np.all(np.isfinite(start)):
-            Refuse("start", start, "finite numbers (m)")
-        n = self._n = start.size
-        self._M = CheckGain("mass", mass, n)
-        self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
-        self._B = CheckGain("damping", damping, n, may_be_zero=True)
-        for name in ("haptic_force", "velocity_command", "return_packet"):
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareContinuousState(
-            BasicVector(np.concatenate([start, np.zeros(n)])), n, n, 0
-        )
-        self.DeclareOutputs(
-            felt_position=n, felt_velocity=n, forward_packet=n, coupling_force=n
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = self._n
-        return Kernel(
-            parameters={"mass": self._M, "stiffness": self._K, "damping": self._B},
-            rate=(
-                master_rate, "state", "haptic_force", "return_packet", "mass",
-                "stiffness", "damping",
-            ),
-            outputs={
-                "felt_position": "return_packet",
-                "felt_velocity": ("state", n, 2 * n),
-                "forward_packet": ("state", 0, n),
-                "coupling_force": (
-                    coupling_force, ("state", 0, n), "return_packet", "stiffness"
+    def __init__(self, config: "ProportionalDampingConfig", *, start: ArrayLike):
+        start = CheckStart(start)
+        n = start.size
+        MasterSide.__init__(
+            self,
+            "proportional_master",
+            Kernel(
+                parameters={
+                    "mass": config.Gain("master_mass", n),
+                    "stiffness": config.Gain("stiffness", n),
+                    "damping": config.Gain("master_damping", n),
+                },
+                rate=(
+                    master_rate, "state", "haptic_force", "return_packet", "mass",
+                    "stiffness", "damping",
                 ),
-            },
-            unused=("velocity_command",),
+                outputs={
+                    "felt_position": "return_packet",
+                    "felt_velocity": ("state", n, 2 * n),
+                    "forward_packet": ("state", 0, n),
+                    "coupling_force": (
+                        coupling_force, ("state", 0, n), "return_packet", "stiffness"
+                    ),
+                },
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=n,
+            return_packet=n,
+            state=[*start, *[0.0] * n],
         )  # fmt: skip
 
 
-class ProportionalSlave(KernelBlock):
+class ProportionalSlave(SlaveSide):
     """Ties the tool to where the master was by a spring, and brakes it.
 
         F_c = K (x_m - p_WT) - B v
@@ -127,54 +114,32 @@ class ProportionalSlave(KernelBlock):
     It has no integral action: a force that lasts leaves a position error.
 
     Args:
-        stiffness: K in N/m (n, n), symmetric, not negative.
-        damping: B in N s/m (n, n), symmetric, not negative.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
+        config: Without nulls, as Resolve() makes it.
     """
 
-    def __init__(self, *, stiffness: ArrayLike, damping: ArrayLike):
-        KernelBlock.__init__(self)
-        self.set_name("proportional_slave")
-        n = np.atleast_2d(stiffness).shape[0]
-        self._K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
-        self._B = CheckGain("damping", damping, n, may_be_zero=True)
-        for name in (
-            "forward_packet",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        ):
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareOutputs(control_force=n, return_packet=n)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return Kernel(
-            parameters={"stiffness": self._K, "damping": self._B},
-            outputs={
-                "control_force": (
-                    slave_force, "forward_packet", "tool_position", "tool_velocity",
-                    "stiffness", "damping",
-                ),
-                "return_packet": "tool_position",
-            },
-            unused=("environment_force",),
+    def __init__(self, config: "ProportionalDampingConfig", *, num_axes: int):
+        n = num_axes
+        SlaveSide.__init__(
+            self,
+            "proportional_slave",
+            Kernel(
+                parameters={
+                    "stiffness": config.Gain("stiffness", n),
+                    "damping": config.Gain("slave_damping", n),
+                },
+                outputs={
+                    "control_force": (
+                        slave_force, "forward_packet", "tool_position",
+                        "tool_velocity", "stiffness", "damping",
+                    ),
+                    "return_packet": "tool_position",
+                },
+                unused=("environment_force",),
+            ),
+            n,
+            forward_packet=n,
+            return_packet=n,
         )  # fmt: skip
-
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProportionalDamping:
-    """Every number; see ProportionalDampingConfig for what they are."""
-
-    master_mass: Array
-    master_damping: Array
-    slave_damping: Array
-    stiffness: Array
 
 
 @dataclass(kw_only=True, eq=False)
@@ -205,12 +170,8 @@ class ProportionalDampingConfig(ArchitectureConfig):
         """Whether the stiffness derives from the nominal delays."""
         return self.stiffness is None
 
-    def Resolve(self, facts: Facts, path: str) -> ProportionalDamping:
-        """Returns the parameters with every default derived.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
         n, B_m = facts.num_axes, self.master_damping
         if B_m is None:
             B_m = facts.OperatorResistance(f"{path}.master_damping")
@@ -225,13 +186,10 @@ class ProportionalDampingConfig(ArchitectureConfig):
             if T > 0:
                 stiffness = min(stiffness, math.sqrt(4 * least / self.margin) / T)
             if not stiffness > 0:
-                Refuse(
-                    f"{path}.stiffness",
-                    None,
-                    "a number, because the dampings or the poles of haptic_device "
-                    "are 0",
-                )
-        return ProportionalDamping(
+                allowed = "a number, because the dampings or the poles of haptic_device"
+                Refuse(f"{path}.stiffness", None, f"{allowed} are 0")
+        return replace(
+            self,
             master_mass=mass,
             master_damping=B_m,
             slave_damping=B_s,
@@ -239,23 +197,12 @@ class ProportionalDampingConfig(ArchitectureConfig):
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
-        numbers = self.Resolve(facts, path)
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
         start: list[float] = facts.start.tolist()
         return Architecture(
-            master_side=ProportionalMaster(
-                mass=numbers.master_mass,
-                stiffness=numbers.stiffness,
-                damping=numbers.master_damping,
-                start=start,
-            ),
-            slave_side=ProportionalSlave(
-                stiffness=numbers.stiffness, damping=numbers.slave_damping
-            ),
+            master_side=ProportionalMaster(config, start=start),
+            slave_side=ProportionalSlave(config, num_axes=len(start)),
             initial_forward_packet=start,
             initial_return_packet=start,
         )

@@ -10,7 +10,6 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import KernelBlock
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
@@ -38,10 +37,6 @@ class RobustBackstepping(AdaptiveBackstepping):
         gains: The constants of the law of chapters 4 and 5.
         bounds: Those of the robust terms.
         network: The basis functions of both networks, with n inputs in m.
-
-    Raises:
-        ValueError: If a bound is not allowed, or the network does not have one input
-            per axis.
     """
 
     def __init__(
@@ -51,14 +46,18 @@ class RobustBackstepping(AdaptiveBackstepping):
         bounds: RobustBounds,
         network: GaussianNetwork,
     ):
-        KernelBlock.__init__(self)
-        self.set_name("robust_backstepping")
         for name in ("rho1", "rho3"):
             CheckNumber(name, getattr(bounds, name), minimum=0)
         for name in ("eps1", "eps3"):
             CheckNumber(name, getattr(bounds, name), above=0)
-        self._bounds = bounds
-        self._Declare(gains, network, robust_rate, robust_errors, bounds=self._bounds)
+        self._Make(
+            "robust_backstepping",
+            robust_rate,
+            robust_errors,
+            gains,
+            network,
+            bounds=bounds,
+        )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -82,11 +81,7 @@ class RobustTermsConfig(FixedFields):
     force_width: float | None = Number(None, "N", above=0)
 
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
-        """Returns the bounds with every default derived.
-
-        Raises:
-            ScenarioError: If a width would be 0.
-        """
+        """Returns the bounds with every default derived; a width may not be 0."""
         speed = float(np.linalg.norm(facts.velocity))
         G2, Lambda = (
             np.linalg.eigvalsh((x + x.T) / 2) for x in (gains.G2, gains.Lambda)
@@ -101,16 +96,12 @@ class RobustTermsConfig(FixedFields):
                 (self.force_width, force),
             )
         )
-        bounds = RobustBounds(
-            rho1=self.acceleration_bound, eps1=eps1, rho3=rho3, eps3=eps3
-        )
-        for name, width in (
-            ("velocity_width", bounds.eps1),
-            ("force_width", bounds.eps3),
-        ):
+        for name, width in (("velocity_width", eps1), ("force_width", eps3)):
             if not width > 0:
                 Refuse(f"{path}.{name}", None, "given where no velocity is commanded")
-        return bounds
+        return RobustBounds(
+            rho1=self.acceleration_bound, eps1=eps1, rho3=rho3, eps3=eps3
+        )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -122,20 +113,12 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
     robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field for itself."""
         super().Check(path, num_axes)
         self.robust.CheckNumbers(f"{path}.robust")
 
     def MakeControlLaw(self, facts: Facts, path: str) -> RobustBackstepping:
-        """Makes the law.
-
-        Raises:
-            ScenarioError: If Psi cannot be derived or inverted, or a width would be 0.
-        """
+        """Makes the law."""
         gains = self.Resolve(facts, path)
         return RobustBackstepping(
             gains=gains,

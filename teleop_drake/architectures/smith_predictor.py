@@ -1,10 +1,10 @@
 """Direct force with a model of the robot at the master: Smith's predictor."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
@@ -23,7 +23,7 @@ from teleop_drake.architectures.damped_force import DampedForce
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.validation import CheckGain, GainField, GainMatrix, Number
+from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number
 
 
 class SmithPredictorMaster(Diagram):
@@ -62,28 +62,16 @@ class SmithPredictorMaster(Diagram):
     The model is linear and has no layers. Its delay does not follow one that varies.
 
     Args:
-        mass: M in kg (n, n), symmetric positive definite.
-        damping: B in N s/m (n, n), symmetric, not negative.
-        stiffness: K in N/m (n, n), symmetric, not negative.
-        delay: T in s, >= 0.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
+        config: Without nulls, as Resolve() makes it.
     """
 
-    def __init__(
-        self,
-        *,
-        mass: ArrayLike,
-        damping: ArrayLike,
-        stiffness: ArrayLike,
-        delay: float,
-    ):
+    def __init__(self, config: "SmithPredictorConfig", *, num_axes: int):
         Diagram.__init__(self)
-        n = np.atleast_2d(mass).shape[0]
-        M_inverse = np.linalg.inv(CheckGain("mass", mass, n))
-        B = CheckGain("damping", damping, n, may_be_zero=True)
-        K = CheckGain("stiffness", stiffness, n, may_be_zero=True)
+        n = num_axes
+        M_inverse = np.linalg.inv(config.Gain("mass", n))
+        B, K = config.Gain("damping", n), config.Gain("stiffness", n)
+        delay: Any = config.delay
+        CheckNumber("delay", delay, "s", minimum=0)
         nothing, one = np.zeros((n, n)), np.eye(n)
         builder = DiagramBuilder()
         unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
@@ -121,20 +109,6 @@ class SmithPredictorMaster(Diagram):
         self.set_name("smith_predictor_master")
 
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmithPredictor:
-    """Every number of the model; see SmithPredictorConfig for what they are."""
-
-    mass: Array
-    damping: Array
-    stiffness: Array
-    delay: float
-    local_damping: Array
-
-
 @dataclass(kw_only=True, eq=False)
 class SmithPredictorConfig(ArchitectureConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
@@ -155,22 +129,19 @@ class SmithPredictorConfig(ArchitectureConfig):
     # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
     local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
-    def Resolve(self, facts: Facts, path: str) -> SmithPredictor:
-        """Returns the parameters with every default derived.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
         n = facts.num_axes
         mass, damping, stiffness = self.mass, self.damping, self.stiffness
         local = GainMatrix(self.local_damping, n)
         if mass is None:
-            mass = facts.Inertia(f"{path}.mass")
+            mass = facts.Told("inertia", f"{path}.mass")
         if damping is None:
             damping = facts.StartDamping(f"{path}.damping") + local
         if stiffness is None:
-            stiffness = facts.StartStiffness(f"{path}.stiffness")
-        return SmithPredictor(
+            stiffness = facts.Told("environment_stiffness", f"{path}.stiffness")
+        return replace(
+            self,
             mass=GainMatrix(mass, n),
             damping=GainMatrix(damping, n),
             stiffness=GainMatrix(stiffness, n),
@@ -179,23 +150,14 @@ class SmithPredictorConfig(ArchitectureConfig):
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
-        model = self.Resolve(facts, path)
-        n, local = facts.num_axes, model.local_damping
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
+        n, local = facts.num_axes, config.local_damping
         law = (
             DampedForce(num_axes=n, damping=local)
             if np.any(local)
             else DirectForce(num_axes=n)
         )
         architecture = MakeLawArchitecture(law, facts.start.tolist())
-        architecture.master_side = SmithPredictorMaster(
-            mass=model.mass,
-            damping=model.damping,
-            stiffness=model.stiffness,
-            delay=model.delay,
-        )
+        architecture.master_side = SmithPredictorMaster(config, num_axes=n)
         return architecture

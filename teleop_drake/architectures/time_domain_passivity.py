@@ -1,13 +1,18 @@
 """Direct force under passivity control in the time domain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.architectures.base import Architecture, ArchitectureConfig
+from teleop_drake.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    MasterSide,
+    SlaveSide,
+)
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import Kernel, KernelBlock, Name, times
+from teleop_drake.kernel import Kernel, Name, times
 from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.laws.passivity import (
     damped_force,
@@ -19,7 +24,6 @@ from teleop_drake.laws.passivity import (
 )
 from teleop_drake.laws.proportional import braked_force
 from teleop_drake.validation import (
-    CheckGain,
     CheckNumber,
     GainField,
     GainMatrix,
@@ -31,17 +35,17 @@ from teleop_drake.validation import (
 _AMPLE = 1e9
 
 
-def IdlePart(num_axes: int) -> LinearPart:
-    """Returns what a passivity controller tells that is not to act: no energy has left.
+class _Idle:
+    """What a passivity controller tells that is not to act: no energy has left."""
 
-    Args:
-        num_axes: n, of the state [E_in (n), E_out (n)].
-    """
-    energies = np.repeat([0.0, -_AMPLE], num_axes)
-    return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that the budget is ample and stays so."""
+        num_states = self.num_continuous_states()  # type: ignore[attr-defined]
+        energies = np.repeat([0.0, -_AMPLE], num_states // 2)
+        return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
 
 
-class PassivityMaster(KernelBlock):
+class PassivityMaster(_Idle, MasterSide):
     """Lets the operator feel the tool's velocity as long as that is passive.
 
         v_m = v_ret + beta F_h,   0 <= beta <= maximum_mobility
@@ -65,7 +69,7 @@ class PassivityMaster(KernelBlock):
     | out  | master_power     | n    | W           | F_h v_m, into the channel       |
     | out  | injected_mobility | n   | m/(N s)     | beta                            |
 
-    State (continuous): [E_in (n), E_out (n)] in units of `energy_scale`, because the
+    State (continuous): [E_in (n), E_out (n)] in units of `initial_energy`, because the
     solver's tolerance is absolute.
 
     Initial value: 0.
@@ -80,94 +84,55 @@ class PassivityMaster(KernelBlock):
     errs on the safe side, because E_in only grows; one that extrapolates does not.
 
     Args:
-        num_axes: Number n of task axes, >= 1.
-        horizon: In s, > 0.
-        maximum_mobility: Largest beta in m/(N s), > 0.
-        energy_scale: In J, > 0.
-
-    Raises:
-        ValueError: If a value is not allowed.
+        config: Without nulls, as Resolve() makes it. Its initial_energy is the scale.
     """
 
-    def __init__(
-        self,
-        *,
-        num_axes: int,
-        horizon: float,
-        maximum_mobility: float,
-        energy_scale: float,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("passivity_master")
-        _CheckPositive(
-            num_axes,
-            horizon=horizon,
-            maximum_mobility=maximum_mobility,
-            energy_scale=energy_scale,
-        )
-        n = self._n = num_axes
-        self._horizon, self._maximum = horizon, maximum_mobility
-        self._scale = energy_scale
-        self.DeclareVectorInputPort("haptic_force", n)
-        self.DeclareVectorInputPort("velocity_command", n)
-        self.DeclareVectorInputPort("return_packet", 3 * n)
-        self.DeclareContinuousState(2 * n)
-        self.DeclareOutputs(
-            felt_position=n,
-            felt_velocity=n,
-            forward_packet=2 * n,
-            master_budget=n,
-            master_power=n,
-            injected_mobility=n,
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = self._n
+    def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
+        names = ("horizon", "maximum_mobility", "initial_energy")
+        n = num_axes
         v: Name = ("return_packet", n, 2 * n)
-        return Kernel(
-            parameters={
-                "horizon": self._horizon,
-                "maximum": self._maximum,
-                "scale": self._scale,
-                "no_energy": 0.0,
-            },
-            rate=(scaled_energy_rates, "master_power", "scale"),
-            outputs={
-                "felt_position": ("return_packet", 0, n),
-                "felt_velocity": (
-                    injected_velocity, v, "injected_mobility", "haptic_force"
-                ),
-                "stored": (times, ("state", 0, n), "scale"),
-                "forward_packet": ["haptic_force", "stored"],
-                "master_budget": (
-                    energy_budget, "no_energy", ("return_packet", 2 * n, 3 * n),
-                    ("state", n, 2 * n), "scale",
-                ),
-                "master_power": (times, "haptic_force", "felt_velocity"),
-                "injected_mobility": (
-                    master_mobility, "haptic_force", v, "master_budget", "horizon",
-                    "maximum",
-                ),
-            },
-            sizes={"stored": n},
-            unused=("velocity_command",),
+        MasterSide.__init__(
+            self,
+            "passivity_master",
+            Kernel(
+                parameters={**_Positive(config, *names), "no_energy": 0.0},
+                rate=(scaled_energy_rates, "master_power", "initial_energy"),
+                outputs={
+                    "felt_position": ("return_packet", 0, n),
+                    "felt_velocity": (
+                        injected_velocity, v, "injected_mobility", "haptic_force"
+                    ),
+                    "stored": (times, ("state", 0, n), "initial_energy"),
+                    "forward_packet": ["haptic_force", "stored"],
+                    "master_budget": (
+                        energy_budget, "no_energy", ("return_packet", 2 * n, 3 * n),
+                        ("state", n, 2 * n), "initial_energy",
+                    ),
+                    "master_power": (times, "haptic_force", "felt_velocity"),
+                    "injected_mobility": (
+                        master_mobility, "haptic_force", v, "master_budget",
+                        "horizon", "maximum_mobility",
+                    ),
+                },
+                sizes={"stored": n},
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=3 * n,
+            state=[0.0] * (2 * n),
         )  # fmt: skip
 
-    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that the budget is ample and stays so."""
-        return IdlePart(self._n)
 
-
-def _CheckPositive(num_axes: int, **values: float) -> None:
-    """Refuses parameters that neither end can have."""
-    if num_axes < 1:
-        Refuse("num_axes", num_axes, "a whole number >= 1")
-    for name, value in values.items():
+def _Positive(config: "TimeDomainPassivityConfig", *names: str) -> dict[str, float]:
+    """Returns fields by their names; refuses those that are not > 0, or null."""
+    numbers = {name: getattr(config, name) for name in names}
+    for name, value in numbers.items():
         CheckNumber(name, value, above=0)
+    return numbers
 
 
-class PassivitySlave(KernelBlock):
+class PassivitySlave(_Idle, SlaveSide):
     """Applies the haptic force that arrives as long as that is passive.
 
         F = F_hd - alpha v,   0 <= alpha <= maximum_damping
@@ -209,100 +174,50 @@ class PassivitySlave(KernelBlock):
     budget is spent gets no power until the operator has moved against a force.
 
     Args:
-        num_axes: Number n of task axes, >= 1.
-        horizon: In s, > 0.
-        maximum_damping: Largest alpha in N s/m, > 0.
-        initial_energy: E_0 of each axis in J, > 0.
-        local_damping: B in N s/m, a number or (n, n), symmetric, not negative.
-
-    Raises:
-        ValueError: If a value is not allowed.
+        config: Without nulls, as Resolve() makes it.
     """
 
-    def __init__(
-        self,
-        *,
-        num_axes: int,
-        horizon: float,
-        maximum_damping: float,
-        initial_energy: float,
-        local_damping: ArrayLike = 0.0,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("passivity_slave")
-        _CheckPositive(
-            num_axes,
-            horizon=horizon,
-            maximum_damping=maximum_damping,
-            initial_energy=initial_energy,
-        )
-        n = self._n = num_axes
-        self._horizon, self._maximum = horizon, maximum_damping
-        self._E_0 = initial_energy
-        self._B = CheckGain("local_damping", local_damping, n, may_be_zero=True)
-        self.DeclareVectorInputPort("forward_packet", 2 * n)
-        for name in ("tool_position", "tool_velocity", "environment_force"):
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareContinuousState(2 * n)
-        self.DeclareOutputs(
-            control_force=n,
-            return_packet=3 * n,
-            slave_budget=n,
-            slave_power=n,
-            injected_damping=n,
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = self._n
+    def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
+        n, names = num_axes, ("horizon", "maximum_damping", "initial_energy")
         F: Name = ("forward_packet", 0, n)
-        return Kernel(
-            parameters={
-                "horizon": self._horizon,
-                "maximum": self._maximum,
-                "initial_energy": self._E_0,
-                "minus": -1.0,
-                "local_damping": self._B,
-            },
-            rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
-            outputs={
-                "passive_force": (
-                    damped_force, F, "injected_damping", "tool_velocity"
-                ),
-                "control_force": (
-                    braked_force, "passive_force", "tool_velocity", "local_damping"
-                ),
-                "stored": (times, ("state", 0, n), "initial_energy"),
-                "return_packet": ["tool_position", "tool_velocity", "stored"],
-                "slave_budget": (
-                    energy_budget, "initial_energy", ("forward_packet", n, 2 * n),
-                    ("state", n, 2 * n), "initial_energy",
-                ),
-                "slave_power": (times, "passive_force", "tool_velocity"),
-                "incoming_power": (times, "slave_power", "minus"),
-                "injected_damping": (
-                    slave_damping, F, "tool_velocity", "slave_budget", "horizon",
-                    "maximum",
-                ),
-            },
-            sizes={"passive_force": n, "stored": n, "incoming_power": n},
-            unused=("environment_force",),
+        SlaveSide.__init__(
+            self,
+            "passivity_slave",
+            Kernel(
+                parameters={
+                    **_Positive(config, *names),
+                    "minus": -1.0,
+                    "local_damping": config.Gain("local_damping", n),
+                },
+                rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
+                outputs={
+                    "passive_force": (
+                        damped_force, F, "injected_damping", "tool_velocity"
+                    ),
+                    "control_force": (
+                        braked_force, "passive_force", "tool_velocity", "local_damping"
+                    ),
+                    "stored": (times, ("state", 0, n), "initial_energy"),
+                    "return_packet": ["tool_position", "tool_velocity", "stored"],
+                    "slave_budget": (
+                        energy_budget, "initial_energy", ("forward_packet", n, 2 * n),
+                        ("state", n, 2 * n), "initial_energy",
+                    ),
+                    "slave_power": (times, "passive_force", "tool_velocity"),
+                    "incoming_power": (times, "slave_power", "minus"),
+                    "injected_damping": (
+                        slave_damping, F, "tool_velocity", "slave_budget", "horizon",
+                        "maximum_damping",
+                    ),
+                },
+                sizes={"passive_force": n, "stored": n, "incoming_power": n},
+                unused=("environment_force",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=3 * n,
+            state=[0.0] * (2 * n),
         )  # fmt: skip
-
-    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that the budget is ample and stays so."""
-        return IdlePart(self._n)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeDomainPassivity:
-    """Every number; see TimeDomainPassivityConfig for what they are."""
-
-    horizon: float
-    maximum_damping: float
-    maximum_mobility: float
-    initial_energy: float
-    local_damping: NDArray[np.float64]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -332,36 +247,30 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # none.
     local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
-    def Resolve(self, facts: Facts, path: str) -> TimeDomainPassivity:
-        """Returns the parameters with every default derived.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
         damping, mobility = self.maximum_damping, self.maximum_mobility
         energy = self.initial_energy
         local = GainMatrix(self.local_damping, facts.num_axes)
         if damping is None:
-            masses = np.linalg.eigvalsh(facts.Inertia(f"{path}.maximum_damping"))
+            masses = np.linalg.eigvalsh(
+                facts.Told("inertia", f"{path}.maximum_damping")
+            )
             damping = float(masses[0]) / self.horizon
         if mobility is None:
             h = facts.DeviceGain()
             if not h > 0:
-                Refuse(
-                    f"{path}.maximum_mobility",
-                    None,
-                    "a number, because none derives from haptic_device with "
-                    f"s H(s) -> {h:g}",
-                )
+                allowed = "a number, because none derives from haptic_device with"
+                Refuse(f"{path}.maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
             mobility = 1 / (h * self.horizon)
         if energy is None:
             field = f"{path}.initial_energy"
-            mass = np.linalg.eigvalsh(facts.Inertia(field))[-1]
+            mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
             drag = np.linalg.eigvalsh(facts.StartDamping(field) + local)[-1]
             speed_squared = facts.velocity @ facts.velocity
             energy = (mass / 2 + drag * facts.round_trip) * speed_squared
-        return TimeDomainPassivity(
-            horizon=self.horizon,
+        return replace(
+            self,
             maximum_damping=damping,
             maximum_mobility=mobility,
             initial_energy=float(energy),
@@ -369,27 +278,12 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
-        numbers, n = self.Resolve(facts, path), facts.num_axes
+        """Makes both sides."""
+        config, n = self.Resolve(facts, path), facts.num_axes
         facts.CheckStrictlyProper(self.kind)
         return Architecture(
-            master_side=PassivityMaster(
-                num_axes=n,
-                horizon=numbers.horizon,
-                maximum_mobility=numbers.maximum_mobility,
-                energy_scale=numbers.initial_energy,
-            ),
-            slave_side=PassivitySlave(
-                num_axes=n,
-                horizon=numbers.horizon,
-                maximum_damping=numbers.maximum_damping,
-                initial_energy=numbers.initial_energy,
-                local_damping=numbers.local_damping,
-            ),
+            master_side=PassivityMaster(config, num_axes=n),
+            slave_side=PassivitySlave(config, num_axes=n),
             initial_forward_packet=[0.0] * (2 * n),
             initial_return_packet=[*facts.start.tolist(), *[0.0] * (2 * n)],
         )

@@ -1,15 +1,21 @@
 """Wave variables: the channels carry waves, which delay cannot make active."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector
+from numpy.typing import ArrayLike
 
-from teleop_drake.architectures.base import Architecture, ArchitectureConfig
+from teleop_drake.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels import ChannelConfig
-from teleop_drake.kernel import Kernel, KernelBlock, Name, Term, times
+from teleop_drake.kernel import Kernel, Name, Term, times
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.wave_variables import (
     drift_correcting_wave,
@@ -22,7 +28,6 @@ from teleop_drake.laws.wave_variables import (
     wave_root,
 )
 from teleop_drake.validation import (
-    CheckGain,
     CheckNumber,
     GainField,
     GainMatrix,
@@ -31,7 +36,7 @@ from teleop_drake.validation import (
 )
 
 
-class WaveMaster(KernelBlock):
+class WaveMaster(MasterSide):
     """Turns the operator's force and the returning wave into velocity and a wave.
 
         v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
@@ -65,99 +70,68 @@ class WaveMaster(KernelBlock):
     position that the operator feels is where the tool was, not x_m.
 
     Args:
-        impedance: b in N s/m (n, n), symmetric positive definite.
-        damping: D in N s/m (n, n), symmetric, not negative.
+        config: Without a null that stands for a default, as Resolve() makes it.
         start: x_m at time 0 in m (n).
-        scaling: f, factor on the received wave; see passive_scaling().
-        bandwidth: Corner of the low-pass in rad/s; None: no low-pass.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
     """
 
-    def __init__(
-        self,
-        *,
-        impedance: ArrayLike,
-        damping: ArrayLike,
-        start: ArrayLike,
-        scaling: float = 1.0,
-        bandwidth: float | None = None,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("wave_master")
-        b = np.array(impedance, dtype=float)
-        start = np.array(start, dtype=float)
-        self._S = wave_root(b)
-        n = self._n = self._S.shape[0]
-        self._D = CheckGain("damping", damping, n, may_be_zero=True)
-        if start.shape != (n,):
-            Refuse("start", start, f"{n} finite numbers (m)")
-        _CheckWavePath(scaling, bandwidth)
-        self._f, self._bandwidth = scaling, bandwidth
-        self._is_matched = np.allclose(self._D, b, rtol=1e-12, atol=0)
-        self.DeclareVectorInputPort("haptic_force", n)
-        self.DeclareVectorInputPort("velocity_command", n)
-        self.DeclareVectorInputPort("return_packet", 2 * n)
-        initial = np.append(start, [0.0] * (n if bandwidth else 0))
-        self.DeclareContinuousState(BasicVector(initial))
-        self.DeclareOutputs(
-            felt_position=n,
-            felt_velocity=n,
-            forward_packet=2 * n,
-            master_position=n,
-            master_power=n,
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = int(self._n)
-        wave: Name = ("state", n, 2 * n) if self._bandwidth else "received"
+    def __init__(self, config: "WaveVariablesConfig", *, start: ArrayLike):
+        start = CheckStart(start)
+        n = start.size
+        b, D = config.Gain("impedance", n), config.Gain("master_damping", n)
+        path = _WavePath(config.return_scaling, config.return_bandwidth)
+        bandwidth = path["bandwidth"]
+        is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
+        wave: Name = ("state", n, 2 * n) if bandwidth else "received"
+        # Where nothing is reflected the arriving wave must not be looked at: without a
+        # delay it depends on this very output.
+        seen: Name = "nothing" if is_matched else wave
         outputs: dict[str, Term] = {
             "received": (times, ("return_packet", 0, n), "scaling"),
             "velocity": (master_velocity, "haptic_force", wave, "root", "damping"),
             "felt_position": ("return_packet", n, 2 * n),
             "felt_velocity": "velocity",
-            "master_position": ("state", 0, n),
-            "master_power": (line_power, "haptic_force", "velocity", "damping"),
-        }
-        # Where nothing is reflected the arriving wave must not be looked at: without a
-        # delay it depends on this very output.
-        seen: Name = "nothing" if self._is_matched else wave
-        outputs |= {
             "own_velocity": (master_velocity, "haptic_force", seen, "root", "damping"),
             "reflected": (reflected_wave, "own_velocity", seen, "root"),
             "forward_packet": ["reflected", ("state", 0, n)],
+            "master_position": ("state", 0, n),
+            "master_power": (line_power, "haptic_force", "velocity", "damping"),
         }
         rate: list[Name] = ["velocity"]
-        if self._bandwidth:
+        if bandwidth:
             outputs["filtered"] = (filtered_wave_rate, wave, "received", "bandwidth")
             rate.append("filtered")
-        return Kernel(
-            parameters={
-                "scaling": self._f,
-                "bandwidth": self._bandwidth or 0.0,
-                "root": self._S,
-                "damping": self._D,
-                "nothing": np.zeros(n),
-            },
-            rate=rate,
-            outputs=outputs,
-            sizes=dict.fromkeys(
-                ("received", "velocity", "own_velocity", "reflected", "filtered"), n
+        inner = ("received", "velocity", "own_velocity", "reflected", "filtered")
+        MasterSide.__init__(
+            self,
+            "wave_master",
+            Kernel(
+                parameters={
+                    **path,
+                    "root": wave_root(b),
+                    "damping": D,
+                    "nothing": np.zeros(n),
+                },
+                rate=rate,
+                outputs=outputs,
+                sizes=dict.fromkeys(inner, n),
+                unused=("velocity_command",),
             ),
-            unused=("velocity_command",),
+            n,
+            forward_packet=2 * n,
+            return_packet=2 * n,
+            state=[*start, *([0.0] * n if bandwidth else [])],
         )
 
 
-def _CheckWavePath(scaling: float, bandwidth: float | None) -> None:
-    """Refuses what no arriving wave can go through."""
+def _WavePath(scaling: float | None, bandwidth: float | None) -> dict[str, Any]:
+    """Returns what an arriving wave goes through; refuses what none can."""
     CheckNumber("scaling", scaling, above=0, maximum=1)
     if bandwidth is not None:
         CheckNumber("bandwidth", bandwidth, "rad/s", above=0)
+    return {"scaling": scaling, "bandwidth": bandwidth or 0.0}
 
 
-class WaveSlave(KernelBlock):
+class WaveSlave(SlaveSide):
     """Turns the arriving wave and the tool's velocity into a force and a wave.
 
         F_c = (2 b)^(1/2) u - b v
@@ -193,58 +167,20 @@ class WaveSlave(KernelBlock):
     Research 23, 2004). It cannot act while no wave arrives.
 
     Args:
-        impedance: b in N s/m (n, n), symmetric positive definite.
-        scaling: f, factor on the received wave; see passive_scaling().
-        bandwidth: Corner of the low-pass in rad/s; None: no low-pass.
-        drift_correction: Rate in 1/s, >= 0; 0: none.
-
-    Raises:
-        ValueError: If a size or value is not allowed.
+        config: Without a null that stands for a default, as Resolve() makes it.
     """
 
-    def __init__(
-        self,
-        *,
-        impedance: ArrayLike,
-        scaling: float = 1.0,
-        bandwidth: float | None = None,
-        drift_correction: float = 0.0,
-    ):
-        KernelBlock.__init__(self)
-        self.set_name("wave_slave")
-        self._S = wave_root(impedance)
-        n = self._n = self._S.shape[0]
-        _CheckWavePath(scaling, bandwidth)
-        self._f, self._bandwidth = scaling, bandwidth
-        if not 0 <= drift_correction < np.inf:
-            Refuse("drift_correction", drift_correction, "a number >= 0 (1/s)")
-        self._rate = drift_correction
-        self.DeclareVectorInputPort("forward_packet", 2 * n)
-        for name in ("tool_position", "tool_velocity", "environment_force"):
-            self.DeclareVectorInputPort(name, n)
-        if bandwidth:
-            self.DeclareContinuousState(n)
-        self.DeclareOutputs(control_force=n, return_packet=2 * n, slave_power=n)
-
-    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that there is nothing special; refuses a correction of the drift.
-
-        Raises:
-            ScenarioError: If there is a correction.
-        """
-        if self._rate:
-            allowed = "0 for a linear model, because it acts in one direction only"
-            Refuse("drift_correction", self._rate, allowed)
-        return LinearPart()
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = int(self._n)
+    def __init__(self, config: "WaveVariablesConfig", *, num_axes: int):
+        n, rate = num_axes, config.drift_correction
+        CheckNumber("drift_correction", rate, "1/s", minimum=0)
+        self._drift_correction = rate
+        path = _WavePath(config.forward_scaling, config.forward_bandwidth)
+        bandwidth = path["bandwidth"]
+        wave = "state" if bandwidth else "received"
         outputs: dict[str, Term] = {
             "received": (times, ("forward_packet", 0, n), "scaling")
         }
-        wave = "state" if self._bandwidth else "received"
-        if self._rate > 0:
+        if rate > 0:
             outputs["corrected"] = (
                 drift_correcting_wave, wave, ("forward_packet", n, 2 * n),
                 "tool_position", "root", "drift_correction",
@@ -256,40 +192,33 @@ class WaveSlave(KernelBlock):
             "return_packet": ["reflected", "tool_position"],
             "slave_power": (times, "control_force", "tool_velocity"),
         }
-        rate: Term | None = None
-        if self._bandwidth:
-            rate = (filtered_wave_rate, "state", "received", "bandwidth")
-        return Kernel(
-            parameters={
-                "scaling": self._f,
-                "bandwidth": self._bandwidth or 0.0,
-                "root": self._S,
-                "drift_correction": self._rate,
-            },
-            rate=rate,
-            outputs=outputs,
-            sizes=dict.fromkeys(
-                ("received", "corrected", "reflected"),
-                n,
+        filtered: Term = (filtered_wave_rate, "state", "received", "bandwidth")
+        SlaveSide.__init__(
+            self,
+            "wave_slave",
+            Kernel(
+                parameters={
+                    **path,
+                    "root": wave_root(config.Gain("impedance", n)),
+                    "drift_correction": rate,
+                },
+                rate=filtered if bandwidth else None,
+                outputs=outputs,
+                sizes=dict.fromkeys(("received", "corrected", "reflected"), n),
+                unused=("environment_force",),
             ),
-            unused=("environment_force",),
+            n,
+            forward_packet=2 * n,
+            return_packet=2 * n,
+            state=[0.0] * n if bandwidth else (),
         )
 
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class WaveVariables:
-    """The wave line with every number; see WaveVariablesConfig for what they are."""
-
-    impedance: Array
-    master_damping: Array
-    forward_bandwidth: float | None
-    return_bandwidth: float | None
-    forward_scaling: float
-    return_scaling: float
-    drift_correction: float
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that there is nothing special; refuses a correction of the drift."""
+        if self._drift_correction:
+            allowed = "0 for a linear model, because it acts in one direction only"
+            Refuse("drift_correction", self._drift_correction, allowed)
+        return LinearPart()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -320,12 +249,8 @@ class WaveVariablesConfig(ArchitectureConfig):
     # that takes energy out of the line. 0: not at all.
     drift_correction: float = Number(0.0, "1/s", minimum=0)
 
-    def Resolve(self, facts: Facts, path: str) -> WaveVariables:
-        """Returns the parameters with every default derived.
-
-        Raises:
-            ScenarioError: If a default cannot be derived.
-        """
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
         n, impedance = facts.num_axes, self.impedance
         if impedance is None:
             impedance = facts.OperatorResistance(f"{path}.impedance")
@@ -336,23 +261,16 @@ class WaveVariablesConfig(ArchitectureConfig):
                 return given
             return passive_scaling(channel.LargestSlope(facts.duration))
 
-        return WaveVariables(
+        return replace(
+            self,
             impedance=GainMatrix(impedance, n),
             master_damping=GainMatrix(damping, n),
-            forward_bandwidth=self.forward_bandwidth,
-            return_bandwidth=self.return_bandwidth,
             forward_scaling=Scaling(self.forward_scaling, facts.forward_channel),
             return_scaling=Scaling(self.return_scaling, facts.return_channel),
-            drift_correction=self.drift_correction,
         )
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides.
-
-        Raises:
-            ScenarioError: If a default cannot be derived, or the wave would go round
-                in no time.
-        """
+        """Makes both sides; refuses a wave that would go round in no time."""
         line = self.Resolve(facts, path)
         facts.CheckStrictlyProper(self.kind)
         is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
@@ -368,19 +286,8 @@ class WaveVariablesConfig(ArchitectureConfig):
         # No waves under way, and both at the start.
         packet = [*[0.0] * len(start), *start]
         return Architecture(
-            master_side=WaveMaster(
-                impedance=line.impedance,
-                damping=line.master_damping,
-                start=start,
-                scaling=line.return_scaling,
-                bandwidth=line.return_bandwidth,
-            ),
-            slave_side=WaveSlave(
-                impedance=line.impedance,
-                scaling=line.forward_scaling,
-                bandwidth=line.forward_bandwidth,
-                drift_correction=line.drift_correction,
-            ),
+            master_side=WaveMaster(line, start=start),
+            slave_side=WaveSlave(line, num_axes=len(start)),
             initial_forward_packet=packet,
             initial_return_packet=packet,
         )

@@ -1,6 +1,6 @@
 """What a block tells of itself, and what is made of it for Drake."""
 
-from teleop_drake.kernel.block import KernelBlock
+from teleop_drake.kernel.block import FixedBlock, KernelBlock
 from teleop_drake.kernel.kernel import (
     Delay,
     Kernel,
@@ -13,6 +13,7 @@ from teleop_drake.kernel.kernel import (
 
 __all__ = [
     "Delay",
+    "FixedBlock",
     "Kernel",
     "KernelBlock",
     "Name",

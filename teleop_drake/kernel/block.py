@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.math import inv
 from pydrake.systems.framework import (
@@ -196,6 +197,38 @@ class KernelBlock(Convertible):
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
         return self._kernel_events.Witnesses(context)
+
+
+class FixedBlock(KernelBlock):
+    """A block that is handed its ports and its kernel at once, and keeps them.
+
+    Args:
+        inputs: Width of each input port by its name, in the order of the ports.
+        outputs: The same of the output ports.
+        state: The continuous state at first.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kernel: Kernel,
+        *,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, int],
+        state: ArrayLike = (),
+    ):
+        KernelBlock.__init__(self)
+        self.set_name(name)
+        self._kernel = kernel
+        for port, size in inputs.items():
+            self.DeclareVectorInputPort(port, size)
+        if np.size(state):
+            self.DeclareContinuousState(BasicVector(np.array(state, dtype=float)))
+        self.DeclareOutputs(**outputs)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        return self._kernel
 
 
 def _Callback(owner: Any, name: str) -> Callable[[Context, BasicVector], None]:

@@ -23,8 +23,10 @@ from teleop_drake.architectures import (
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
 )
-from teleop_drake.architectures.adaptive_backstepping import BacksteppingParameters
-from teleop_drake.architectures.lattice import NetworkConfig
+from teleop_drake.architectures.adaptive_backstepping import (
+    BacksteppingParameters,
+    NetworkConfig,
+)
 from teleop_drake.architectures.robust_backstepping import (
     RobustBacksteppingConfig,
     RobustTermsConfig,

@@ -1,18 +1,94 @@
-"""The thesis's controller as a config: what derives, and what is refused."""
+"""The thesis's controller: the block is the law, and the config derives its numbers."""
 
 import numpy as np
 import pytest
+from blocks import Block, Feedthrough, Gains, RandomInputs
 
 from teleop_drake.architectures.adaptive_backstepping import (
+    MAX_BASIS_FUNCTIONS,
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
     BacksteppingParameters,
+    NetworkConfig,
 )
-from teleop_drake.architectures.lattice import NetworkConfig
+from teleop_drake.laws.backstepping import (
+    BacksteppingState,
+    auxiliary_error,
+    backstepping_rate,
+    control_force_error,
+    pack_state,
+)
+from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunSummary
 from teleop_drake.validation import ScenarioError
+
+
+def Network(n):
+    return GaussianNetwork(lower=[-1.0] * n, upper=[1.0] * n, count=[5] * n, width=1.0)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_the_block_is_the_law(n):
+    gains, network = Gains(n), Network(n)
+    block, N = AdaptiveBackstepping(gains=gains, network=network), network.num_functions
+    inputs, rng = RandomInputs(block, 0), np.random.default_rng(1)
+    state = BacksteppingState(
+        rng.normal(size=n),
+        rng.normal(size=(n, N)),
+        4 * np.eye(n) + rng.uniform(-1, 1, (n, n)),
+        rng.normal(size=(n, N)),
+    )
+    now = Block(block, inputs, pack_state(state))
+    Phi, Phi_dot = network.evaluate_with_rate(
+        inputs["tool_position"], inputs["tool_velocity"]
+    )
+    signals = {
+        "v": inputs["tool_velocity"],
+        "v_dd": inputs["velocity_command"],
+        "F_e": inputs["environment_force"],
+        "F_hd": inputs["haptic_force"],
+    }
+    s = auxiliary_error(gains, **signals)
+    expected = {
+        "rate": pack_state(backstepping_rate(gains, state, Phi, Phi_dot, **signals)),
+        "control_force": state.F_c,
+        "psi": state.Psi.ravel(),
+        "weights_1": state.W1.ravel(),
+        "weights_3": state.W3.ravel(),
+        "auxiliary_error": s,
+        "control_force_error": control_force_error(
+            gains, state, Phi=Phi, s=s, F_e=signals["F_e"]
+        ),
+    }
+    for name, value in expected.items():
+        found = now.Rate() if name == "rate" else now[name]
+        # Compiled, the law may round in another way.
+        np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-13, err_msg=name)
+
+
+def test_start_ports_and_feedthrough_of_the_block():
+    block = AdaptiveBackstepping(gains=Gains(2), network=Network(2))
+    assert block.get_name() == "adaptive_backstepping"
+    state = Block(block, {}).context.get_continuous_state_vector().CopyToVector()
+    zeros = np.zeros(50)
+    psi = Gains(2).Psi0.ravel()
+    np.testing.assert_array_equal(state, np.concatenate(([0, 0], zeros, psi, zeros)))
+    ports = map(block.get_output_port, range(block.num_output_ports()))
+    assert {port.get_name(): port.size() for port in ports} == {
+        "control_force": 2,
+        "psi": 4,
+        "weights_1": 50,
+        "weights_3": 50,
+        "auxiliary_error": 2,
+        "control_force_error": 2,
+    }
+    every_input = set(RandomInputs(block, 0))
+    errors = ("auxiliary_error", "control_force_error")
+    assert Feedthrough(block) == dict.fromkeys(errors, every_input)
+    with pytest.raises(ValueError, match=r"network.num_inputs = 1: must be 2, one for"):
+        AdaptiveBackstepping(gains=Gains(2), network=Network(1))
 
 
 def Config(n=2, **changes):
@@ -93,14 +169,52 @@ def test_psi_has_to_be_invertible(psi):
 
 
 @pytest.mark.parametrize("minimum_psi", [1.2, 0.1])
-@pytest.mark.parametrize("engine", ["drake", "compiled"])
-def test_a_run_notes_that_psi_comes_to_its_limit(engine, minimum_psi):
+def test_a_run_notes_that_psi_comes_to_its_limit(minimum_psi):
     overrides = {
         "duration": 0.114,
         "controller.adaptation_rate": 100.0,
         "controller.minimum_psi": minimum_psi,
     }
-    recording = simulate(LoadScenario("two_dof_collision", overrides), engine=engine)
+    recording = simulate(LoadScenario("two_dof_collision", overrides))
     notes = RunSummary(recording).get("notes", [])
     begin = "Psi comes to its limit, minimum_psi = 1.2 1/kg, at 0.11"
     assert [note.startswith(begin) for note in notes] == [True] * (minimum_psi == 1.2)
+
+
+GIVEN = {"lower": np.array([0.0, 1.0]), "upper": np.array([1.0, 3.0]), "count": [3, 5]}
+
+
+def Lattice(**changes):
+    return NetworkConfig(**(GIVEN | changes))
+
+
+def test_it_makes_the_network():
+    config = Lattice(width=2.0)
+    config.Check("network", 2)
+    centres = config.MakeNetwork().centres
+    assert centres.shape == (15, 2)
+    assert sorted(set(centres[:, 0])) == [0.0, 0.5, 1.0]
+    assert sorted(set(centres[:, 1])) == [1.0, 1.5, 2.0, 2.5, 3.0]
+
+
+def test_whether_anything_is_given():
+    nothing = NetworkConfig(lower=None, upper=None, count=None)
+    assert not nothing.is_given
+    assert NetworkConfig(lower=None, upper=None, count=[3]).is_given
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lower": np.array([0.0])}, "network.lower = "),
+        ({"upper": np.array([1.0, np.nan])}, "network.upper = "),
+        ({"upper": np.array([1.0, 1.0])}, r"network.upper = .*> network.lower = "),
+        ({"count": [3]}, r"network.count = \[3\]: must be a list of 2 whole numbers"),
+        ({"count": [3, 0]}, r"network.count = \[3, 0\]: must be a list of 2 whole"),
+        ({"count": [MAX_BASIS_FUNCTIONS, 2]}, "network.count = .* at most 10000 in"),
+        ({"width": 0.0}, "network.width = 0.0: must be"),
+    ],
+)
+def test_lattices_that_are_refused(changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        Lattice(**changes).Check("network", 2)

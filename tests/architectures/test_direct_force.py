@@ -1,9 +1,11 @@
-"""Direct force application as an architecture."""
+"""Direct force application: a wire with the ports of a control law."""
 
 import numpy as np
+import pytest
 from blocks import Block, Feedthrough, RandomInputs
 
-from teleop_drake.architectures.direct_force import DirectForceConfig
+from teleop_drake.architectures.base import LAW_INPUTS
+from teleop_drake.architectures.direct_force import DirectForce, DirectForceConfig
 from teleop_drake.scenario import LoadScenario
 
 
@@ -23,3 +25,16 @@ def test_the_force_acts_as_it_arrives():
         "control_force": {"forward_packet"},
         "return_packet": {"tool_position", "tool_velocity"},
     }
+
+
+def test_ports():
+    block = DirectForce(num_axes=2)
+    assert block.get_name() == "direct_force"
+    assert block.num_input_ports() == 5 and block.num_output_ports() == 1
+    names = [block.get_input_port(i).get_name() for i in range(5)]
+    assert names == list(LAW_INPUTS)
+    # The other inputs need not be connected.
+    now = Block(block, {"haptic_force": [1.0, 2.0]})
+    np.testing.assert_array_equal(now["control_force"], [1.0, 2.0])
+    with pytest.raises(ValueError, match="num_axes = 0: must be a finite number >= 1"):
+        DirectForce(num_axes=0)

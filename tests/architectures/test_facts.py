@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 from teleop_drake.channels import TransportChannelConfig
@@ -23,26 +22,25 @@ def Facts(**changes):
 def test_the_slider_and_its_tissue_tell_what_they_are():
     facts = Facts()
     assert facts.num_axes == 1
-    assert facts.Inertia("x").tolist() == [[0.5]]
-    assert facts.RobotDamping("x").tolist() == [[0.1]]
-    assert facts.EnvironmentDamping("x").tolist() == [[0.5]]
-    assert facts.StartDamping("x").tolist() == [[0.6]]
-    assert facts.StartStiffness("x") == pytest.approx(np.array([[0.01]]))
+    told = {fact: facts.Told(fact, "x").item() for fact in UNTOLD}
+    assert told == pytest.approx(dict(zip(UNTOLD, (0.5, 0.1, 0.01, 0.5), strict=True)))
+    assert facts.StartDamping("x").item() == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(
-    ("ask", "who"),
+    ("fact", "who"),
     [
-        ("Inertia", "robot does not tell its inertia"),
-        ("RobotDamping", "robot does not tell its damping"),
-        ("StartDamping", "robot does not tell its damping"),
-        ("StartStiffness", "environment does not tell its stiffness"),
-        ("EnvironmentDamping", "environment does not tell its damping"),
+        ("inertia", "robot does not tell its inertia"),
+        ("robot_damping", "robot does not tell its damping"),
+        ("environment_stiffness", "environment does not tell its stiffness"),
     ],
 )
-def test_what_is_not_told_is_not_guessed(ask, who):
+def test_what_is_not_told_is_not_guessed(fact, who):
     with pytest.raises(ScenarioError, match=rf"^controller.mass = null: .*{who}"):
-        getattr(Facts(**UNTOLD), ask)("controller.mass")
+        Facts(**UNTOLD).Told(fact, "controller.mass")
+    half = Facts(environment_damping=None)
+    with pytest.raises(ScenarioError, match="environment does not tell its damping"):
+        half.StartDamping("controller.damping")
 
 
 def test_delays():

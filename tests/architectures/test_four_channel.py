@@ -2,20 +2,86 @@
 
 import numpy as np
 import pytest
-from grids import Slow
+from blocks import AssertFeedthroughIsReal, Block, RandomInputs
 from phasors import FeltImpedance
 
-from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
+from teleop_drake.architectures.four_channel import (
+    FourChannelConfig,
+    FourChannelMaster,
+    FourChannelSlave,
+    LocalController,
+)
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeArchitecture, ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
 
 KIND = "four_channel"
 VARIANTS = ("four_channel", "position_position", "position_force", "force_force")
 # The slider of the one-axis task, and what it may be pushed against.
 ROBOT = (0.5, 0.1)
 TISSUE, BONE = (0.01, 0.5), (150.0, 0.0)
+
+M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])
+B_c, K_c = np.diag([1.0, 2.0]), np.array([[5.0, 1.0], [1.0, 4.0]])
+START = np.array([0.5, -0.2])
+
+
+def Make(block, bandwidth=None, **changes):
+    local = LocalController(damping=B_c, stiffness=K_c)
+    given = {"C1": 1.1, "C2": 0.9, "C3": 0.9, "C4": 1.1, "C5": -0.2, "C6": -0.2}
+    given |= {"master_mass": M, "master_damping": B, "C_m": local, "C_s": local}
+    given |= {"slave_mass": M, "slave_damping": B, "acceleration_bandwidth": bandwidth}
+    start = changes.pop("start", START)
+    return block(FourChannelConfig(**(given | changes)), start=start)
+
+
+@pytest.mark.parametrize("bandwidth", [None, 30.0])
+def test_the_master_by_its_equation(bandwidth):
+    block = Make(FourChannelMaster, bandwidth)
+    inputs = RandomInputs(block, 1)
+    F_h = inputs["haptic_force"]
+    p, v, F_e, *rest = inputs["return_packet"].reshape(-1, 2)
+    x = np.random.default_rng(2).normal(size=6 if bandwidth else 4)
+    x_m, v_m = x[:2], x[2:4]
+    now = Block(block, inputs, x)
+    force = 0.8 * F_h - 0.9 * F_e - (B + B_c) @ v_m - K_c @ (x_m - START)
+    force += 1.1 * ((B + B_c) @ v + K_c @ (p - START))
+    sent = [x_m, v_m, F_h]
+    if bandwidth:
+        (a,) = rest
+        force += 1.1 * M @ a
+        sent.append(bandwidth * (v_m - x[4:]))
+        np.testing.assert_allclose(now.Rate()[4:], sent[-1], rtol=1e-12)
+    expected = np.concatenate([v_m, np.linalg.solve(M, force)])
+    np.testing.assert_allclose(now.Rate()[:4], expected, rtol=1e-12)
+    np.testing.assert_array_equal(now["forward_packet"], np.concatenate(sent))
+    np.testing.assert_array_equal(now["felt_position"], p)
+    np.testing.assert_array_equal(now["felt_velocity"], v_m)
+    AssertFeedthroughIsReal(block)
+    start = Block(block, RandomInputs(block, 0))
+    np.testing.assert_array_equal(start["forward_packet"][:4], [*START, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("bandwidth", [None, 30.0])
+def test_the_slave_by_its_equation(bandwidth):
+    block = Make(FourChannelSlave, bandwidth)
+    inputs = RandomInputs(block, 1)
+    x_m, v_m, F_h, *rest = inputs["forward_packet"].reshape(-1, 2)
+    p, v = inputs["tool_position"], inputs["tool_velocity"]
+    F_e = inputs["environment_force"]
+    v_f = np.array([0.3, -0.4]) if bandwidth else None
+    now = Block(block, inputs, v_f)
+    force = 0.9 * F_h + 0.2 * F_e - B_c @ v - K_c @ (p - START)
+    force += 1.1 * ((B + B_c) @ v_m + K_c @ (x_m - START))
+    sent = [p, v, F_e]
+    if bandwidth:
+        (a_m,) = rest
+        force += 1.1 * M @ a_m
+        sent.append(bandwidth * (v - v_f))
+        np.testing.assert_allclose(now.Rate(), sent[-1], rtol=1e-12)
+    np.testing.assert_allclose(now["control_force"], force, rtol=1e-12)
+    np.testing.assert_allclose(now["return_packet"], np.concatenate(sent), rtol=1e-12)
+    AssertFeedthroughIsReal(block)
 
 
 def Scenario(*overrides, name="one_dof", delay=None):
@@ -25,7 +91,7 @@ def Scenario(*overrides, name="one_dof", delay=None):
     return LoadScenario(name, [f"controller.kind={KIND}", *overrides])
 
 
-def Felt(scenario, omega, environment, **gains):
+def Felt(scenario, omega, environment):
     k, d = environment
     m, c = ROBOT
     s = 1j * omega
@@ -41,8 +107,8 @@ def Felt(scenario, omega, environment, **gains):
     )
 
 
-@pytest.mark.parametrize("environment", [TISSUE, BONE, (0.0, 0.0), (3.0, 2.0)])
-@pytest.mark.parametrize("omega", [0.3, 3.0, 30.0])
+@pytest.mark.parametrize("environment", [BONE, (0.0, 0.0), (3.0, 2.0)])
+@pytest.mark.parametrize("omega", [0.3, 30.0])
 def test_ideal_gains_without_delay_let_the_environment_be_felt(environment, omega):
     k, d = environment
     Z_e = k / (1j * omega) + d
@@ -63,9 +129,9 @@ def test_without_accelerations_they_do_at_low_frequency():
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("environment", [TISSUE, BONE])
-@pytest.mark.parametrize("delay", [0.0, 0.1])
-@pytest.mark.parametrize("omega", [0.5, 7.0])
+@pytest.mark.parametrize(
+    ("environment", "delay", "omega"), [(TISSUE, 0.1, 0.5), (BONE, 0.0, 7.0)]
+)
 def test_felt_impedance_is_lawrences(variant, environment, delay, omega):
     """Z_to from Z_m, Z_s, C1 to C6, C_m and C_s, solved on paper."""
     scenario = Scenario(f"variant={variant}", "C5=-0.2", "C6=0.3", delay=delay)
@@ -114,12 +180,11 @@ def test_defaults_derive_from_the_delays_and_the_robot():
 
 @pytest.mark.parametrize(
     ("variant", "name"),
-    Slow(
-        [(variant, "one_dof") for variant in VARIANTS]
-        # In force-force nothing ties the motions of two different masses together.
-        + [(variant, "two_dof_puncture") for variant in VARIANTS[:3]],
-        but=[*range(len(VARIANTS)), len(VARIANTS)],
-    ),
+    # In force-force nothing ties the motions of two different masses together.
+    [
+        *((variant, "one_dof") for variant in VARIANTS),
+        (VARIANTS[0], "two_dof_puncture"),
+    ],
 )
 def test_without_delay_the_tool_follows_the_command(variant, name):
     scenario = Scenario(f"variant={variant}", name=name, delay=0)
@@ -128,18 +193,6 @@ def test_without_delay_the_tool_follows_the_command(variant, name):
     assert recording.termination == "completed"
     v = recording["tool_velocity"][-1, 0]
     assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
-
-
-@pytest.mark.slow  # Rows of the league table say it, too.
-def test_more_transparency_costs_stability():
-    """At 0.1 s each way, position-position settles on the bone, position-force not."""
-    collision = {}
-    for variant in ("position_position", "position_force"):
-        scenario = Scenario(f"variant={variant}")
-        scenario.simulator.accuracy = 1e-6
-        collision[variant] = RunMetrics(simulate(scenario, engine="auto"))
-    assert collision["position_position"]["collision"]["settling_time"] < 2
-    assert collision["position_force"]["diverged"]
 
 
 def test_a_lasting_force_arrives_as_it_was_sent():
@@ -151,27 +204,20 @@ def test_a_lasting_force_arrives_as_it_was_sent():
     assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)
 
 
-GAINS = {"damping": [[1.0]], "local_damping": [[1.0]], "local_stiffness": [[1.0]]}
-MASTER = {"mass": [[1.0]], "C2": 1.0, "C4": 1.0, "C6": 0.0, "start": [0.0], **GAINS}
-SLAVE = {"mass": [[1.0]], "C1": 1.0, "C3": 1.0, "C5": 0.0, "start": [0.0], **GAINS}
-
-
 @pytest.mark.parametrize(
-    ("block", "good", "bad"),
+    ("block", "bad"),
     [
-        (FourChannelMaster, MASTER, {"mass": [[0.0]]}),
-        (FourChannelMaster, MASTER, {"damping": [[-1.0]]}),
-        (FourChannelMaster, MASTER, {"C4": np.nan}),
-        (FourChannelMaster, MASTER, {"start": [np.inf]}),
-        (FourChannelSlave, SLAVE, {"local_stiffness": np.eye(2)}),
-        (FourChannelSlave, SLAVE, {"acceleration_bandwidth": 0.0}),
-        (FourChannelSlave, SLAVE, {"C5": np.inf}),
+        (FourChannelMaster, {"master_mass": np.zeros((2, 2))}),
+        (FourChannelMaster, {"master_damping": -1.0}),
+        (FourChannelMaster, {"C4": np.nan}),
+        (FourChannelMaster, {"start": [np.inf]}),
+        (FourChannelSlave, {"slave_damping": np.eye(3)}),
+        (FourChannelSlave, {"C5": None}),
     ],
 )
-def test_bad_parameters_of_the_blocks(block, good, bad):
-    block(**good)
+def test_bad_parameters_of_the_blocks(block, bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
-        block(**{**good, **bad})
+        Make(block, **bad)
 
 
 @pytest.mark.parametrize(

@@ -42,17 +42,12 @@ def test_what_the_page_says_of_it():
     plain, robust = (Settling("two_dof_collision", kind, **stiff) for kind in kinds)
     assert robust < 0.8 * plain  # Case II, stiff bone.
     plain = Settling("two_dof_combined", kinds[0])
-    held = {"controller__robust__force_rate_bound": 19.0}
-    assert Settling("two_dof_combined", kinds[1], **held) > 1.5 * plain
     against = {"controller__robust__acceleration_bound": 0.4}
     assert Settling("two_dof_combined", kinds[1], **against) > 1.3 * plain
-    fast = {"controller__adaptation_rate": 10.0}
-    assert all(Settling("two_dof_collision", kind, **fast) is None for kind in kinds)
 
 
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
-def test_its_kernel_is_the_law(name):
-    law = MakeControlLaw(Load(name, robust={"acceleration_bound": 0.4}))
+def test_its_kernel_is_the_law():
+    law = MakeControlLaw(Load("one_dof", robust={"acceleration_bound": 0.4}))
     assert isinstance(law, RobustBackstepping)
     assert CheckKernel(law, num_states=3) == []
 
@@ -66,10 +61,9 @@ def test_its_kernel_is_the_law(name):
         ("force_width", -0.1, "> 0 (N)"),
     ],
 )
-@pytest.mark.parametrize("kind", ["robust_backstepping", "direct_force"])
-def test_what_is_refused(key, value, allowed, kind):
+def test_what_is_refused(key, value, allowed):
     with pytest.raises(ScenarioError) as error:
-        Load(kind=kind, robust={key: value})
+        Load(kind="direct_force", robust={key: value})
     message = f"controller.robust.{key} = {value}: must be a finite number {allowed}"
     assert str(error.value) == message
 

@@ -8,8 +8,17 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Sine, ZeroOrderHold
 
-from teleop_drake.architectures.four_channel import FourChannelMaster, FourChannelSlave
-from teleop_drake.architectures.wave_variables import WaveMaster, WaveSlave
+from teleop_drake.architectures.four_channel import (
+    FourChannelConfig,
+    FourChannelMaster,
+    FourChannelSlave,
+    LocalController,
+)
+from teleop_drake.architectures.wave_variables import (
+    WaveMaster,
+    WaveSlave,
+    WaveVariablesConfig,
+)
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
@@ -53,21 +62,36 @@ def test_the_tracking_of_chapter_3_compiles(name):
 
 
 I = np.eye(2)
-FOUR = {"mass": I, "damping": I, "local_damping": I, "local_stiffness": 9 * I}
+LOCAL = LocalController(damping=I, stiffness=9 * I)
+FOUR = FourChannelConfig(
+    master_damping=1.0,
+    slave_mass=1.0,
+    slave_damping=1.0,
+    C_m=LOCAL,
+    C_s=LOCAL,
+    **{"C1": 1.0, "C2": 1.0, "C3": 0.5, "C4": 0.5, "C5": 0.1, "C6": 0.1},
+    acceleration_bandwidth=50.0,
+)
+WAVES = WaveVariablesConfig(
+    impedance=2.0,
+    master_damping=1.0,
+    forward_bandwidth=30.0,
+    return_bandwidth=30.0,
+    forward_scaling=0.9,
+    return_scaling=1.0,
+    drift_correction=2.0,
+)
+MATCHED = replace(WAVES, master_damping=2.0, return_bandwidth=None, return_scaling=0.9)
 
 
 @pytest.mark.parametrize(
     "block",
     [
-        WaveMaster(impedance=2 * I, damping=I, start=[0.1, 0], bandwidth=30),
-        WaveMaster(impedance=2 * I, damping=2 * I, start=[0.1, 0], scaling=0.9),
-        WaveSlave(impedance=2 * I, bandwidth=30, drift_correction=2, scaling=0.9),
-        FourChannelMaster(
-            **FOUR, C2=1, C4=0.5, C6=0.1, start=[1, 0], acceleration_bandwidth=50
-        ),
-        FourChannelSlave(
-            **FOUR, C1=1, C3=0.5, C5=0.1, start=[1, 0], acceleration_bandwidth=50
-        ),
+        WaveMaster(WAVES, start=[0.1, 0]),
+        WaveMaster(MATCHED, start=[0.1, 0]),
+        WaveSlave(WAVES, num_axes=2),
+        FourChannelMaster(FOUR, start=[1, 0]),
+        FourChannelSlave(FOUR, start=[1, 0]),
         TransportDelay(delay=0, size=2),
         ChannelEnergy(num_axes=2),
         DisturbanceForce(kind="linear", gain=I),

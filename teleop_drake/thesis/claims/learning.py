@@ -91,7 +91,7 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     robot, n = scenario.robot, scenario.num_axes
     assert isinstance(robot, PlantRobotConfig)
     Lambda = GainMatrix(scenario.controller.Lambda, n)
-    D_e = scenario.Facts().EnvironmentDamping("environment")
+    D_e = scenario.Facts().Told("environment_damping", "environment")
     plant = robot.LoadPlant()
     context = plant.CreateDefaultContext()
     tool, world = plant.GetFrameByName(TOOL), plant.world_frame()

@@ -14,7 +14,6 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import KernelBlock
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
@@ -63,9 +62,7 @@ class SeparateUpdates(AdaptiveBackstepping):
     """
 
     def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        KernelBlock.__init__(self)
-        self.set_name("separate_updates")
-        self._Declare(gains, network, SeparateRate, adaptive_errors)
+        self._Make("separate_updates", SeparateRate, adaptive_errors, gains, network)
 
 
 @dataclass(kw_only=True, eq=False)
