@@ -84,9 +84,7 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     Raises:
         ValueError: if max_depth is negative.
     """
-    # Drake ends the process on a negative depth.
-    if max_depth is not None and max_depth < 0:
-        Refuse("max_depth", max_depth, "null, 0 or positive")
+    _CheckDepth(max_depth)
     numbers: dict[str, int] = {}
 
     def Number(drake_id: str) -> int:
@@ -116,8 +114,7 @@ def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
     Args and errors are those of `DiagramDot`; raises RuntimeError where nothing can lay
     the diagram out (see `WriteDiagram`). More than one level is drawn as there.
     """
-    svgs = [_Layout(dot, "svg") for dot in _LevelDots(system, max_depth)]
-    return (svgs[0] if len(svgs) == 1 else _JoinSvgs(svgs)).decode()
+    return _Render(system, max_depth, "svg").decode()
 
 
 def WriteDiagram(
@@ -149,15 +146,25 @@ def WriteDiagram(
     if suffix == ".dot":
         content = DiagramDot(system, max_depth=max_depth).encode()
     else:
-        file_format = "png" if suffix == ".png" else "svg"
-        pictures = [_Layout(x, file_format) for x in _LevelDots(system, max_depth)]
-        content = pictures[0]
-        if len(pictures) > 1:
-            content = (_JoinPngs if suffix == ".png" else _JoinSvgs)(pictures)
+        content = _Render(system, max_depth, "png" if suffix == ".png" else "svg")
         if suffix == ".pdf":
             content = _SvgToPdf(content)
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def _CheckDepth(max_depth: int | None) -> None:
+    # Drake ends the process on a negative depth.
+    if max_depth is not None and max_depth < 0:
+        Refuse("max_depth", max_depth, "null, 0 or positive")
+
+
+def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
+    """Returns the picture of a diagram, and of each in it that is to be opened."""
+    pictures = [_Layout(dot, file_format) for dot in _LevelDots(system, max_depth)]
+    if len(pictures) == 1:
+        return pictures[0]
+    return (_JoinPngs if file_format == "png" else _JoinSvgs)(pictures)
 
 
 def _LevelDots(system: System, max_depth: int | None) -> list[str]:
@@ -165,18 +172,13 @@ def _LevelDots(system: System, max_depth: int | None) -> list[str]:
 
     They stand by their depth, each with its own parts as closed boxes.
     """
+    _CheckDepth(max_depth)
     if not isinstance(system, Diagram) or max_depth in (0, 1):
         return [DiagramDot(system, max_depth=max_depth)]
-    if max_depth is not None and max_depth < 0:
-        Refuse("max_depth", max_depth, "null, 0 or positive")
     levels, deepest, depth = [system], [system], 1
     while deepest and depth != max_depth:
-        deepest = [
-            inner
-            for outer in deepest
-            for inner in outer.GetSystems()
-            if isinstance(inner, Diagram)
-        ]
+        parts = [part for outer in deepest for part in outer.GetSystems()]
+        deepest = [part for part in parts if isinstance(part, Diagram)]
         levels += deepest
         depth += 1
     return [DiagramDot(level, max_depth=1) for level in levels]
@@ -187,19 +189,14 @@ class _Edge:
 
     def __init__(self, line: re.Match[str], number: Callable[[str], int]):
         self.source, self.target = number(line[1]), number(line[5])
-        self.tail = _End(f"s{self.source}", line[2], line[3] + line[4], "e")
-        self.head = _End(f"s{self.target}", line[6], line[7] + line[8], "w")
+        tail, head = line[3] + line[4], line[7] + line[8]
+        self.tail = _End(f"s{self.source}", line[2], tail, "e")
+        self.head = _End(f"s{self.target}", line[6], head, "w")
         # Drake marks the lines that lead to the ports of the diagram itself.
         self.attributes = line[9] or ""
-        self.ports = {
-            (self.source, line[3] + line[4]),
-            (self.target, line[7] + line[8]),
-        }
-        self.order = (
-            bool(self.attributes),
-            (self.source, int(line[4])),
-            (self.target, int(line[8])),
-        )
+        self.ports = {(self.source, tail), (self.target, head)}
+        ends = (self.source, int(line[4])), (self.target, int(line[8]))
+        self.order = (bool(self.attributes), *ends)
 
 
 class _End:
@@ -237,21 +234,17 @@ def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
             cells = [x for x in map(_PORT_LINE.match, result[begin:]) if x]
             sides = [[x for x in cells if x[1][0] == side] for side in "uy"]
             if max(map(len, sides)) > _MOST_PORTS:
+                shown = [[x for x in side if (box, x[1]) in used] for side in sides]
                 first = result.index("<TR>", begin)
-                result[first:-2] = _PortRows(
-                    *(
-                        _Shown(side, [x for x in side if (box, x[1]) in used])
-                        for side in sides
-                    )
-                )
+                result[first:-2] = _PortRows(*map(_Cells, shown, map(len, sides)))
             begin = 0
     return result
 
 
-def _Shown(ports: list[re.Match[str]], used: list[re.Match[str]]) -> list[str]:
+def _Cells(used: list[re.Match[str]], count: int) -> list[str]:
     """Returns the cells of the ports that are used, and how many others there are."""
     cells = [f'<TD PORT="{port[1]}" BORDER="1">{port[2]}</TD>' for port in used]
-    if rest := len(ports) - len(used):
+    if rest := count - len(used):
         text = f"{rest} more" if used else f"{rest} ports"
         cells.append(f'<TD BORDER="1"><FONT COLOR="grey">{text}</FONT></TD>')
     return cells
@@ -324,23 +317,23 @@ def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
 
 def _Layout(dot: str, file_format: str) -> bytes:
     """Lays DOT text out as svg or png."""
-    if program := shutil.which("dot") or _EmbeddedDot():
-        # Dot's frame of a diagram is made for the boxes in it, and lines that run
-        # around them leave it. The picture is made for both.
-        inner = dot.replace("diagram {\ncolor=black", "diagram {\ncolor=white", 1)
-        picture = _RunDot(program, inner, file_format)
-        if inner == dot:
-            return picture
-        if file_format == "png":
-            return _FramedPng(picture)
-        return re.sub(
-            rb'stroke="(none|transparent)"', b'stroke="black"', picture, count=1
+    program = shutil.which("dot") or _EmbeddedDot()
+    if program is None:
+        raise RuntimeError(
+            f"nothing here can lay out a diagram as {file_format}: install Graphviz, "
+            "so that `dot` is on the PATH, or `pip install graphviz-pure`; a path that "
+            "ends in .dot needs neither"
         )
-    raise RuntimeError(
-        f"nothing here can lay out a diagram as {file_format}: install Graphviz, so "
-        "that `dot` is on the PATH, or `pip install graphviz-pure`; a path that ends "
-        "in .dot needs neither"
-    )
+    # Dot's frame of a diagram is made for the boxes in it, and lines that run
+    # around them leave it. The picture is made for both.
+    inner = dot.replace("diagram {\ncolor=black", "diagram {\ncolor=white", 1)
+    picture = _RunDot(program, inner, file_format)
+    if inner == dot:
+        return picture
+    if file_format == "png":
+        return _FramedPng(picture)
+    none = rb'stroke="(none|transparent)"'
+    return re.sub(none, b'stroke="black"', picture, count=1)
 
 
 def _FramedPng(png: bytes) -> bytes:
@@ -350,6 +343,11 @@ def _FramedPng(png: bytes) -> bytes:
     image = Image.open(io.BytesIO(png)).convert("RGB")
     width, height = image.size
     ImageDraw.Draw(image).rectangle((2, 2, width - 3, height - 3), outline=0, width=3)
+    return _Png(image)
+
+
+def _Png(image: Any) -> bytes:
+    """Returns a picture of PIL as a file."""
     file = io.BytesIO()
     image.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
     return file.getvalue()
@@ -373,9 +371,8 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
     if run.returncode != 0 or not run.stdout:
         reason = run.stderr.decode(errors="replace").strip()
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
-    return (
-        run.stdout.replace(_FONTS, _MORE_FONTS) if file_format == "svg" else run.stdout
-    )
+    # A PNG has no such text.
+    return run.stdout.replace(_FONTS, _MORE_FONTS)
 
 
 def _Arrange(
@@ -386,13 +383,13 @@ def _Arrange(
     Returns:
         The left upper corner of each, and width and height of all.
     """
-    best: tuple[list[tuple[float, float]], tuple[float, float]] | None = None
     # The width of a row is that of some neighbours.
     limits = {
         sum(w + gap for w, _ in sizes[i:j])
         for i in range(len(sizes))
         for j in range(i + 1, len(sizes) + 1)
     }
+    found = []
     for limit in sorted(limits):
         corners: list[tuple[float, float]] = []
         x = y = row_height = width = 0.0
@@ -402,22 +399,17 @@ def _Arrange(
             corners.append((x, y))
             x, row_height = x + w + gap, max(row_height, h)
             width = max(width, x - gap)
-        size = width, y + row_height
-        if best is None or _Smallness(*size) < _Smallness(*best[1]):
-            best = corners, size
-    assert best is not None
-    return best
-
-
-def _Smallness(width: float, height: float) -> float:
-    """Returns how much a picture has to shrink for a page in landscape format."""
-    return max(width / math.sqrt(2), height)
+        found.append((corners, (width, y + row_height)))
+    # How much a picture has to shrink for a page in landscape format.
+    return min(found, key=lambda x: max(x[1][0] / math.sqrt(2), x[1][1]))
 
 
 def _JoinSvgs(svgs: Sequence[bytes]) -> bytes:
     """Puts pictures of graphs beside and below each other."""
-    boxes = [_ViewBox(ElementTree.fromstring(svg)) for svg in svgs]
-    corners, (width, height) = _Arrange([box[2:] for box in boxes], _GAP)
+    # Left, top, width and height of each.
+    views = [ElementTree.fromstring(svg).attrib["viewBox"].split() for svg in svgs]
+    boxes = [tuple(map(float, view)) for view in views]
+    corners, (width, height) = _Arrange([(box[2], box[3]) for box in boxes], _GAP)
     parts = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<svg width="{width:g}pt" height="{height:g}pt" '
@@ -444,15 +436,7 @@ def _JoinPngs(pngs: Sequence[bytes]) -> bytes:
     page = Image.new("RGB", (math.ceil(width), math.ceil(height)), "white")
     for image, (x, y) in zip(images, corners, strict=True):
         page.paste(image, (round(x), round(y)))
-    file = io.BytesIO()
-    page.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
-    return file.getvalue()
-
-
-def _ViewBox(root: ElementTree.Element) -> tuple[float, float, float, float]:
-    """Returns left, top, width and height of an SVG picture."""
-    left, top, width, height = map(float, root.attrib["viewBox"].split())
-    return left, top, width, height
+    return _Png(page)
 
 
 def _SvgToPdf(svg: bytes) -> bytes:

@@ -1,5 +1,7 @@
 """Figure of the packets of a run's networks, against time."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -7,15 +9,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from teleop_drake.channels import NetworkChannelConfig
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.receiver import Receiver
-from teleop_drake.figures.style import (
-    COLORS,
-    FONT_SIZE,
-    GREY,
-    SMALL_FONT_SIZE,
-    Figure,
-    FormatAxes,
-    WidthOf,
-)
+from teleop_drake.figures import style
+from teleop_drake.figures.style import COLORS, FONT_SIZE, Figure
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
@@ -50,7 +45,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     if not networks:
         Refuse("recording", recording.scenario.name, "a run with a channel of packets")
     figure = Figure(
-        figsize=(WidthOf(columns), 3 * _ROW_HEIGHT + 0.4),
+        figsize=(style.WidthOf(columns), 3 * _ROW_HEIGHT + 0.4),
         layout=ConstrainedLayoutEngine(w_pad=0.1),
     )
     axes = figure.subplots(3, len(networks), sharex=True, sharey="row", squeeze=False)
@@ -61,34 +56,23 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         arrivals = network.Arrivals(len(sent))
         delay, age, loss = column
         _DrawDelays(delay, sent, arrivals)
-        age.plot(
-            *_Age(network, config.receiver, len(sent), end), color=COLORS[0], lw=0.9
-        )
+        times, ages = _Age(network, config.receiver, len(sent), end)
+        age.plot(times, ages, color=COLORS[0], lw=0.9)
         _DrawLoss(loss, sent, np.isinf(arrivals), end)
         delay.set_title(name.replace("_", " "), fontsize=FONT_SIZE)
         loss.set_xlabel("time [s]", fontsize=FONT_SIZE)
         loss.set_xlim(0.0, end or 1.0)
         for ax in column:
-            FormatAxes(ax)
-    for ax in axes[:, 0]:
-        # Where nothing is lost a range of its own would be rounding.
-        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
+            style.FormatAxes(ax)
     labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
     for ax, label in zip(axes[:, 0], labels, strict=True):
+        # Where nothing is lost a range of its own would be rounding.
+        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
         ax.set_ylabel(label, fontsize=FONT_SIZE)
     figure.align_ylabels(axes[:, 0])
-    figure.legend(
-        handles=[
-            line
-            for ax in axes[:, 0]
-            for line in ax.get_lines()
-            if line.get_label() in ("lost packet", "lost in all")
-        ],
-        loc="outside upper center",
-        ncols=2,
-        fontsize=SMALL_FONT_SIZE,
-        frameon=False,
-    )
+    lines = [line for ax in axes[:, 0] for line in ax.get_lines()]
+    handles = [x for x in lines if x.get_label() in ("lost packet", "lost in all")]
+    style.AddLegend(figure, handles, ncols=2, fontsize=style.SMALL_FONT_SIZE)
     return figure
 
 
@@ -108,18 +92,13 @@ def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
     delays = 1e3 * (arrivals - sent)[has_arrived]
     ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
     lost = sent[~has_arrived]
-    ax.plot(
-        lost,
-        np.full(len(lost), 1.03),
-        "x",
-        color=COLORS[1],
-        markersize=3,
-        markeredgewidth=0.7,
-        transform=ax.get_xaxis_transform(),
-        clip_on=False,
-        in_layout=False,
-        label="lost packet",
-    )
+    cross: dict[str, Any] = {
+        "markersize": 3,
+        "markeredgewidth": 0.7,
+        "label": "lost packet",
+    }
+    height = np.full(len(lost), 1.03)
+    ax.plot(lost, height, "x", color=COLORS[1], **cross, **style.Above(ax))
 
 
 def _Age(
@@ -145,10 +124,9 @@ def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> No
     share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
     ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
     if len(sent):
-        ax.axhline(
-            100.0 * is_lost.mean(),
-            color=GREY,
-            linewidth=0.9,
-            linestyle="--",
-            label="lost in all",
-        )
+        dashes: dict[str, Any] = {
+            "color": style.GREY,
+            "linewidth": 0.9,
+            "linestyle": "--",
+        }
+        ax.axhline(100.0 * is_lost.mean(), **dashes, label="lost in all")

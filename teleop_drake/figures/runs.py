@@ -32,11 +32,6 @@ from teleop_drake.figures.style import (
     Key,
     RunStyle,
 )
-from teleop_drake.figures.telemetry import (
-    AddComponentLegend,
-    ComponentStyle,
-    TelemetryRows,
-)
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
@@ -56,6 +51,9 @@ _NUM_POINTS = 1500
 
 # A run that diverges may widen the range of a panel by this share on either side.
 _DIVERGED_SHARE = 1.0
+
+# Up to this many components of a signal have a name each in a legend.
+_MAX_NAMED_COMPONENTS = 4
 
 _EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
 _COMMAND_STYLE: dict[str, Any] = {"color": GREY, "linewidth": 0.8}
@@ -137,7 +135,7 @@ def PlotRun(
         return _PlotAgainstTime(recording, rows, panels.names, columns)
     return PlotRows(
         {recording.scenario.controller.kind.replace("_", " "): recording},
-        SelectRows([*panels, *TelemetryRows(recording)], [recording], signals),
+        SelectRows([*panels, *_TelemetryRows(recording)], [recording], signals),
         columns=columns,
     )
 
@@ -407,7 +405,7 @@ class _Runs:
                     ax.axhline(boundary * scale, **style.BOUNDARY_STYLE)
             ax.set_visible(not (place.is_position and is_x))
         if len(row.components) > 1:
-            AddComponentLegend(row_axes[0], row)
+            _AddComponentLegend(row_axes[0], row)
 
     def _X(self, place: _Place, curve: _Curve) -> np.ndarray:
         return curve.x * self.x_scale if place.is_position else curve.time
@@ -425,7 +423,7 @@ class _Runs:
         run, x = self.runs[i], self._X(place, curve)
         is_single = len(row.components) == 1
         for k, y in enumerate(curve.y.T):
-            line = RunStyle(i) if is_single else ComponentStyle(row, k)
+            line = RunStyle(i) if is_single else _ComponentStyle(row, k)
             if len(place.runs) < len(self.runs):
                 line["linestyle"] = "-"  # There is nothing to tell it from.
             ax.plot(x, y * scale, **line)
@@ -450,6 +448,63 @@ def _PositionName(normal_W: np.ndarray) -> str:
         return "position along the normal"
     sign = "-" if normal_W[axis] < 0 else ""
     return f"position ${sign}{AxisName(axis)}$"
+
+
+def _TelemetryRows(recording: Recording) -> list[SignalRow]:
+    """Returns the rows for what an adaptive controller learns, if it does.
+
+    The weights of a network are a matrix, a row of which belongs to each task axis.
+    """
+    n = recording["tool_position"].shape[1]
+    axes = tuple(f"axis ${AxisName(k)}$" for k in range(n))
+    return [
+        SignalRow(
+            label=label,
+            unit=unit,
+            signal=signal,
+            components=range(recording[signal].shape[1]),
+            symbol=symbol,
+            groups=groups,
+        )
+        for signal, label, unit, symbol, groups in (
+            ("psi", r"$\Psi$", "1/kg", r"\Psi", ()),
+            ("weights_1", "weights $W_1$", "m/s²", "W_1", axes),
+            ("weights_3", "weights $W_3$", "N/s", "W_3", axes),
+        )
+        if signal in recording.signals
+    ]
+
+
+def _ComponentStyle(row: SignalRow, k: int) -> dict[str, Any]:
+    """Returns how component k of a signal is drawn."""
+    count = len(row.components)
+    if count <= _MAX_NAMED_COMPONENTS:
+        line = style.LINES[k % len(style.LINES)]
+        return {"color": style.RunColor(k), "linestyle": line, "linewidth": 1.1}
+    group = k * len(row.groups) // count if row.groups else k
+    color = style.RunColor(group)
+    return {"color": color, "linestyle": "-", "linewidth": 0.6}
+
+
+def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
+    """Names the components of a signal in a panel, or the groups of them."""
+    count = len(row.components)
+    names = []
+    if count <= _MAX_NAMED_COMPONENTS:
+        size = math.isqrt(count)  # Matrices are recorded row by row.
+        numbers = [str(k + 1) for k in range(count)]
+        if size * size == count and row.signal == "psi":
+            numbers = [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
+        names = [(k, f"${row.symbol}_{{{x}}}$") for k, x in enumerate(numbers)]
+    elif row.groups:
+        each = count // len(row.groups)
+        names = [
+            (i * each, f"{each} of {name}" if len(row.groups) > 1 else f"all {each}")
+            for i, name in enumerate(row.groups)
+        ]
+    if names:
+        handles = [Key(label, **_ComponentStyle(row, k)) for k, label in names]
+        ax.legend(handles=handles, ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
 
 
 def _TitleMultiples(

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
 
-# Suffixes that SaveFigure knows, and the metadata that would change with each file.
-_METADATA: dict[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None, "Creator": None},
-    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+# For each suffix: where the description stands, and metadata that would change with
+# each file.
+_METADATA: dict[str, tuple[str, tuple[str, ...]]] = {
+    ".png": ("Description", ("Software",)),
+    ".svg": ("Title", ("Date", "Creator")),
+    ".pdf": ("Subject", ("CreationDate", "Creator", "Producer")),
 }
-_DESCRIPTIONS = {".png": "Description", ".svg": "Title", ".pdf": "Subject"}
 
 
 def SaveFigure(figure: Figure, path: str | Path) -> None:
@@ -38,24 +38,19 @@ def SaveFigure(figure: Figure, path: str | Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in _METADATA:
         Refuse("path", str(path), "*.png, *.svg or *.pdf")
-    description = {_DESCRIPTIONS[suffix]: DescribeFigure(figure)}
+    place, changing = _METADATA[suffix]
+    metadata = {**dict.fromkeys(changing), place: DescribeFigure(figure)}
     with (
         Replacing(path) as temporary,
         matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
     ):
-        figure.savefig(
-            temporary,
-            format=suffix[1:],
-            dpi=200,
-            metadata={**_METADATA[suffix], **description},
-        )
+        figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=metadata)
 
 
 def DescribeFigure(figure: Figure) -> str:
     """Returns what a figure shows, in words: for those who do not see it.
 
-    Returns:
-        What its panels show against what, and the names of its lines.
+    It says what the panels show against what, and the names of the lines.
     """
     axes = [ax for ax in figure.axes if ax.get_visible()]
     shown = _Different(ax.get_ylabel() for ax in axes)
@@ -74,14 +69,9 @@ def DescribeFigure(figure: Figure) -> str:
     )
     if names:
         text += f". Legend: {', '.join(names)}"
-    return _WithoutMarkup(f"{text}.")
+    return re.sub(r"[${}\\]", "", f"{text}.")  # Of a formula: $F_{e,x}$ is F_e,x.
 
 
 def _Different(texts: Iterable[str]) -> list[str]:
     """Returns texts on a line each, every one once and none that is empty."""
     return [text for text in dict.fromkeys(" ".join(x.split()) for x in texts) if text]
-
-
-def _WithoutMarkup(text: str) -> str:
-    """Returns a text without the marks of formulas: $F_{e,x}$ is F_e,x."""
-    return re.sub(r"[${}\\]", "", text)

@@ -192,32 +192,23 @@ def FormatAxes(ax: Axes) -> None:
 
 # Of the numbers of a scenario that have one unit wherever they stand, by the last part
 # of their names. Gains whose unit the architecture decides are not among them.
-_UNITS = {
-    **dict.fromkeys(
-        (
-            *("delay", "forward_delay", "return_delay", "sample_period", "std"),
-            *("minimum", "depth", "duration", "stop_time", "max_step_size"),
-        ),
-        "s",
-    ),
-    **dict.fromkeys(("start", "reference"), "m"),
-    **dict.fromkeys(("G1", "G2"), "1/s"),
-    **dict.fromkeys(("initial_psi", "minimum_psi"), "1/kg"),
-    "stiffness": "N/m",
-    "damping": "N s/m",
-    "mass": "kg",
-    "velocity": "m/s",
-    "contact_force": "N",
-    "frequency": "rad/s",
-    "phase": "rad",
-    "bandwidth": "rad/s",
-    "force_limit": "N",
-    "coulomb_friction": "N",
-    "friction_speed": "m/s",
-    "viscous_friction": "N s/m",
-    "drift": "s/s",
-    "burst_length": "packets",
+_NAMES_BY_UNIT = {
+    "s": "delay forward_delay return_delay sample_period std minimum depth duration "
+    "stop_time max_step_size",
+    "m": "start reference",
+    "kg": "mass",
+    "1/s": "G1 G2",
+    "1/kg": "initial_psi minimum_psi",
+    "N": "contact_force force_limit coulomb_friction",
+    "N/m": "stiffness",
+    "N s/m": "damping viscous_friction",
+    "m/s": "velocity friction_speed",
+    "rad": "phase",
+    "rad/s": "frequency bandwidth",
+    "s/s": "drift",
+    "packets": "burst_length",
 }
+_UNITS = {x: unit for unit, names in _NAMES_BY_UNIT.items() for x in names.split()}
 
 
 def _NameAndUnit(key: str) -> tuple[str, str]:
