@@ -1,5 +1,7 @@
 """Vectors that are polynomials of time, piece after piece."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -51,36 +53,19 @@ def minimum_jerk_pieces(times: ArrayLike, points: ArrayLike) -> tuple[Array, Arr
     Returns:
         The breaks (K + 1,) and coefficients (K, 6, n) of the position.
     """
+    from scipy.interpolate import make_interp_spline  # It takes half a second.
+
     breaks, nodes = np.array(times, dtype=float), np.array(points, dtype=float)
-    lengths = np.diff(breaks)
-    num, n = len(lengths), nodes.shape[1]
-
-    def row(piece: int, since: float, order: int) -> Array:
-        """Returns the derivative of a piece as a row of the unknowns (6 num)."""
-        entries = np.zeros(6 * num)
-        for i in range(order, 6):
-            factor = float(np.prod(np.arange(i, i - order, -1.0)))
-            entries[6 * piece + i] = factor * since ** (i - order)
-        return entries
-
-    last = num - 1
-    # At rest, without acceleration, at both ends.
-    rows = [row(0, 0.0, order) for order in (1, 2)]
-    rows += [row(last, lengths[last], order) for order in (1, 2)]
-    right = [np.zeros(n)] * 4
-    for k in range(num):
-        rows += [row(k, 0.0, 0), row(k, lengths[k], 0)]
-        right += [nodes[k], nodes[k + 1]]
-    for k in range(last):
-        for order in range(1, 5):
-            rows.append(row(k, lengths[k], order) - row(k + 1, 0.0, order))
-            right.append(np.zeros(n))
-    # Time is scaled, so that the powers of a short or long piece do not spoil it.
-    scale = np.tile(np.mean(lengths) ** -np.arange(6.0), num)
-    matrix = np.array(rows) * scale
-    sizes = np.abs(matrix).max(axis=1, keepdims=True)
-    solution = np.linalg.solve(matrix / sizes, np.array(right) / sizes)
-    return breaks, (solution * scale[:, np.newaxis]).reshape(num, 6, n)
+    # At rest, without acceleration, at both ends. Time is scaled, so that the powers of
+    # a short or long piece do not spoil it.
+    at_rest = [(order, np.zeros(nodes.shape[1])) for order in (1, 2)]
+    scale = np.mean(np.diff(breaks))
+    spline = make_interp_spline(breaks / scale, nodes, k=5, bc_type=(at_rest, at_rest))
+    coefficients = [
+        spline(breaks[:-1] / scale, order) / (math.factorial(order) * scale**order)
+        for order in range(6)
+    ]
+    return breaks, np.stack(coefficients, axis=1)
 
 
 def differentiate_pieces(coefficients: Array) -> Array:
