@@ -14,7 +14,7 @@ from teleop_drake.machine_code.native import Evaluate, Integrator, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_values import EVALUATE, TypeOf
+from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 
 
 def CompileIntegrator(*arguments: Any) -> Integrator:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.machine_code.typed_values import Header
+from teleop_drake.machine_code.typed_expressions import Header
 
 Array = NDArray[np.float64]
 

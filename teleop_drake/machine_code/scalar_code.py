@@ -22,7 +22,7 @@ from teleop_drake.machine_code.symbols import (
     Untraceable,
 )
 from teleop_drake.machine_code.tracing import BOOLEAN, Graph, Node
-from teleop_drake.machine_code.typed_values import ConstantText
+from teleop_drake.machine_code.typed_expressions import ConstantText
 
 Stores = dict[tuple[str, int], Any]
 

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.machine_code.typed_expressions import ExpressionWriter, IndicesOf
-from teleop_drake.machine_code.typed_values import (
+from teleop_drake.machine_code.typed_expressions import (
     EVALUATE,
     INTEGER,
     NOTHING,
     ArrayType,
     ConstantText,
+    ExpressionWriter,
+    IndicesOf,
     NotTyped,
     PartsOf,
     Type,
@@ -187,21 +188,21 @@ class _Function(ExpressionWriter):
                 self._AssignTo(target, value)
             case ast.AnnAssign(target=target, value=ast.expr() as value):
                 self._AssignTo(target, value)
-            case ast.AugAssign(target=ast.Name(id=name), op=op, value=value):
-                old = self._Named(name, node.target)
-                new = self._Operate(op, old, self._Expression(value))
-                self._Assign(name, new)
+            case ast.AugAssign(target=ast.Name(id=name) as target, op=op, value=value):
+                old = self._Expression(target)
+                self._Assign(
+                    name, self._Operate(op, old, self._Expression(value), node)
+                )
             case ast.AugAssign(target=ast.Subscript() as target, op=op, value=value):
                 place = self._Element(target)
-                old = self._Loaded(place)
-                new = self._Operate(op, old, self._Expression(value))
-                self._Store(place, new, target)
+                old, by = self._Loaded(place), self._Expression(value)
+                self._Store(place, self._Operate(op, old, by, node), target)
             case ast.If():
                 self._If(node)
             case ast.While(test=test, body=body, orelse=[]):
-                head, inner, end = self._Name(), self._Name(), self._Name()
+                head, inner, end = self._Names(3)
                 self._Label(head)
-                self._Branch(test, inner, end)
+                self._Branch(self._Truth(self._Expression(test)), inner, end)
                 self._Label(inner)
                 self._Loop(body, head, end)
                 self._Jump(head)
@@ -253,8 +254,8 @@ class _Function(ExpressionWriter):
         self._lines.append(f"  store {kind} {operand}, ptr {place.operands[0]}")
 
     def _If(self, node: ast.If) -> None:
-        yes, no, end = self._Name(), self._Name(), self._Name()
-        self._Branch(node.test, yes, no)
+        yes, no, end = self._Names(3)
+        self._Branch(self._Truth(self._Expression(node.test)), yes, no)
         ends_open = False
         for label, body in ((yes, node.body), (no, node.orelse)):
             self._Label(label)
@@ -273,41 +274,39 @@ class _Function(ExpressionWriter):
         """Writes a loop over a range, or over an array of one dimension."""
         assert isinstance(node.target, ast.Name)
         array: Value | None = None
-        zero, one = Value(INTEGER, ("0",)), Value(INTEGER, ("1",))
         match node.iter:
             case ast.Call(func=ast.Name(id="range"), args=arguments):
-                limits = [self._Expression(argument) for argument in arguments]
-                first = zero if len(limits) == 1 else limits[0]
-                last = limits[0] if len(limits) == 1 else limits[1]
-                step = limits[2] if len(limits) == 3 else one
+                limits = [self._Expression(argument).operand for argument in arguments]
+                first = limits[0] if len(limits) > 1 else "0"
+                last = limits[min(len(limits), 2) - 1]
+                step = limits[2] if len(limits) == 3 else "1"
             case _:
                 array = self._Expression(node.iter)
-                first, last, step = zero, Value(INTEGER, array.operands[1:2]), one
-        if not step.operands[0].lstrip("-").isdigit():
+                first, last, step = "0", array.operands[1], "1"
+        if not step.lstrip("-").isdigit():
             raise self._Refuse("a step of a range that is no constant", node)
         # As in Python, the body does not decide what comes next.
         counter = self._Slot(INTEGER)
-        self._Put(INTEGER, counter, first)
-        if array is None and step is one:
+        self._Put(INTEGER, counter, Value(INTEGER, (first,)))
+        if array is None and step == "1":
             self._CheckBefore(node, first, last)
-        head, inner, following, end = (self._Name() for _ in range(4))
+        head, inner, following, end = self._Names(4)
         self._Label(head)
         i = self._Take(INTEGER, counter)
-        comparison = "sgt" if step.operands[0].startswith("-") else "slt"
-        more = self._Do(f"icmp {comparison} i64 {i.operands[0]}, {last.operands[0]}")
-        self._lines.append(f"  br i1 {more}, label %{inner}, label %{end}")
-        self._is_open = False
+        comparison = "sgt" if step.startswith("-") else "slt"
+        more = self._Do(f"icmp {comparison} i64 {i.operand}, {last}")
+        self._Branch(more, inner, end)
         self._Label(inner)
-        item = i if array is None else self._Loaded(self._At(array, [i]))
+        item = i if array is None else self._Loaded(self._At(array, [i.operand]))
         self._Assign(node.target.id, item)
         self._Loop(node.body, following, end)
         self._Label(following)
         i = self._Take(INTEGER, counter)
-        self._Put(INTEGER, counter, self._Operate(ast.Add(), i, step))
+        self._Put(INTEGER, counter, self._Is(INTEGER, f"add i64 {i.operand}, {step}"))
         self._Jump(head)
         self._Label(end)
 
-    def _CheckBefore(self, node: ast.For, first: Value, last: Value) -> None:
+    def _CheckBefore(self, node: ast.For, first: str, last: str) -> None:
         """Checks indices before a loop, so that nothing is left of that inside of it.
 
         Those are the counter, and variables that stay, where they are used in each
@@ -316,11 +315,8 @@ class _Function(ExpressionWriter):
         inside = [x for statement in node.body for x in ast.walk(statement)]
         if any(isinstance(x, (ast.Break, ast.Continue, ast.Return)) for x in inside):
             return
-        assigned = {
-            x.id
-            for x in inside
-            if isinstance(x, ast.Name) and isinstance(x.ctx, ast.Store)
-        }
+        names = [x for x in inside if isinstance(x, ast.Name)]
+        assigned = {x.id for x in names if isinstance(x.ctx, ast.Store)}
         assert isinstance(node.target, ast.Name)
         counter = node.target.id
         checks = [
@@ -334,22 +330,22 @@ class _Function(ExpressionWriter):
         ]
         if not checks or counter in assigned:
             return
-        begin, end = self._Name(), self._Name()
-        more = self._Do(f"icmp slt i64 {first.operands[0]}, {last.operands[0]}")
-        self._lines.append(f"  br i1 {more}, label %{begin}, label %{end}")
-        self._is_open = False
+        begin, end = self._Names(2)
+        self._Branch(self._Do(f"icmp slt i64 {first}, {last}"), begin, end)
         self._Label(begin)
         for element, axis, name in checks:
             array = self._Expression(element.value)
             if not isinstance(array.type, ArrayType):
                 continue
-            dimension = array.operands[1 + axis]
-            ends = (first, last) if name == counter else (self._Named(name, element),)
-            if any(value.type != INTEGER for value in ends):
-                continue
-            low, high = ends[0].operands[0], ends[-1].operands[0]
-            test = "sle" if name == counter else "slt"
+            low, high, test = first, last, "sle"
+            if name != counter:
+                kind, slots = self._variables[name]
+                if kind != INTEGER:
+                    continue
+                low = high = self._Take(kind, slots).operand
+                test = "slt"
             self._Demand(self._Do(f"icmp sge i64 {low}, 0"), element)
+            dimension = array.operands[1 + axis]
             self._Demand(self._Do(f"icmp {test} i64 {high}, {dimension}"), element)
             self._checked.add((id(element), axis))
         self._Label(end)

@@ -1,53 +1,109 @@
-"""Expressions of numbers and arrays in LLVM's language; see typed_code."""
+"""Expressions of numbers and arrays in LLVM's language, and their types.
+
+No function writes into a header, so that what is read from one is an invariant load.
+typed_code has the statements.
+"""
 
 import ast
 import builtins
+import struct
 from types import FunctionType
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.machine_code.typed_values import (
-    BOOLEAN,
-    FLOAT,
-    INTEGER,
-    NOTHING,
-    ArrayType,
-    ConstantText,
-    NotTyped,
-    NumSlots,
-    PartsOf,
-    TupleType,
-    Type,
-    Value,
-)
+FLOAT, INTEGER, BOOLEAN, NOTHING = "double", "i64", "i1", "void"
+
+EVALUATE = "evaluate"
+"""The type of a function `evaluate` as scalar_code makes it."""
 
 _COMPARISONS: dict[type[ast.cmpop], str] = {
-    ast.Lt: "lt",
-    ast.LtE: "le",
-    ast.Gt: "gt",
-    ast.GtE: "ge",
-    ast.Eq: "eq",
+    ast.Lt: "lt", ast.LtE: "le", ast.Gt: "gt", ast.GtE: "ge", ast.Eq: "eq",
     ast.NotEq: "ne",
-}
+}  # fmt: skip
+_ARITHMETIC: dict[type[ast.operator], str] = {
+    ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div",
+}  # fmt: skip
 
-# What a variable has before it has a value: no number, and no index.
-_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
+
+class ArrayType(NamedTuple):
+    """An array: a pointer, and its dimensions one after another."""
+
+    item: str
+    num_dimensions: int
 
 
-class Module(Protocol):
-    """What functions share."""
+class TupleType(NamedTuple):
+    """A named tuple: a pointer to eight bytes for each number in its arrays' headers.
 
-    def Compile(
-        self, function: FunctionType, types: tuple[Type, ...], linkage: str = ...
-    ) -> tuple[str, Type]:
-        """Returns the name of a function for types, and what it returns."""
+    Attributes:
+        fields: Names and types.
+    """
 
-    def Constant(self, array: Any) -> Value:
-        """Returns a constant array of numpy."""
+    fields: tuple[tuple[str, Any], ...]
 
-    def Text(self, text: str) -> str:
-        """Returns the name of a constant text."""
+
+Type = Any
+
+
+class NotTyped(Exception):
+    """A function that is outside of the part of Python that is compiled here."""
+
+
+class Value(NamedTuple):
+    """An expression's value.
+
+    Attributes:
+        type: Its type.
+        operands: What LLVM calls it; of an array the pointer and the dimensions.
+    """
+
+    type: Type
+    operands: tuple[str, ...]
+
+    @property
+    def operand(self) -> str:
+        """The first of the operands, of a number the only one."""
+        return self.operands[0]
+
+
+def TypeOf(value: Any) -> Type:
+    """Returns the type of an argument."""
+    if isinstance(value, bool):
+        return BOOLEAN
+    if isinstance(value, (int, np.integer)):
+        return INTEGER
+    if isinstance(value, (float, np.floating)):
+        return FLOAT
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous and value.dtype.itemsize == 8, value.dtype
+        return ArrayType(FLOAT if value.dtype.kind == "f" else INTEGER, value.ndim)
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return TupleType(tuple(zip(value._fields, map(TypeOf, value), strict=True)))
+    return EVALUATE
+
+
+def Header(value: Any) -> list[int]:
+    """Returns what is in memory of a named tuple: addresses and dimensions."""
+    if isinstance(value, np.ndarray):
+        return [value.ctypes.data, *value.shape]
+    if isinstance(value, (int, np.integer)):
+        return [int(value)]
+    return [number for item in value for number in Header(item)]
+
+
+def ConstantText(value: Any) -> str:
+    """Returns a number in LLVM's language."""
+    if isinstance(value, (bool, int)):
+        return str(value).lower()
+    return "0x" + struct.pack(">d", value).hex().upper()
+
+
+def PartsOf(kind: Type) -> tuple[str, ...]:
+    """Returns the types of the operands of a value."""
+    if isinstance(kind, ArrayType):
+        return ("ptr", *[INTEGER] * kind.num_dimensions)
+    return ("ptr",) if isinstance(kind, TupleType) or kind == EVALUATE else (kind,)
 
 
 def IndicesOf(node: ast.Subscript) -> list[ast.expr]:
@@ -55,10 +111,25 @@ def IndicesOf(node: ast.Subscript) -> list[ast.expr]:
     return node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
 
 
-class ExpressionWriter:
-    """Writes expressions of one function, and what their values need."""
+def _NumSlots(kind: Type) -> int:
+    """Returns how many numbers a type has in a Header()."""
+    if isinstance(kind, TupleType):
+        return sum(_NumSlots(inner) for _, inner in kind.fields)
+    return len(PartsOf(kind))
 
-    def __init__(self, module: Module, function: FunctionType):
+
+# What a variable has before it has a value: no number, and no index.
+_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
+
+
+class ExpressionWriter:
+    """Writes expressions of one function, and what their values need.
+
+    Args:
+        module: The functions and constants that there are; see typed_code.
+    """
+
+    def __init__(self, module: Any, function: FunctionType):
         self._module, self._function = module, function
         self._lines: list[str] = []
         self._slots: list[str] = []
@@ -70,14 +141,17 @@ class ExpressionWriter:
 
     # Writing.
 
-    def _Name(self) -> str:
-        self._num_names += 1
-        return f"v{self._num_names}"
+    def _Names(self, number: int) -> list[str]:
+        self._num_names += number
+        return [f"v{self._num_names - k}" for k in range(number)]
 
     def _Do(self, instruction: str) -> str:
-        name = f"%{self._Name()}"
+        name = f"%{self._Names(1)[0]}"
         self._lines.append(f"  {name} = {instruction}")
         return name
+
+    def _Is(self, kind: Type, instruction: str) -> Value:
+        return Value(kind, (self._Do(instruction),))
 
     def _Label(self, label: str) -> None:
         """Begins a block, into which the one before goes on if it has no end."""
@@ -90,15 +164,15 @@ class ExpressionWriter:
             self._lines.append(f"  br label %{label}")
         self._is_open = False
 
-    def _Branch(self, condition: ast.expr, yes: str, no: str) -> None:
-        value = self._Truth(self._Expression(condition))
-        self._lines.append(f"  br i1 {value}, label %{yes}, label %{no}")
+    def _Branch(self, condition: str, yes: str, no: str, weights: str = "") -> None:
+        line = f"  br i1 {condition}, label %{yes}, label %{no}{weights}"
+        self._lines.append(line)
         self._is_open = False
 
     def _Slot(self, kind: Type) -> list[str]:
         slots = []
         for part in PartsOf(kind):
-            name = f"%{self._Name()}"
+            name = f"%{self._Names(1)[0]}"
             self._slots.append(f"  {name} = alloca {part}")
             if part in _NO_VALUES:
                 self._slots.append(f"  store {part} {_NO_VALUES[part]}, ptr {name}")
@@ -107,30 +181,24 @@ class ExpressionWriter:
 
     def _Demand(self, condition: str, node: ast.AST | None) -> None:
         """Ends the function with an error unless a condition holds."""
-        where = self._module.Text(self._Where(node))
-        good, bad = self._Name(), self._Name()
-        self._lines += [
-            f"  br i1 {condition}, label %{good}, label %{bad}, !prof !1",
-            f"{bad}:",
-            f"  store ptr {where}, ptr @fault",
-            "  br label %fault",
-            f"{good}:",
-        ]
+        good, bad = self._Names(2)
+        self._Branch(condition, good, bad, ", !prof !1")
+        self._Label(bad)
+        self._lines.append(
+            f"  store ptr {self._module.Text(self._Where(node))}, ptr @fault"
+        )
+        self._Jump("fault")
+        self._Label(good)
 
     def _Put(self, kind: Type, slots: list[str], value: Value) -> None:
-        value = self._As(kind, value)
-        for part, slot, operand in zip(
-            PartsOf(kind), slots, value.operands, strict=True
-        ):
+        operands = self._As(kind, value).operands
+        for part, slot, operand in zip(PartsOf(kind), slots, operands, strict=True):
             self._lines.append(f"  store {part} {operand}, ptr {slot}")
 
     def _Take(self, kind: Type, slots: list[str]) -> Value:
+        pairs = zip(PartsOf(kind), slots, strict=True)
         return Value(
-            kind,
-            tuple(
-                self._Do(f"load {part}, ptr {slot}")
-                for part, slot in zip(PartsOf(kind), slots, strict=True)
-            ),
+            kind, tuple(self._Do(f"load {x}, ptr {slot}") for x, slot in pairs)
         )
 
     def _Assign(self, name: str, value: Value) -> None:
@@ -143,18 +211,14 @@ class ExpressionWriter:
         if value.type == kind:
             return value
         if kind == FLOAT and value.type == INTEGER:
-            return Value(
-                FLOAT, (self._Do(f"sitofp i64 {value.operands[0]} to double"),)
-            )
-        raise NotTyped(
-            f"{self._function.__name__}: a variable is {kind} and {value.type}"
-        )
+            return self._Is(FLOAT, f"sitofp i64 {value.operand} to double")
+        raise self._Refuse(f"a variable is {kind} and {value.type}", None)
 
     def _Truth(self, value: Value) -> str:
         if value.type == BOOLEAN:
-            return value.operands[0]
+            return value.operand
         if value.type == INTEGER:
-            return self._Do(f"icmp ne i64 {value.operands[0]}, 0")
+            return self._Do(f"icmp ne i64 {value.operand}, 0")
         raise self._Refuse("the truth of what is no yes or no", None)
 
     def _Refuse(self, what: str, node: ast.AST | None) -> NotTyped:
@@ -168,15 +232,17 @@ class ExpressionWriter:
 
     def _Expression(self, node: ast.expr) -> Value:
         match node:
-            case ast.Constant(value=bool() | int() | float() as value):
-                return self._Number(value)
+            case ast.Constant(value=value):
+                return self._Constant(value, node)
+            case ast.Name(id=name) if name in self._variables:
+                return self._Take(*self._variables[name])
             case ast.Name(id=name):
-                return self._Named(name, node)
+                return self._Constant(self._function.__globals__.get(name), node)
             case ast.Attribute(value=ast.Name(id=name), attr=attribute) if (
                 name not in self._variables
             ):
                 owner = self._function.__globals__.get(name)
-                return self._Number(getattr(owner, attribute))
+                return self._Constant(getattr(owner, attribute), node)
             case ast.Attribute(value=inner, attr=attribute):
                 return self._Field(self._Expression(inner), attribute, node)
             case ast.Subscript(
@@ -186,11 +252,19 @@ class ExpressionWriter:
                 return Value(INTEGER, (self._Expression(inner).operands[1 + axis],))
             case ast.Subscript():
                 return self._Loaded(self._Element(node))
-            case ast.UnaryOp(op=op, operand=operand):
-                return self._Unary(op, self._Expression(operand), node)
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                truth = self._Truth(self._Expression(operand))
+                return self._Is(BOOLEAN, f"xor i1 {truth}, true")
+            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() as n)):
+                return self._Constant(-n, node)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                x = self._Expression(operand)
+                if x.type != FLOAT:
+                    raise self._Refuse("the negative of a whole number", node)
+                return self._Is(FLOAT, f"fneg double {x.operand}")
             case ast.BinOp(left=left, op=op, right=right):
-                a = self._Expression(left)
-                return self._Operate(op, a, self._Expression(right))
+                a, b = self._Expression(left), self._Expression(right)
+                return self._Operate(op, a, b, node)
             case ast.Compare():
                 return self._Compare(node)
             case ast.BoolOp():
@@ -203,51 +277,44 @@ class ExpressionWriter:
             case _:
                 raise self._Refuse(type(node).__name__, node)
 
-    def _Number(self, value: Any) -> Value:
-        if isinstance(value, bool):
-            return Value(BOOLEAN, (ConstantText(value),))
-        if isinstance(value, int):
-            return Value(INTEGER, (ConstantText(value),))
-        if not isinstance(value, float):
-            raise self._Refuse(f"a {type(value).__name__}", None)
-        return Value(FLOAT, (ConstantText(value),))
-
-    def _Named(self, name: str, node: ast.expr) -> Value:
-        if name in self._variables:
-            return self._Take(*self._variables[name])
-        value = self._function.__globals__.get(name)
+    def _Constant(self, value: Any, node: ast.expr) -> Value:
         if isinstance(value, np.ndarray):
-            return self._module.Constant(value)
-        if not isinstance(value, (int, float)):
-            raise self._Refuse(f"{name} before it has a value", node)
-        return self._Number(value)
+            array: Value = self._module.Constant(value)
+            return array
+        if not isinstance(value, (bool, int, float)):
+            what = "before it has a value: a" if isinstance(node, ast.Name) else "a"
+            raise self._Refuse(
+                f"{ast.unparse(node)} is {what} {type(value).__name__}", node
+            )
+        return Value(TypeOf(value), (ConstantText(value),))
 
     def _Field(self, value: Value, name: str, node: ast.expr) -> Value:
-        """Returns what a field of a named tuple is."""
-        if not isinstance(value.type, TupleType):
+        """Returns the value of a field of a named tuple."""
+        kinds = dict(value.type.fields) if isinstance(value.type, TupleType) else {}
+        if name not in kinds:
             raise self._Refuse(f"the attribute {name}", node)
-        place = 0
-        for field, kind in value.type.fields:
-            if field == name:
-                break
-            place += NumSlots(kind)
-        else:
-            raise self._Refuse(f"the attribute {name}", node)
+        before = list(kinds.values())[: list(kinds).index(name)]
+        kind, place = kinds[name], sum(map(_NumSlots, before))
+        parts = PartsOf(kind)
         pointers = [
-            self._Do(f"getelementptr i64, ptr {value.operands[0]}, i64 {place + k}")
-            for k in range(len(PartsOf(kind)))
+            self._Do(f"getelementptr i64, ptr {value.operand}, i64 {place + k}")
+            for k in range(len(parts))
         ]
         if isinstance(kind, TupleType):
             return Value(kind, (pointers[0],))
-        # No function writes into a header.
-        operands = [
-            self._Do(f"load {part}, ptr {pointer}, !invariant.load !0")
-            for part, pointer in zip(PartsOf(kind), pointers, strict=True)
-        ]
-        return Value(kind, tuple(operands))
+        return Value(
+            kind,
+            tuple(
+                self._Do(f"load {part}, ptr {pointer}, !invariant.load !0")
+                for part, pointer in zip(parts, pointers, strict=True)
+            ),
+        )
 
     def _Element(self, node: ast.Subscript) -> Value:
-        """Returns the array of fewer dimensions that is at an index."""
+        """Returns the array of fewer dimensions that is at an index.
+
+        The index has to be in the array. One from the end, below 0, is none here.
+        """
         array = self._Expression(node.value)
         if not isinstance(array.type, ArrayType):
             raise self._Refuse("an index of what is no array", node)
@@ -255,152 +322,104 @@ class ExpressionWriter:
             return self._Slice(array, node.slice)
         indices = []
         for axis, item in enumerate(IndicesOf(node)):
-            index = self._Expression(item)
+            index = self._As(INTEGER, self._Expression(item)).operand
             if (id(node), axis) not in self._checked:
-                index = self._Checked(index, array.operands[1 + axis], node)
+                dimension = array.operands[1 + axis]
+                self._Demand(self._Do(f"icmp ult i64 {index}, {dimension}"), node)
             indices.append(index)
         return self._At(array, indices)
-
-    def _Checked(self, index: Value, dimension: str, node: ast.AST) -> Value:
-        """Returns an index as one from the beginning; it has to be in the array."""
-        operand = self._As(INTEGER, index).operands[0]
-        if operand.startswith("-"):
-            operand = self._Do(f"add i64 {operand}, {dimension}")
-        inside = self._Do(f"icmp ult i64 {operand}, {dimension}")
-        if operand.isdigit() or index.operands[0] != operand:
-            self._Demand(inside, node)
-            return Value(INTEGER, (operand,))
-        before, outside, good = self._Name(), self._Name(), self._Name()
-        self._lines += [
-            f"  br label %{before}",
-            f"{before}:",
-            f"  br i1 {inside}, label %{good}, label %{outside}, !prof !1",
-            f"{outside}:",
-        ]
-        from_end = self._Do(f"add i64 {operand}, {dimension}")
-        self._Demand(self._Do(f"icmp ult i64 {from_end}, {dimension}"), node)
-        end = self._Name()
-        self._lines += [
-            f"  br label %{end}",
-            f"{end}:",
-            f"  br label %{good}",
-            f"{good}:",
-        ]
-        operand = self._Do(f"phi i64 [{operand}, %{before}], [{from_end}, %{end}]")
-        return Value(INTEGER, (operand,))
 
     def _Slice(self, array: Value, part: ast.Slice) -> Value:
         """Returns the rows of an array from one to before another."""
         if part.lower is None or part.upper is None or part.step is not None:
             raise self._Refuse("a slice without both ends, or with steps", part)
-        first, end = self._Expression(part.lower), self._Expression(part.upper)
+        first = self._Expression(part.lower).operand
+        end = self._Expression(part.upper).operand
         dimension, *rest = array.operands[1:]
-        for low, high in (
-            ("0", first.operands[0]),
-            (first.operands[0], end.operands[0]),
-            (end.operands[0], dimension),
-        ):
+        for low, high in (("0", first), (first, end), (end, dimension)):
             self._Demand(self._Do(f"icmp sle i64 {low}, {high}"), part)
         # The first row, as an array of fewer dimensions, is where it begins.
-        pointer = self._At(array, [first]).operands[0]
-        size = self._Do(f"sub i64 {end.operands[0]}, {first.operands[0]}")
+        pointer = self._At(array, [first]).operand
+        size = self._Do(f"sub i64 {end}, {first}")
         return Value(array.type, (pointer, size, *rest))
 
-    def _At(self, array: Value, indices: list[Value]) -> Value:
+    def _At(self, array: Value, indices: list[str]) -> Value:
         """Returns the array of fewer dimensions that is at indices."""
-        item, num_dimensions = array.type
+        item = array.type.item
         pointer, *dimensions = array.operands
         place = "0"
         for k, dimension in enumerate(dimensions):
             place = self._Do(f"mul nsw i64 {place}, {dimension}")
             if k < len(indices):
-                index = indices[k].operands[0]
-                place = self._Do(f"add nsw i64 {place}, {index}")
+                place = self._Do(f"add nsw i64 {place}, {indices[k]}")
         pointer = self._Do(f"getelementptr {item}, ptr {pointer}, i64 {place}")
         rest = dimensions[len(indices) :]
-        kind = ArrayType(item, num_dimensions - len(indices))
-        return Value(kind, (pointer, *rest))
+        return Value(ArrayType(item, len(rest)), (pointer, *rest))
 
     def _Loaded(self, array: Value) -> Value:
         """Returns an array, or the element that one without dimensions is."""
         item, num_dimensions = array.type
         if num_dimensions:
             return array
-        return Value(item, (self._Do(f"load {item}, ptr {array.operands[0]}"),))
-
-    def _Unary(self, op: ast.unaryop, value: Value, node: ast.expr) -> Value:
-        if isinstance(op, ast.Not):
-            return Value(BOOLEAN, (self._Do(f"xor i1 {self._Truth(value)}, true"),))
-        if not isinstance(op, ast.USub):
-            raise self._Refuse(type(op).__name__, node)
-        operand = value.operands[0]
-        if value.type == INTEGER:
-            if operand.isdigit():
-                return Value(INTEGER, (f"-{operand}",))
-            return Value(INTEGER, (self._Do(f"sub i64 0, {operand}"),))
-        return Value(FLOAT, (self._Do(f"fneg double {operand}"),))
+        return self._Is(item, f"load {item}, ptr {array.operand}")
 
     def _Same(self, a: Value, b: Value) -> tuple[Type, str, str]:
         """Returns two numbers as such of one type."""
         kind = FLOAT if FLOAT in (a.type, b.type) else a.type
-        return kind, self._As(kind, a).operands[0], self._As(kind, b).operands[0]
+        return kind, self._As(kind, a).operand, self._As(kind, b).operand
 
-    def _Operate(self, op: ast.operator, a: Value, b: Value) -> Value:
+    def _Operate(self, op: ast.operator, a: Value, b: Value, node: ast.AST) -> Value:
         if isinstance(op, (ast.Div, ast.Pow)):
             a, b = self._As(FLOAT, a), self._As(FLOAT, b)
         kind, x, y = self._Same(a, b)
         if isinstance(op, ast.Pow):
-            call = f"call double @llvm.pow.f64(double {x}, double {y})"
-            return Value(FLOAT, (self._Do(call),))
+            return self._Is(FLOAT, f"call double @llvm.pow.f64(double {x}, double {y})")
         if isinstance(op, ast.FloorDiv) and kind == INTEGER and y == "2":
-            return Value(INTEGER, (self._Do(f"ashr i64 {x}, 1"),))
-        names = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
-        if type(op) not in names or kind not in (FLOAT, INTEGER):
-            raise self._Refuse(f"{type(op).__name__} of {kind}", None)
+            return self._Is(INTEGER, f"ashr i64 {x}, 1")
+        if type(op) not in _ARITHMETIC or kind not in (FLOAT, INTEGER):
+            raise self._Refuse(f"{type(op).__name__} of {kind}", node)
         prefix = "f" if kind == FLOAT else ""
-        return Value(kind, (self._Do(f"{prefix}{names[type(op)]} {kind} {x}, {y}"),))
+        return self._Is(kind, f"{prefix}{_ARITHMETIC[type(op)]} {kind} {x}, {y}")
+
+    def _Holds(self, name: str, a: Value, b: Value) -> str:
+        kind, x, y = self._Same(a, b)
+        if kind == FLOAT:
+            prefix = "u" if name == "ne" else "o"  # What is no number differs.
+            return self._Do(f"fcmp {prefix}{name} double {x}, {y}")
+        prefix = "" if name in ("eq", "ne") else "s"
+        return self._Do(f"icmp {prefix}{name} {kind} {x}, {y}")
 
     def _Compare(self, node: ast.Compare) -> Value:
         """Returns whether comparisons hold, one after another."""
         result = ""
         a = self._Expression(node.left)
         for op, right in zip(node.ops, node.comparators, strict=True):
-            b = self._Expression(right)
-            kind, x, y = self._Same(a, b)
-            name = _COMPARISONS.get(type(op))
-            if name is None:
+            if type(op) not in _COMPARISONS:
                 raise self._Refuse(type(op).__name__, node)
-            if kind == FLOAT:
-                prefix = "u" if name == "ne" else "o"  # What is no number differs.
-                holds = self._Do(f"fcmp {prefix}{name} double {x}, {y}")
-            else:
-                prefix = "" if name in ("eq", "ne") else "s"
-                holds = self._Do(f"icmp {prefix}{name} {kind} {x}, {y}")
+            b = self._Expression(right)
+            holds = self._Holds(_COMPARISONS[type(op)], a, b)
             result = self._Do(f"and i1 {result}, {holds}") if result else holds
             a = b
         return Value(BOOLEAN, (result,))
 
     def _Logic(self, node: ast.BoolOp) -> Value:
         """Returns the result of `and` or `or`, which ask no more than they have to."""
-        slots, end = self._Slot(BOOLEAN), self._Name()
+        slots, (end,) = self._Slot(BOOLEAN), self._Names(1)
         for operand in node.values:
-            value = Value(BOOLEAN, (self._Truth(self._Expression(operand)),))
-            self._Put(BOOLEAN, slots, value)
-            following = self._Name()
-            labels = (
-                (following, end) if isinstance(node.op, ast.And) else (end, following)
-            )
-            self._lines.append(
-                f"  br i1 {value.operands[0]}, label %{labels[0]}, label %{labels[1]}"
-            )
-            self._is_open = False
+            truth = self._Truth(self._Expression(operand))
+            self._Put(BOOLEAN, slots, Value(BOOLEAN, (truth,)))
+            (following,) = self._Names(1)
+            if isinstance(node.op, ast.And):
+                self._Branch(truth, following, end)
+            else:
+                self._Branch(truth, end, following)
             self._Label(following)
         self._Label(end)
         return self._Take(BOOLEAN, slots)
 
     def _Choice(self, node: ast.IfExp) -> Value:
-        yes, no, end = self._Name(), self._Name(), self._Name()
-        self._Branch(node.test, yes, no)
+        yes, no, end = self._Names(3)
+        self._Branch(self._Truth(self._Expression(node.test)), yes, no)
         self._Label(yes)
         value = self._Expression(node.body)
         slots = self._Slot(value.type)
@@ -413,68 +432,60 @@ class ExpressionWriter:
 
     def _Call(self, name: str, arguments: list[Value], node: ast.expr) -> Value:
         if name in self._variables:
-            return self._CallEvaluate(self._Named(name, node), arguments)
+            return self._CallEvaluate(self._Take(*self._variables[name]), arguments)
         function = self._function.__globals__.get(name, getattr(builtins, name, None))
         if isinstance(function, FunctionType):
             return self._CallFunction(function, arguments)
-        if name == "len":
-            return Value(INTEGER, arguments[0].operands[1:2])
-        if name == "float":
-            return self._As(FLOAT, arguments[0])
-        if name == "bool":
-            return Value(BOOLEAN, (self._Truth(arguments[0]),))
-        if name == "int":
-            return (
-                Value(
-                    INTEGER,
-                    (self._Do(f"fptosi double {arguments[0].operands[0]} to i64"),),
-                )
-                if arguments[0].type == FLOAT
-                else arguments[0]
-            )
-        if name == "abs" and arguments[0].type == FLOAT:
-            call = f"call double @llvm.fabs.f64(double {arguments[0].operands[0]})"
-            return Value(FLOAT, (self._Do(call),))
-        if name in ("min", "max"):
-            return self._Extreme("lt" if name == "min" else "gt", arguments)
+        first = arguments[0]
+        match name:
+            case "len":
+                return Value(INTEGER, first.operands[1:2])
+            case "float":
+                return self._As(FLOAT, first)
+            case "bool":
+                return Value(BOOLEAN, (self._Truth(first),))
+            case "int" if first.type == FLOAT:
+                return self._Is(INTEGER, f"fptosi double {first.operand} to i64")
+            case "abs" if first.type == FLOAT:
+                call = f"call double @llvm.fabs.f64(double {first.operand})"
+                return self._Is(FLOAT, call)
+            case "min" | "max":
+                return self._Extreme("lt" if name == "min" else "gt", arguments)
         raise self._Refuse(f"a call of {name}", node)
 
     def _Extreme(self, comparison: str, values: list[Value]) -> Value:
         result = values[0]
         for value in values[1:]:
             kind, y, x = self._Same(value, result)
-            test = f"fcmp o{comparison}" if kind == FLOAT else f"icmp s{comparison}"
-            better = self._Do(f"{test} {kind} {y}, {x}")
-            chosen = self._Do(f"select i1 {better}, {kind} {y}, {kind} {x}")
-            result = Value(kind, (chosen,))
+            pair = Value(kind, (y,)), Value(kind, (x,))
+            better = self._Holds(comparison, *pair)
+            result = self._Is(kind, f"select i1 {better}, {kind} {y}, {kind} {x}")
         return result
 
     def _CallFunction(self, function: FunctionType, values: list[Value]) -> Value:
-        kinds = tuple(value.type for value in values)
-        name, kind = self._module.Compile(function, kinds)
+        name, kind = self._module.Compile(function, tuple(x.type for x in values))
         operands = ", ".join(
             f"{part} {operand}"
             for value in values
             for part, operand in zip(PartsOf(value.type), value.operands, strict=True)
         )
+        call = f"call {kind} @{name}({operands})"
         if kind == NOTHING:
-            self._lines.append(f"  call void @{name}({operands})")
+            self._lines.append(f"  {call}")
             result = Value(NOTHING, ())
         else:
-            result = Value(kind, (self._Do(f"call {kind} @{name}({operands})"),))
-        fault, following = self._Do("load ptr, ptr @fault"), self._Name()
+            result = self._Is(kind, call)
+        fault, (following,) = self._Do("load ptr, ptr @fault"), self._Names(1)
         bad = self._Do(f"icmp ne ptr {fault}, null")
-        self._lines.append(f"  br i1 {bad}, label %fault, label %{following}, !prof !2")
-        self._lines.append(f"{following}:")
+        self._Branch(bad, "fault", following, ", !prof !2")
+        self._Label(following)
         return result
 
     def _CallEvaluate(self, function: Value, values: list[Value]) -> Value:
         """Writes a call of `evaluate`, which takes pointers."""
         t, *arrays, everything = values
-        pointers = ", ".join(f"ptr {array.operands[0]}" for array in arrays)
-        wanted = self._Do(f"zext i1 {everything.operands[0]} to i32")
-        self._lines.append(
-            f"  call void {function.operands[0]}(double {t.operands[0]}, {pointers}, "
-            f"i32 {wanted})"
-        )
+        pointers = ", ".join(f"ptr {array.operand}" for array in arrays)
+        wanted = self._Do(f"zext i1 {everything.operand} to i32")
+        arguments = f"double {t.operand}, {pointers}, i32 {wanted}"
+        self._lines.append(f"  call void {function.operand}({arguments})")
         return Value(NOTHING, ())
