@@ -43,10 +43,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
-from teleop_drake.linear_model.cuts import FindHeldForce
-from teleop_drake.linear_model.loop import LinearizeLoop, MakeLinearTeleoperator
-from teleop_drake.linear_model.loop_cut import CutLoop
-from teleop_drake.linear_model.models import LoopModel
+from teleop_drake.linear_model.loop import FindHeldForce, Linearizer
+from teleop_drake.linear_model.loop_model import CutLoop, LoopModel
 from teleop_drake.linear_model.operating_point import (
     OperatingPoint,
     OperatingPoints,
@@ -175,7 +173,7 @@ class PointStability:
         )
         roots = roots[~self._AreNeutral(roots)]
         roots = np.concatenate([roots, self.hidden_modes])
-        return roots[np.lexsort((-roots.imag, -roots.real.round(12)))][:count]
+        return _RightmostFirst(roots)[:count]
 
     def _AreNeutral(self, roots: NDArray[np.complex128]) -> NDArray[np.bool_]:
         """Returns which roots of the loop are not told from those at 0."""
@@ -313,7 +311,7 @@ def AnalyzeModel(
     is_neutral = np.abs(hidden) < unresolved
     # Which modes are hidden does not depend on the delay, and what is not a decaying
     # one among them spoils every delay.
-    modes = hidden[~is_neutral]
+    modes = _RightmostFirst(hidden[~is_neutral])
     crossings = [x for x in find_crossings(loop) if _IsResolved(model, x, unresolved)]
     if model.motion and not _HasDivergence(loop, max_delay, unresolved):
         # What passes through 0 does not leave the circle of the motion.
@@ -323,8 +321,7 @@ def AnalyzeModel(
     if not _AllDecay(modes):
         intervals, margin = [], None
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
-    slave_roots = slave_roots[np.abs(slave_roots) >= unresolved]
-    slave_roots = slave_roots[np.lexsort((-slave_roots.imag, -slave_roots.real))]
+    slave_roots = _RightmostFirst(slave_roots[np.abs(slave_roots) >= unresolved])
     return PointStability(
         model=model,
         loop=loop,
@@ -338,6 +335,11 @@ def AnalyzeModel(
         unresolved=unresolved,
         slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
     )
+
+
+def _RightmostFirst(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Sorts roots by descending real part, and the upper one of a pair first."""
+    return roots[np.lexsort((-roots.imag, -roots.real.round(12)))]
 
 
 def _AllDecay(modes: NDArray[np.complex128]) -> bool:
@@ -425,8 +427,8 @@ def AnalyzeStability(
                 else teleoperator.GetSubsystemByName("environment")
             ),
         )
-    diagram = teleoperator or MakeLinearTeleoperator(scenario)
-    models = [LinearizeLoop(scenario, point, teleoperator=diagram) for point in points]
+    linearizer = Linearizer(scenario, teleoperator)
+    models = [linearizer.Loop(point) for point in points]
     notes = [note for note in (forward.note, back.note) if note]
     operator_note = scenario.surgeon.LinearNote()
     if teleoperator is None and operator_note is not None:
@@ -441,7 +443,7 @@ def AnalyzeStability(
         )
     results = [
         _WithForceMode(
-            AnalyzeModel(model, delay=delay, max_delay=max_delay), scenario, diagram
+            AnalyzeModel(model, delay=delay, max_delay=max_delay), scenario, linearizer
         )
         for model in models
     ]
@@ -463,10 +465,11 @@ def AnalyzeStability(
 
 
 def _WithForceMode(
-    velocity_mode: PointStability, scenario: Scenario, diagram: Diagram
+    velocity_mode: PointStability, scenario: Scenario, linearizer: Linearizer
 ) -> PointStability:
     """Adds the loop that the operator closes there after contact, if it is another."""
     point = velocity_mode.model.point
+    diagram = linearizer.diagram
     environment = diagram.GetSubsystemByName("environment")
     contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
     is_behind = contact is not None and contact.Depth(point.position) > 0
@@ -481,7 +484,7 @@ def _WithForceMode(
         rest = PointOfRest(point, environment, found[1].force)
         if rest is None:
             raise ScenarioError("the tool does not rest under it")
-        model = LinearizeLoop(scenario, rest, teleoperator=diagram)
+        model = linearizer.Loop(rest)
     except ScenarioError as e:
         untold = (
             f"The loop in {point.name} once the operator holds a force there is not "

@@ -26,68 +26,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.linear_model.loop import LinearizeTwoPort
-from teleop_drake.linear_model.models import TwoPortModel
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-
-def AdmittanceMatrix(
-    model: TwoPortModel,
-    frequencies: ArrayLike,
-    *,
-    forward_delay: float = 0.0,
-    return_delay: float = 0.0,
-) -> ComplexArray:
-    """Returns y(j w) of (1) (K, 2n, 2n).
-
-    Delays inside of the stations are the round trip, T_f + T_r.
-
-    Args:
-        model: Both sides at an operating point.
-        frequencies: w in rad/s (K), > 0.
-        forward_delay: T_f in s, >= 0.
-        return_delay: T_r in s, >= 0.
-    """
-    w = np.asarray(frequencies, dtype=float).reshape(-1)
-    n = len(model.point.position)
-    num_sent, num_returned = model.packet_sizes
-    M, S = (side.frequency_response(w) for side in (model.master, model.slave))
-
-    def Turned(side: ComplexArray, num_packet: int, delay: float) -> ComplexArray:
-        """Returns a side with the delays of what it receives before it."""
-        turned = side.copy()
-        turned[:, :, n : n + num_packet] *= np.exp(-1j * w * delay)[:, None, None]
-        round_trip = np.exp(-1j * w * (forward_delay + return_delay))
-        turned[:, :, n + num_packet :] *= round_trip[:, None, None]
-        # What comes out of the delays inside goes back into them.
-        begin = n + num_packet
-        inner = turned.shape[2] - begin
-        end = turned.shape[1] - inner
-        loop = np.eye(inner) - turned[:, end:, begin:]
-        closed = turned[:, :end, begin:] @ np.linalg.solve(
-            loop, turned[:, end:, :begin]
-        )
-        result: ComplexArray = turned[:, :end, :begin] + closed
-        return result
-
-    M = Turned(M, num_returned, return_delay)
-    S = Turned(S, num_sent, forward_delay)
-    # [v; packet] = side [F; packet received]: the packets go round.
-    loop = np.eye(num_sent) - M[:, n:, n:] @ S[:, n:, n:]
-    sent = np.linalg.solve(
-        loop, np.concatenate([M[:, n:, :n], M[:, n:, n:] @ S[:, n:, :n]], axis=2)
-    )
-    returned = S[:, n:, n:] @ sent
-    returned[:, :, n:] += S[:, n:, :n]
-    felt = M[:, :n, n:] @ returned
-    felt[:, :, :n] += M[:, :n, :n]
-    tool = S[:, :n, n:] @ sent
-    tool[:, :, n:] += S[:, :n, :n]
-    return np.concatenate([felt, -tool], axis=1).astype(complex)
 
 
 def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray:
@@ -190,6 +134,7 @@ def AnalyzeTransparency(
     forward_delay: float,
     return_delay: float,
     frequencies: ArrayLike = FREQUENCIES,
+    linearizer: Linearizer | None = None,
 ) -> Transparency:
     """Analyses what the operator feels at an operating point.
 
@@ -199,9 +144,10 @@ def AnalyzeTransparency(
         forward_delay: T_f in s, >= 0.
         return_delay: T_r in s, >= 0.
         frequencies: w in rad/s (K), > 0.
+        linearizer: Of the scenario, at its ports, if there are many points.
 
     Raises:
-        ValueError: As LinearizeTwoPort.
+        ValueError: As Linearizer.
     """
     scenario = AsTeleoperation(scenario)
     point = OperatingPoint(
@@ -212,9 +158,10 @@ def AnalyzeTransparency(
         estimates=point.estimates,
     )
     w = np.asarray(frequencies, dtype=float).reshape(-1)
-    model = LinearizeTwoPort(scenario, point)
-    delayed = AdmittanceMatrix(
-        model, w, forward_delay=forward_delay, return_delay=return_delay
+    linearizer = linearizer or Linearizer(scenario, at_ports=True)
+    model = linearizer.TwoPort(point)
+    delayed = model.Admittance(
+        w, forward_delay=forward_delay, return_delay=return_delay
     )
     Z_e = EnvironmentImpedance(scenario, point, w)
     n = len(point.position)
@@ -222,7 +169,7 @@ def AnalyzeTransparency(
         point=point,
         frequencies=w,
         transmitted=TransmittedImpedance(delayed, Z_e),
-        undelayed=TransmittedImpedance(AdmittanceMatrix(model, w), Z_e),
+        undelayed=TransmittedImpedance(model.Admittance(w), Z_e),
         environment=Z_e,
         llewellyn=np.stack(
             [llewellyn(AxisTwoPort(delayed, axis)) for axis in range(n)], axis=1
@@ -259,7 +206,7 @@ def FeltStiffness(
 
     Raises:
         ScenarioError: If a channel is no delay.
-        ValueError: As LinearizeTwoPort.
+        ValueError: As Linearizer.
     """
     forward, back = (
         getattr(scenario, path).AsConstantDelay(path, scenario.duration).delay

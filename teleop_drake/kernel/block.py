@@ -117,6 +117,10 @@ class Duals(np.ndarray):
             return result.view(Duals)
         return super().__array_function__(function, types, arguments, options)
 
+    def __array_wrap__(self, array: Any, *others: Any) -> Any:
+        """Returns numbers as such: NumPy would keep them as arrays without axes."""
+        return array.item() if array.ndim == 0 else array.view(Duals)
+
 
 class KernelBlock(Convertible):
     """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().

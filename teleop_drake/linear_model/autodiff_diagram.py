@@ -4,8 +4,9 @@ Drake's own scalar conversion gives every block exact derivatives. A block that 
 convert gets central differences, it alone.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, TypeAlias, cast
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +26,15 @@ from pydrake.systems.framework import (
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import Adder_
+from pydrake.systems.primitives import Adder_, PassThrough_
 
-from teleop_drake.compiler.flatten import Flatten, OutputOf, Source
+from teleop_drake.compiler.flatten import Block, OutputOf, Source
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.kernel.block import DualBlock, KernelBlock
-from teleop_drake.linear_model.cuts import FixedInput, InnerDelay, States
 from teleop_drake.numerics.differences import differentiate
 
 Array = NDArray[np.float64]
 Contexts = Mapping[System, Context]
-Seen: TypeAlias = States | InputPort | OutputPort
 
 # How far apart slopes are compared, relative to values of 1 and more, and which share
 # of the largest they may differ by: far more than curvature makes of so short a way.
@@ -43,18 +42,106 @@ _NEAR = 1e-9
 _BEND = 1e-4
 
 
-class DualDiagram:
-    """A diagram whose values carry derivatives by states and inputs of one's choice.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class States:
+    """The first continuous states of a block, which a model has as its own."""
+
+    system: System
+    context: Context
+    size: int
+
+    def Get(self) -> Array:
+        """Returns their values."""
+        state = self.context.get_continuous_state_vector()
+        return cast(Array, state.CopyToVector()[: self.size])
+
+    def Set(self, values: Array) -> None:
+        """Gives them values."""
+        x = self.context.get_continuous_state_vector().CopyToVector()
+        x[: self.size] = values
+        self.context.SetContinuousState(x)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cut:
+    """Input ports of blocks at which a diagram is cut open: an input of its model.
+
+    Attributes:
+        ports: The ports, which all receive the same.
+        contexts: Of every system.
+        entering: What they receive as long as nothing is cut, delays apart.
+        delay: The delay that is taken out there, if any.
+        is_added: Whether the input is added to what the ports receive.
+    """
+
+    ports: list[InputPort]
+    contexts: Contexts
+    entering: InputPort | OutputPort | None = None
+    delay: System | None = None
+    is_added: bool = False
+
+    def Get(self) -> Array:
+        """Returns the value of the input at the operating point."""
+        if not self.ports:  # A delay at the end of a diagram.
+            assert self.delay is not None
+            output = self.delay.get_output_port()
+            return cast(Array, output.Eval(self.contexts[self.delay]))
+        port = self.ports[0]
+        context = self.contexts[port.get_system()]
+        if self.is_added or not port.HasValue(context):
+            return np.zeros(port.size())
+        return cast(Array, port.Eval(context))
+
+    def Set(self, value: Array) -> None:
+        """Fixes the ports at a value."""
+        for port in self.ports:
+            port.FixValue(self.contexts[port.get_system()], value)
+
+    def Settle(self) -> None:
+        """Fixes the ports at what enters now."""
+        assert self.entering is not None
+        self.Set(self.entering.Eval(self.contexts[self.entering.get_system()]))
+
+
+def CutAtDelay(blocks: Sequence[Block], delay: System, contexts: Contexts) -> Cut:
+    """Returns the cut at the ports that a delay is connected to."""
+    consumers = [
+        block.system.GetInputPort(name)
+        for block in blocks
+        for name, source in block.inputs.items()
+        if blocks[source.block].system is delay
+    ]
+    return Cut(
+        ports=consumers,
+        contexts=contexts,
+        entering=delay.get_input_port(),
+        delay=delay,
+    )
+
+
+def LeafPorts(port: InputPort) -> list[InputPort]:
+    """Returns the ports of blocks that an input port of a system is, or leads to."""
+    system = port.get_system()
+    if not isinstance(system, Diagram):
+        return [port]
+    index = InputPortIndex(int(port.get_index()))
+    return [
+        leaf
+        for inner, i in system.GetInputPortLocators(index)
+        for leaf in LeafPorts(inner.get_input_port(int(i)))
+    ]
+
+
+class AutoDiffDiagram:
+    """A diagram whose values carry derivatives by some states and inputs.
 
     Args:
-        diagram: The diagram.
-        contexts: Of every system in it, for what a conversion needs of them.
-        cut: Ports, at any depth, that receive only what is set.
-        added: Ports of blocks to which what is set is added.
-        delays: Delays, which are cut.
+        blocks: Those of the diagram, by Flatten().
+        contexts: Of every system in it: the operating point.
+        states: By which there are derivatives, first.
+        cuts: The inputs by which there are, after them.
+        seen: Ports at which values are wanted, after the rates of the states.
         parts: Names of the systems in the diagram that count; None: all.
-        step: Longest difference for blocks that do not convert, as a share of a value
-            of 1 and more.
 
     Attributes:
         by_differences: Paths of the blocks that do not convert.
@@ -62,80 +149,103 @@ class DualDiagram:
 
     def __init__(
         self,
-        diagram: Diagram,
+        blocks: list[Block],
         contexts: Contexts,
         *,
-        cut: Collection[InputPort] = (),
-        added: Collection[InputPort] = (),
-        delays: Collection[System] = (),
+        states: Sequence[States],
+        cuts: Sequence[Cut],
+        seen: Iterable[InputPort | OutputPort],
         parts: Collection[str] | None = None,
-        step: float,
     ):
-        self._flat, self._delays = Flatten(diagram), delays
-        self._step = step
+        self._contexts, self._states, self._cuts = contexts, states, cuts
+        self._all, self._parts, self._ports = blocks, parts, list(seen)
+        self._Build()
+
+    def _Build(self) -> None:
+        """Converts what converts at the operating point, and connects it."""
+        contexts, cuts, blocks = self._contexts, self._cuts, self._all
         self.by_differences: list[str] = []
         builder = DiagramBuilder_[AutoDiffXd]()
+        delays = {cut.delay for cut in cuts}
         self._blocks: dict[System, Any] = {}
-        for block in self._flat:
+        for block in blocks:
             system = block.system
+            is_part = self._parts is None or block.path.split("/")[0] in self._parts
             is_seen = system.num_output_ports() or system.num_continuous_states()
-            is_part = parts is None or block.path.split("/")[0] in parts
             if is_part and is_seen and system not in delays:
-                dual = self._Convert(system, block.path, contexts[system])
+                dual = self._Convert(system, block.path)
                 dual.set_name(block.path.replace("/", "."))
                 self._blocks[system] = builder.AddSystem(dual)
-        self._targets: dict[tuple[System, str], Any] = {}
-        self._open: list[InputPort] = []
-        self._cut = {_Place(leaf) for port in cut for leaf in LeafPorts(port)}
-        added_places = {_Place(port) for port in added}
-        for block in self._flat:
+        self._given = [
+            builder.AddNamedSystem(
+                f"input {i}", PassThrough_[AutoDiffXd](len(cut.Get()))
+            )
+            for i, cut in enumerate(cuts)
+        ]
+        self._delivered = {
+            cut.delay: given for cut, given in zip(cuts, self._given, strict=True)
+        }
+        given_at = {
+            (port.get_system(), port.get_name()): (given, cut.is_added)
+            for cut, given in zip(cuts, self._given, strict=True)
+            for port in cut.ports
+            if cut.delay is None
+        }
+        self._open: list[tuple[Any, InputPort]] = []
+        for block in blocks:
             if block.system not in self._blocks:
                 continue
             for i in range(block.system.num_input_ports()):
                 port = block.system.get_input_port(i)
-                source = block.inputs.get(port.get_name())
                 target = self._blocks[block.system].get_input_port(i)
-                output = None if source is None else self._OutputOf(source)
-                place = _Place(port)
-                self._targets[place] = target
-                if output is None or place in self._cut:
-                    self._open.append(port)
-                    continue
-                if place in added_places:
-                    adder = builder.AddSystem(Adder_[AutoDiffXd](2, port.size()))
-                    adder.set_name(f"deviation at {target.GetFullDescription()}")
-                    builder.Connect(output, adder.get_input_port(0))
-                    self._targets[place] = adder.get_input_port(1)
-                    output = adder.get_output_port()
-                builder.Connect(output, target)
-        self._diagram = builder.Build()
-        self._originals = contexts
-        self._context: Any = None
-        self._contexts_by_size: dict[int, Any] = {}
-
-    def _UseContext(self, size: int) -> None:
-        """Uses a Context of its own for each number of derivatives.
-
-        Drake's blocks add to numbers that are there from before, without a look at how
-        many derivatives these have.
-        """
-        if size not in self._contexts_by_size:
-            self._context = self._diagram.CreateDefaultContext()
-            self._contexts_by_size[size] = self._context
-            for system, dual in self._blocks.items():
-                own, context = self._Of(dual), self._originals[system]
-                for i in range(context.num_numeric_parameter_groups()):
-                    values = context.get_numeric_parameter(i).CopyToVector()
-                    own.get_mutable_numeric_parameter(i).SetFromVector(values)
-        self._context = self._contexts_by_size[size]
+                source = block.inputs.get(port.get_name())
+                output = source and self._OutputOf(source)
+                place = (block.system, port.get_name())
+                if place in given_at:
+                    given, is_added = given_at[place]
+                    if is_added:
+                        adder = builder.AddSystem(Adder_[AutoDiffXd](2, port.size()))
+                        adder.set_name(f"sum at {target.GetFullDescription()}")
+                        builder.Connect(output, adder.get_input_port(0))
+                        builder.Connect(
+                            given.get_output_port(), adder.get_input_port(1)
+                        )
+                        given = adder
+                    output = given.get_output_port()
+                if output is None:
+                    self._open.append((target, port))
+                else:
+                    builder.Connect(output, target)
+        self._seen = [self._PortOf(port) for port in self._ports]
+        self._context: Any = builder.Build().CreateDefaultContext()
+        for system, dual in self._blocks.items():
+            own, context = self._Of(dual), contexts[system]
+            for i in range(context.num_numeric_parameter_groups()):
+                values = context.get_numeric_parameter(i).CopyToVector()
+                own.get_mutable_numeric_parameter(i).SetFromVector(values)
 
     def _OutputOf(self, source: Source) -> Any:
-        system = self._flat[source.block].system
+        """Returns a port of the blocks, or of the input in a delay's place, if any."""
+        system = self._all[source.block].system
+        if system in self._delivered:
+            return self._delivered[system].get_output_port()
         if system not in self._blocks:
             return None
         return self._blocks[system].GetOutputPort(source.port)
 
-    def _Convert(self, system: Any, path: str, context: Context) -> Any:
+    def _PortOf(self, port: InputPort | OutputPort) -> Any:
+        if isinstance(port, OutputPort):
+            index = int(port.get_index())
+            return self._OutputOf(OutputOf(self._all, port.get_system(), index))
+        (leaf, *_) = LeafPorts(port)
+        system, name = leaf.get_system(), leaf.get_name()
+        if system in self._blocks:
+            return self._blocks[system].GetInputPort(name)
+        (block,) = (x for x in self._all if x.system is system)
+        return self._OutputOf(block.inputs[name])
+
+    def _Convert(self, system: Any, path: str) -> Any:
+        context = self._contexts[system]
         try:
             if hasattr(system, "Kernel") and not isinstance(system, KernelBlock):
                 dual = DualBlock(system)
@@ -147,95 +257,91 @@ class DualDiagram:
                 _Try(dual, system, context)
         except TypeError:
             self.by_differences.append(path)
-            return _Differences(system, context, self._step)
+            return _Differences(system, context)
         return dual
 
-    def Linearize(
-        self,
-        contexts: Contexts,
-        states: Sequence[States],
-        inputs: Sequence[FixedInput | InnerDelay],
-        seen: Sequence[Seen],
-    ) -> tuple[list[Array], list[bool]]:
-        """Returns the slopes of what is seen, and whether each has two of them here.
+    def Linearize(self, step: float) -> tuple[Array, Array, list[bool]]:
+        """Returns what Evaluate() does, and whether anything has two slopes here.
 
         Slopes are compared on both sides of the point, in a direction that lies in no
         surface on which a law bends.
 
         Args:
-            contexts: Of every system in the original diagram: the operating point.
-            states: The slopes are by these, first.
-            seen: Rates of states, and values at ports.
+            step: The longest difference for blocks that do not convert, as a share of
+                a value of 1 and more.
+
+        Returns:
+            Values and slopes, and for the rates of each of the states and for each
+            port seen whether it bends.
         """
         rough = [x for x in self._blocks.values() if isinstance(x, _Differences)]
         for block in rough:
             block.is_bent = False
-        x = np.concatenate([np.zeros(0), *(x.Get() for x in (*states, *inputs))])
-        side = _NEAR * np.random.default_rng(0).uniform(0.5, 1.0, len(x))
-        side = side * np.maximum(1.0, np.abs(x)) * (-1.0) ** np.arange(len(x))
-        behind, here, ahead = (
-            [slope for _, slope in self.Evaluate(contexts, states, inputs, seen, shift)]
-            for shift in (-side, 0.0, side)
+        point, _ = self._Given()
+        side = _NEAR * np.random.default_rng(0).uniform(0.5, 1.0, len(point))
+        side *= np.maximum(1.0, np.abs(point)) * (-1.0) ** np.arange(len(point))
+        (_, behind), (values, here), (_, ahead) = (
+            self.Evaluate(step, shift) for shift in (-side, 0.0, side)
         )
+        sizes = [x.size for x in self._states] + [x.size() for x in self._seen]
+        ends = np.cumsum(sizes)[:-1]
         bends = [
             any(block.is_bent for block in rough)
-            or bool(np.abs(b - a).max(initial=0) > _BEND * np.abs(m).max(initial=0))
-            for a, m, b in zip(behind, here, ahead, strict=True)
+            or bool(np.abs(change).max(initial=0) > _BEND * np.abs(m).max(initial=0))
+            for change, m in zip(
+                np.split(ahead - behind, ends), np.split(here, ends), strict=True
+            )
         ]
-        return here, bends
+        return values, here, bends
 
-    def Evaluate(
-        self,
-        contexts: Contexts,
-        states: Sequence[States],
-        inputs: Sequence[FixedInput | InnerDelay],
-        seen: Sequence[Seen],
-        shift: Array | float = 0.0,
-    ) -> list[tuple[Array, Array]]:
-        """Returns values and slopes of what is seen.
+    def _Given(self) -> tuple[Array, NDArray[np.int_]]:
+        """Returns states and inputs at the point, and where each of them ends."""
+        given = [x.Get() for x in self._states] + [x.Get() for x in self._cuts]
+        ends = np.cumsum([len(x) for x in given])
+        return np.concatenate([np.zeros(0), *given]), ends[:-1]
+
+    def Evaluate(self, step: float, shift: Array | float = 0.0) -> tuple[Array, Array]:
+        """Returns rates of the states and what is seen, and the slopes of both.
 
         Args:
-            contexts: See Linearize().
+            step: See Linearize().
             shift: Is added to states and inputs.
         """
-        given = [x.Get() for x in (*states, *inputs)]
-        flat = np.concatenate([np.zeros(0), *given])
-        size = len(flat)
-        seeds = InitializeAutoDiff(flat + shift, np.eye(size)).ravel()
-        self._UseContext(size)
-        ends = np.cumsum([len(x) for x in given])
-        parts = [seeds[e - len(x) : e] for e, x in zip(ends, given, strict=True)]
-        self._SetPoint(contexts)
-        for x, part in zip(states, parts, strict=False):
+        try:
+            return self._Evaluate(step, shift)
+        except TypeError:
+            # A function does not know AutoDiffXd, on a branch that is new.
+            self._Build()
+            return self._Evaluate(step, shift)
+
+    def _Evaluate(self, step: float, shift: Array | float) -> tuple[Array, Array]:
+        flat, ends = self._Given()
+        seeds = InitializeAutoDiff(flat + shift, np.eye(len(flat))).ravel()
+        parts = np.split(seeds, ends)
+        self._SetPoint(step)
+        for x, part in zip(self._states, parts, strict=False):
             own = self._Of(self._blocks[x.system])
             state = own.get_continuous_state_vector().CopyToVector()
-            state[x.indices] = part
+            state[: x.size] = part
             own.SetContinuousState(state)
-        sums: dict[tuple[System, str], Any] = {}
-        delivered: dict[System, Any] = {}
-        for given_input, part in zip(inputs, parts[len(states) :], strict=True):
-            if isinstance(given_input, InnerDelay):
-                delivered[given_input.system] = part
-                ports = self._ConsumersOf(given_input.system)
-            else:
-                ports = given_input.ports
-            for leaf in (leaf for port in ports for leaf in LeafPorts(port)):
-                sums[_Place(leaf)] = part + sums.get(_Place(leaf), 0.0)
-        for place, value in sums.items():
-            if place in self._targets:
-                self._Fix(self._targets[place], value)
-        values = [self._Value(x, delivered) for x in seen]
+        for given, part in zip(self._given, parts[len(self._states) :], strict=True):
+            given.get_input_port().FixValue(self._Of(given), part)
+        values = []
+        for x in self._states:
+            dual = self._blocks[x.system]
+            rates = dual.EvalTimeDerivatives(self._Of(dual)).CopyToVector()
+            values.append(rates[: x.size])
+        values += [port.Eval(self._Of(port.get_system())) for port in self._seen]
+        y = np.concatenate(values)
+        slopes = ExtractGradient(y)
         # What depends on none of them has no derivatives at all.
-        slopes = [ExtractGradient(x) for x in values]
-        return [
-            (ExtractValue(x).ravel(), by if by.size else np.zeros((len(x), size)))
-            for x, by in zip(values, slopes, strict=True)
-        ]
+        slopes = slopes if slopes.size else np.zeros((len(y), len(flat)))
+        return ExtractValue(y).ravel(), slopes
 
-    def _SetPoint(self, contexts: Contexts) -> None:
-        self._context.SetTime(next(iter(contexts.values())).get_time())
+    def _SetPoint(self, step: float) -> None:
+        self._context.SetTime(next(iter(self._contexts.values())).get_time())
         for system, dual in self._blocks.items():
-            context = contexts[system]
+            context = self._contexts[system]
             if context.get_accuracy() is None and SurfacesOf(system):
                 # The position decides then, not the region that is held.
                 system.ExecuteInitializationEvents(context)
@@ -243,72 +349,15 @@ class DualDiagram:
             own.SetContinuousState(context.get_continuous_state_vector().CopyToVector())
             for i in range(own.num_discrete_state_groups()):
                 own.SetDiscreteState(i, context.get_discrete_state(i).CopyToVector())
-        for port in self._open:
-            if port.HasValue(contexts[port.get_system()]):
-                self._Fix(
-                    self._targets[_Place(port)], port.Eval(contexts[port.get_system()])
-                )
-        for place, target in self._targets.items():
-            if target.get_system() is not self._blocks[place[0]]:
-                self._Fix(target, np.zeros(target.size()))
-
-    def _Fix(self, port: Any, value: Any) -> None:
-        port.FixValue(self._Of(port.get_system()), value)
+            if isinstance(dual, _Differences):
+                dual.step = step
+        for target, port in self._open:
+            context = self._contexts[port.get_system()]
+            if port.HasValue(context):
+                target.FixValue(self._Of(target.get_system()), port.Eval(context))
 
     def _Of(self, dual: Any) -> Any:
         return dual.GetMyMutableContextFromRoot(self._context)
-
-    def _Value(self, seen: Seen, delivered: Mapping[System, Any]) -> Any:
-        if isinstance(seen, States):
-            dual = self._blocks[seen.system]
-            rates = dual.EvalTimeDerivatives(self._Of(dual))
-            return rates.CopyToVector()[seen.indices]
-        if isinstance(seen, OutputPort):
-            source = OutputOf(self._flat, seen.get_system(), int(seen.get_index()))
-        else:
-            leaf = LeafPorts(seen)[0]
-            (block,) = (x for x in self._flat if x.system is leaf.get_system())
-            if block.system not in self._delays:
-                target = self._blocks[block.system].GetInputPort(leaf.get_name())
-                return target.Eval(self._Of(target.get_system()))
-            source = block.inputs[leaf.get_name()]
-        system = self._flat[source.block].system
-        if system in delivered:
-            return delivered[system]
-        output = self._OutputOf(source)
-        return output.Eval(self._Of(output.get_system()))
-
-    def _ConsumersOf(self, delay: System) -> list[InputPort]:
-        """Returns the ports of blocks that a delay is connected to."""
-        return [
-            block.system.GetInputPort(name)
-            for block in self._flat
-            for name, source in block.inputs.items()
-            if self._flat[source.block].system is delay
-            and (block.system, name) not in self._cut
-        ]
-
-
-def _Place(port: InputPort) -> tuple[System, str]:
-    return port.get_system(), port.get_name()
-
-
-def LeafPorts(port: InputPort) -> list[InputPort]:
-    """Returns the ports of blocks that an input port of a system is, or leads to.
-
-    Args:
-        port: Of a diagram or a block.
-    """
-    system = port.get_system()
-    if not isinstance(system, Diagram):
-        return [port]
-    return [
-        leaf
-        for inner, i in system.GetInputPortLocators(
-            InputPortIndex(int(port.get_index()))
-        )
-        for leaf in LeafPorts(inner.get_input_port(int(i)))
-    ]
 
 
 def _Try(dual: Any, system: System, context: Context) -> None:
@@ -329,67 +378,59 @@ class _Differences(LeafSystem_[AutoDiffXd]):
     """A block whose slopes are central differences of what it computes.
 
     Attributes:
+        step: Longest difference, as a share of a value of 1 and more.
         is_bent: Whether it has been evaluated where slopes on both sides differ.
 
     Args:
         system: The block.
         context: What stays as it is there: time, parameters, modes.
-        step: Longest difference, as a share of a value of 1 and more.
     """
 
-    def __init__(self, system: System, context: Context, step: float):
+    step = 1e-4
+    is_bent = False
+
+    def __init__(self, system: System, context: Context):
         LeafSystem_[AutoDiffXd].__init__(self)
-        self._system, self._step, self.is_bent = system, step, False
+        self._system, self._point = system, context
         self._own = system.CreateDefaultContext()
-        self._own.SetTimeStateAndParametersFrom(context)
-        inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-        for port in inputs:
+        inputs = range(system.num_input_ports())
+        for port in map(system.get_input_port, inputs):
             self.DeclareVectorInputPort(port.get_name(), port.size())
             port.FixValue(self._own, np.zeros(port.size()))
         if system.num_continuous_states():
             state = self._own.get_continuous_state()
             self.DeclareContinuousState(state.num_q(), state.num_v(), state.num_z())
-        for i in range(self._own.num_discrete_state_groups()):
-            self.DeclareDiscreteState(self._own.get_discrete_state(i).size())
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)
-            taken = [j for j in range(len(inputs)) if system.HasDirectFeedthrough(j, i)]
+            taken = [j for j in inputs if system.HasDirectFeedthrough(j, i)]
             tickets = {self.get_input_port(j).ticket() for j in taken}
 
             def Calc(
                 context: Any, output: Any, port: Any = port, taken: Any = taken
             ) -> None:
-                def Value() -> Array:
-                    return cast(Array, port.Eval(self._own))
+                value = self._Evaluate(context, taken, lambda: port.Eval(self._own))
+                output.SetFromVector(value)
 
-                output.SetFromVector(self._Evaluate(context, taken, Value))
-
-            self.DeclareVectorOutputPort(
-                port.get_name(),
-                port.size(),
-                Calc,
-                {self.xc_ticket(), self.xd_ticket(), *tickets},
-            )
+            tickets |= {self.xc_ticket(), self.time_ticket()}
+            self.DeclareVectorOutputPort(port.get_name(), port.size(), Calc, tickets)
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
         """Evaluates the block's own."""
 
-        def Rates() -> Array:
-            rates = self._system.EvalTimeDerivatives(self._own)
-            return cast(Array, rates.CopyToVector())
+        def Rates() -> Any:
+            return self._system.EvalTimeDerivatives(self._own).CopyToVector()
 
         every = range(self.num_input_ports())
         derivatives.SetFromVector(self._Evaluate(context, every, Rates))
 
     def _Evaluate(self, context: Any, inputs: Any, Value: Any) -> Any:
         own, system = self._own, self._system
-        dual = [self.get_input_port(i).Eval(context) for i in inputs]
-        state = context.get_continuous_state_vector().CopyToVector()
-        x = np.concatenate([state, *dual])
-        ends = np.cumsum([len(state), *map(len, dual)])[:-1]
-        for i in range(own.num_discrete_state_groups()):
-            group = context.get_discrete_state(i).CopyToVector()
-            own.SetDiscreteState(i, ExtractValue(group).ravel())
+        own.SetTimeStateAndParametersFrom(self._point)
+        dual = [
+            context.get_continuous_state_vector().CopyToVector(),
+            *(self.get_input_port(i).Eval(context) for i in inputs),
+        ]
+        x, ends = np.concatenate(dual), np.cumsum([len(part) for part in dual])[:-1]
 
         def Of(point: Array) -> Array:
             first, *values = np.split(point, ends)
@@ -400,16 +441,16 @@ class _Differences(LeafSystem_[AutoDiffXd]):
             return np.array(Value())
 
         point = ExtractValue(x).ravel()
-        steps = self._step * np.maximum(1.0, np.abs(point))
+        steps = self.step * np.maximum(1.0, np.abs(point))
         slope = differentiate(Of, point, steps)
-        here, unit = Of(point), np.diag(steps / 8)
+        here = Of(point)
 
         def Bend(h: Array) -> Array:
             second = Of(point + h) - 2 * here + Of(point - h)
             return cast(Array, second / np.abs(h).max())
 
         # Of a smooth law this shrinks with the length of h; its limit is extrapolated.
-        for h in unit:
+        for h in np.diag(steps / 8):
             bend = np.abs(2 * Bend(h / 2) - Bend(h)).max(initial=0)
             self.is_bent |= bool(bend > _BEND * np.abs(slope).max(initial=0))
-        return InitializeAutoDiff(Of(point), slope @ ExtractGradient(x)).ravel()
+        return InitializeAutoDiff(here, slope @ ExtractGradient(x)).ravel()

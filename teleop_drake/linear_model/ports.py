@@ -18,17 +18,19 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.linear_model.autodiff_diagram import DualDiagram, LeafPorts
-from teleop_drake.linear_model.cuts import FixedInput, InnerDelay, States
+from teleop_drake.kernel.linear_part import LinearPartOf
+from teleop_drake.linear_model.autodiff_diagram import (
+    AutoDiffDiagram,
+    Cut,
+    CutAtDelay,
+    LeafPorts,
+    States,
+)
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -72,22 +74,7 @@ class PortModel:
         Args:
             frequencies: (M,) in rad/s, none of them an undamped mode.
         """
-        model, num_delays = self.model, len(self.delays)
-        num_outputs = len(model.C) - num_delays
-        num_inputs = model.B.shape[1] - num_delays
-        delays = np.array(self.delays)
-        responses = []
-        for w in np.atleast_1d(np.asarray(frequencies, dtype=float)):
-            resolvent = np.linalg.solve(
-                1j * w * np.eye(model.num_states) - model.A, model.B
-            )
-            G = model.C @ resolvent + model.D
-            y_u, y_d = np.split(G[:num_outputs], [num_inputs], axis=1)
-            z_u, z_d = np.split(G[num_outputs:], [num_inputs], axis=1)
-            shift = np.diag(np.exp(-1j * w * delays))
-            d = np.linalg.solve(np.eye(num_delays) - shift @ z_d, shift @ z_u)
-            responses.append(y_u + y_d @ d)
-        return np.array(responses)
+        return self.model.delayed_response(self.delays, frequencies)
 
 
 def LinearizePorts(
@@ -138,78 +125,52 @@ def LinearizePorts(
         if port.get_system() not in contexts:
             Refuse("port", port.GetFullDescription(), "one in the diagram")
     held = _Held(blocks, contexts)
-    delays = [
-        InnerDelay(system=x.system, context=contexts[x.system], delay=x.system.delay)
-        for x in blocks
-        if isinstance(x.system, TransportDelay) and x.system.delay > 0
-    ]
+    delays = {
+        x.system: told.delay for x in blocks if (told := LinearPartOf(x.system)).delay
+    }
     leaves = LeafPorts(input_port)
     (first,) = (x for x in blocks if x.system is leaves[0].get_system())
-    is_fed = leaves[0].get_name() in first.inputs and not is_opened
-    dual = DualDiagram(
-        diagram,
-        contexts,
-        cut=() if is_fed else leaves,
-        added=leaves if is_fed else (),
-        delays=[x.system for x in delays],
-        step=step,
-    )
-    deviation = _Deviation(
-        ports=leaves,
-        contexts=[contexts[x.get_system()] for x in leaves],
-        is_added=is_fed,
-    )
-    states = [
-        States(
-            system=x.system,
-            context=contexts[x.system],
-            indices=np.arange(x.system.num_continuous_states()),
-        )
-        for x in blocks
-        if x.system.num_continuous_states()
+    is_added = leaves[0].get_name() in first.inputs and not is_opened
+    cuts = [
+        Cut(ports=leaves, contexts=contexts, is_added=is_added),
+        *(CutAtDelay(blocks, x, contexts) for x in delays),
     ]
-    entering = [x.system.get_input_port() for x in delays]
-    slopes, bends = dual.Linearize(
-        contexts, states, [deviation, *delays], [*states, output_port, *entering]
+    states = [
+        States(system=x.system, context=contexts[x.system], size=size)
+        for x in blocks
+        if (size := x.system.num_continuous_states())
+    ]
+    entering = [x.get_input_port() for x in delays]
+    dual = AutoDiffDiagram(
+        blocks, contexts, states=states, cuts=cuts, seen=[output_port, *entering]
     )
+    _, M, bends = dual.Linearize(step)
     if any(bends):
         Refuse(
             "context",
             f"at {context.get_time():g} s",
             "where every law has one slope; one bends here, as at a surface",
         )
-    n, M = sum(len(x.indices) for x in states), np.vstack(slopes)
+    n = sum(x.size for x in states)
     return PortModel(
         model=StateSpace(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:]),
-        delays=tuple(x.delay for x in delays for _ in range(x.size)),
+        delays=tuple(
+            T for x, T in delays.items() for _ in range(x.get_input_port().size())
+        ),
         by_differences=tuple(dual.by_differences),
         held=held,
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Deviation(FixedInput):
-    """What is added to the ports, or takes the place of what they receive."""
-
-    is_added: bool
-
-    def Get(self) -> Array:
-        """Returns what there is of it at the operating point."""
-        if self.is_added or not self.ports[0].HasValue(self.contexts[0]):
-            return np.zeros(self.ports[0].size())
-        return super().Get()
 
 
 def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
     """Returns what has a discrete state that is held; refuses other such blocks."""
     held = []
     for block in blocks:
-        context = contexts[block.system]
+        context, told = contexts[block.system], LinearPartOf(block.system)
         groups = context.num_discrete_state_groups() + context.num_abstract_states()
-        if groups == 0 or isinstance(block.system, TransportDelay):
+        if groups == 0 or told.delay is not None:
             continue
-        is_mode = isinstance(block.system, ModalOperator)
-        if not is_mode and SurfacesOf(block.system) is None:
+        if not told.has_modes and SurfacesOf(block.system) is None:
             Refuse(
                 "diagram",
                 block.path,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import OutputPort, System
 
-from teleop_drake.linear_model.cuts import States
+from teleop_drake.linear_model.autodiff_diagram import States
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
@@ -49,7 +49,7 @@ class ToolMotion:
         num_axes: int,
         evaluate: Callable[[str], Array],
     ):
-        num_states = sum(len(part.indices) for part in states)
+        num_states = sum(part.size for part in states)
         if len(states) != 1 or num_states % 2 or num_states < 2 * num_axes:
             Refuse(
                 "robot.num_continuous_states",
@@ -114,18 +114,20 @@ class ToolMotion:
         without = Accelerations(at_rest)
         return np.array([Accelerations(F) - without for F in np.eye(self._n)]).T
 
-    def Seen(self) -> list[OutputPort | States]:
-        """Returns what Coordinates() and Rates() are made of, with its slopes."""
-        ports = ("tool_position", "tool_velocity", "tool_acceleration")
-        return [*(self._robot.GetOutputPort(name) for name in ports), self.states]
+    def Seen(self) -> list[OutputPort]:
+        """Returns the ports of what Coordinates() is made of."""
+        names = ("tool_position", "tool_velocity", "tool_acceleration")
+        return [self._robot.GetOutputPort(name) for name in names]
 
-    def Coordinates(self, slopes: Sequence[Array]) -> tuple[Array, Array]:
+    def Coordinates(self, rates: Array, seen: Array) -> tuple[Array, Array]:
         """Returns the slopes of [r; s; v; w] and of their rates.
 
         Args:
-            slopes: Of what is Seen(), by numbers the first of which are the state.
+            rates: Slopes of the state's rates, by numbers the first of which are the
+                state.
+            seen: Slopes of what is Seen(), and perhaps of more.
         """
-        r, v, a, rates = slopes
+        r, v, a = np.split(seen[: 3 * self._n], 3)
         m, free = self._m, self._free.T
         q, q_dot = np.split(np.eye(2 * m, r.shape[1]), 2)
         coordinates = np.vstack([r, free @ q, v, free @ q_dot])

@@ -67,6 +67,56 @@ class StateSpace:
         response = self.C @ np.linalg.solve(resolvent, B) + self.D
         return response.astype(complex)
 
+    def part(
+        self, states: ArrayLike, inputs: ArrayLike, outputs: ArrayLike
+    ) -> "StateSpace":
+        """Returns the system of some states, inputs and outputs, by their indices."""
+        x, u, y = (np.asarray(i, dtype=int) for i in (states, inputs, outputs))
+        return StateSpace(
+            A=self.A[np.ix_(x, x)],
+            B=self.B[np.ix_(x, u)],
+            C=self.C[np.ix_(y, x)],
+            D=self.D[np.ix_(y, u)],
+        )
+
+    def closed(self, signals: ArrayLike) -> "StateSpace":
+        """Returns the system with some outputs fed to the inputs of the same indices.
+
+        They are no inputs and outputs any more.
+        """
+        i = np.asarray(signals, dtype=int)
+        m, p = (
+            np.delete(np.arange(self.D.shape[1]), i),
+            np.delete(np.arange(len(self.D)), i),
+        )
+        loop = np.linalg.inv(np.eye(len(i)) - self.D[np.ix_(i, i)])
+        from_x, from_u = loop @ self.C[i], loop @ self.D[np.ix_(i, m)]
+        return StateSpace(
+            A=self.A + self.B[:, i] @ from_x,
+            B=self.B[:, m] + self.B[:, i] @ from_u,
+            C=self.C[p] + self.D[np.ix_(p, i)] @ from_x,
+            D=self.D[np.ix_(p, m)] + self.D[np.ix_(p, i)] @ from_u,
+        )
+
+    def delayed_response(
+        self, delays: ArrayLike, frequencies: ArrayLike
+    ) -> ComplexArray:
+        """Returns G(j w) with delays around the system (K, p - k, m - k).
+
+        The last k outputs go back to the last k inputs, each after its delay.
+
+        Args:
+            delays: In s (k).
+            frequencies: w in rad/s (K), none of them an undamped mode.
+        """
+        w, T = (np.asarray(x, dtype=float).reshape(-1) for x in (frequencies, delays))
+        G, k = self.frequency_response(w), len(T)
+        p, m = (size - k for size in self.D.shape)
+        shift = np.exp(-1j * w[:, None, None] * T[:, None])
+        loop = np.eye(k) - shift * G[:, p:, m:]
+        delivered = np.linalg.solve(loop, shift * G[:, p:, :m])
+        return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
+
 
 def minimal_realization(
     system: StateSpace, tolerance: float = REALIZATION_TOLERANCE

@@ -11,7 +11,7 @@ from teleop_drake.analysis.stability import (
     AnalyzeStability,
 )
 from teleop_drake.analysis.stability_chart import ChartStability
-from teleop_drake.linear_model.loop_cut import CutLoop
+from teleop_drake.linear_model.loop_model import CutLoop
 from teleop_drake.linear_model.operating_point import (
     POSITION,
     OperatingPointAt,

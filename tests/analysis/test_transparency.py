@@ -8,7 +8,6 @@ from grids import Slow
 from phasors import FeltImpedance, TerminatedPort
 
 from teleop_drake.analysis.transparency import (
-    AdmittanceMatrix,
     AnalyzeTransparency,
     AxisTwoPort,
     EnvironmentImpedance,
@@ -65,7 +64,7 @@ def test_llewellyn_of_direct_force():
     """y11 = z/Z, y12 = -z_r/Z, y21 = -z_f/Z, y22 = 1/Z with the robot's Z."""
     scenario, result = Analyze("one_dof", "direct_force")
     model = LinearizeTwoPort(scenario, result.point)
-    y = AdmittanceMatrix(model, W, forward_delay=0.07, return_delay=0.13)
+    y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
     z_f, z_r = np.exp(-0.07j * W), np.exp(-0.13j * W)
     expected = np.array([[z_f * z_r, -z_r], [-z_f, np.ones(len(W))]]) / ROBOT
     np.testing.assert_allclose(y, np.moveaxis(expected, -1, 0), rtol=1e-8)
@@ -174,7 +173,7 @@ def test_wave_variables_on_the_arm_are_passive():
     """All axes together: the scattering matrix of every axis, and y + y^H >= 0."""
     scenario, result = Analyze("two_dof_combined", "wave_variables", 2)
     model = LinearizeTwoPort(scenario, result.point)
-    y = AdmittanceMatrix(model, W, forward_delay=0.07, return_delay=0.13)
+    y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
     least = np.linalg.eigvalsh(y + np.conj(np.swapaxes(y, 1, 2)))[:, 0]
     assert least.min() > -1e-9
     for axis in (0, 1):
@@ -187,7 +186,7 @@ def test_the_arm_is_felt_by_direct_force():
     assert np.all(result.environment == 0)
     # At high frequencies the inertia of the tool.
     model = LinearizeTwoPort(scenario, result.point)
-    inertia = -np.linalg.inv(model.slave.B[2:4, :2])
+    inertia = -np.linalg.inv(model.system.B[2:4, 2:4])
     np.testing.assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)
 
 

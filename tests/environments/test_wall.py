@@ -81,6 +81,7 @@ def test_it_has_a_linear_model(kind):
     points = AnalyzeStability(scenario).points
     assert [x.model.point.name for x in points] == ["empty", "contact"]
     assert points[-1].model.trim_residual < 1e-9
+    assert all(point.model.by_differences == () for point in points)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.linear_model.loop import LinearizeLoop, MotionRate
+from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.loop_model import MotionRate
 from teleop_drake.linear_model.operating_point import OperatingPointAt
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

@@ -63,7 +63,7 @@ def test_the_two_port_does_not_know_who_holds_it():
     scenario, thesis = Load(), Load(**{"surgeon.kind": "constant_velocity"})
     (point,) = OperatingPoints(scenario)
     mine, theirs = (LinearizeTwoPort(x, point) for x in (scenario, thesis))
-    np.testing.assert_array_equal(mine.master.A, theirs.master.A)
+    np.testing.assert_array_equal(mine.system.A, theirs.system.A)
 
 
 @pytest.mark.slow

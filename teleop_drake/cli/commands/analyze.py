@@ -140,14 +140,17 @@ def _Analyze(
     """Analyses stability, and the transparency at the same points."""
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.analysis.transparency import AnalyzeTransparency
+    from teleop_drake.linear_model.loop import Linearizer
 
     analysis = AnalyzeStability(scenario, max_delay=max_delay)
+    linearizer = Linearizer(analysis.scenario, at_ports=True)
     return analysis, [
         AnalyzeTransparency(
             analysis.scenario,
             point.model.point,
             forward_delay=analysis.forward_delay,
             return_delay=analysis.return_delay,
+            linearizer=linearizer,
         )
         for point in analysis.points
     ]
@@ -202,10 +205,10 @@ def _Draw(
 
 def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
     """Returns the key and the values of `analyze --vary`; without it, no key."""
-    from teleop_drake.sweep import ParseValues, SweepError
-
     if item is None:
         return "", []
+    from teleop_drake.sweep import ParseValues, SweepError
+
     path, equals, text = item.partition("=")
     if not equals or not path.strip():
         raise BadInput(f"--vary = {item!r}: must be PATH=START:STOP:COUNT")

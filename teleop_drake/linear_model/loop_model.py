@@ -1,0 +1,238 @@
+"""Linear models of the loop and of the two-port between hand and tool."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from teleop_drake.linear_model.operating_point import OperatingPoint
+from teleop_drake.numerics.state_space import StateSpace
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int_]
+
+# Circles about 0 that are looked at: how many in a decade, how many decades below the
+# fastest mode, and how many points on the upper half of each. What is slower than all
+# circles is neutral in any case.
+_NUM_CIRCLES = 6
+_NUM_DECADES = 6
+_NUM_ANGLES = 9
+
+# Entries of B, C and D smaller than this, relative to the largest, are zero.
+_NEGLIGIBLE = 1e-9
+
+
+class Signals(NamedTuple):
+    """Which of the signals of a model pass which of the delays that are cut."""
+
+    forward: Indices
+    inner_slave: Indices
+    back: Indices
+    inner_master: Indices
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopModel:
+    """The loop, cut at its channels and at delays inside, at an operating point.
+
+    Small deviations of what the delays deliver, each its T_i later, and of what enters
+    them obey
+
+        entering = system(s) delivered,    delivered_i(t) = entering_i(t - T_i).
+
+    Attributes:
+        point: The operating point.
+        system: From what is delivered to what enters. Its states are the slave's,
+            [r (n), v (n), the states of controller and environment that are not
+            frozen], and the master's; a robot with more joints has [r, s, v, w] in the
+            place of [r, v], see tool_motion.
+        num_slave_states: How many states are the slave's.
+        signals: Which signals are of the packets, and which of delays inside.
+        frozen_weights: Whether the estimates of an adaptive law are held constant.
+        idle_passivity: Whether passivity controllers are taken to inject nothing.
+        inner_delays: The delays inside, in s, an entry for each of their signals.
+        motion: How the model changes while the operating point moves on; None: it
+            rests.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd, whose
+            slopes come from differences.
+        trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
+            controller's states: what no choice of the forward packet could remove, or,
+            where the point has one, what it is.
+    """
+
+    point: OperatingPoint
+    system: StateSpace
+    num_slave_states: int
+    signals: Signals
+    frozen_weights: bool
+    idle_passivity: bool
+    inner_delays: tuple[float, ...]
+    motion: "Motion | None"
+    by_differences: tuple[str, ...]
+    trim_residual: float
+
+    @property
+    def slave(self) -> StateSpace:
+        """From [forward packet received, delivered inside] to [return packet, inside].
+
+        The return packet is the one that is sent.
+        """
+        forward, inner, back, _ = self.signals
+        states = np.arange(self.num_slave_states)
+        return self.system.part(states, np.r_[forward, inner], np.r_[back, inner])
+
+    @property
+    def master(self) -> StateSpace:
+        """From [return packet received, delivered inside] to [forward packet, inside].
+
+        The forward packet is the one that is sent.
+        """
+        forward, _, back, inner = self.signals
+        states = np.arange(self.num_slave_states, self.system.num_states)
+        return self.system.part(states, np.r_[back, inner], np.r_[forward, inner])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """How the model of a loop changes while the operating point moves on.
+
+    Attributes:
+        rate: The size in 1/s below which roots are slower than the motion; see
+            linear_model.loop.
+        loops: L a time before the point and the same time after it; see loop_cut.
+        time: Between the two, in s.
+    """
+
+    rate: float
+    loops: tuple[StateSpace, StateSpace]
+    time: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoPortModel:
+    """The teleoperator between the operator's hand and the environment.
+
+    It has neither the haptic device nor the environment of LoopModel: the force F_h at
+    the hand and the force F_e at the tool are inputs, and the velocity that the hand
+    feels and the tool's are outputs:
+
+        [v_felt, v, entering] = system(s) [F_h, F_e, delivered]
+
+    Attributes:
+        num_axes: n of each of the four.
+        system: As above.
+        signals: Which of the delayed signals, counted without the ports, pass which
+            delay.
+        idle_passivity: As in LoopModel.
+    """
+
+    num_axes: int
+    system: StateSpace
+    signals: Signals
+    idle_passivity: bool
+
+    def Admittance(
+        self,
+        frequencies: ArrayLike,
+        *,
+        forward_delay: float = 0.0,
+        return_delay: float = 0.0,
+    ) -> NDArray[np.complex128]:
+        """Returns y(j w) (K, 2n, 2n) of [v_felt; -v] = y [F_h; F_e].
+
+        Delays inside of the stations are the round trip, T_f + T_r.
+
+        Args:
+            frequencies: w in rad/s (K), > 0.
+            forward_delay: T_f in s, >= 0.
+            return_delay: T_r in s, >= 0.
+        """
+        delays = np.full(
+            sum(len(x) for x in self.signals), forward_delay + return_delay
+        )
+        delays[self.signals.forward] = forward_delay
+        delays[self.signals.back] = return_delay
+        y = self.system.delayed_response(delays, frequencies)
+        y[:, self.num_axes :] *= -1
+        return y
+
+
+def CutLoop(model: LoopModel) -> StateSpace:
+    """Returns L, such that the loop has the roots of det(I + L(s) e^(-s T)).
+
+    The loop is cut where fewer signals cross: among the entries of the return packet
+    that the master listens to, or those of the forward packet that depend on them and
+    act on the slave. Delays inside of the stations are cut in any case.
+
+    Args:
+        model: The loop at an operating point; delays inside of it, if any, are T.
+
+    Returns:
+        L, not minimal: its states are those of the slave and of the master.
+    """
+    system, (forward, inner_slave, back, inner_master) = model.system, model.signals
+    by_input, by_output = (
+        np.vstack([system.B, system.D]),
+        np.hstack([system.C, system.D]),
+    )
+    heard = back[_Nonzero(by_input[:, back].T)]
+    sent = np.intersect1d(
+        forward[_Nonzero(by_output[forward])], forward[_Nonzero(by_input[:, forward].T)]
+    )
+    # What is closed passes without delay, for the other one has all of it.
+    closed, crossing = (forward, heard) if len(heard) <= len(sent) else (back, sent)
+    rest = np.setdiff1d(np.arange(len(system.D)), closed)
+    kept = np.flatnonzero(np.isin(rest, np.r_[crossing, inner_slave, inner_master]))
+    loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)
+    return _MergeInputs(StateSpace(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D))
+
+
+def _MergeInputs(loop: StateSpace) -> StateSpace:
+    """Returns a loop with the same det(I + L z), with the fewest signals.
+
+    Inputs that always act together, as v_ret and -v_model(t - T) of a predictor do, or
+    position, velocity and force on the handle of four channels, are one:
+    det(I + P V^T z) = det(I + V^T P z).
+    """
+    stacked = np.vstack([loop.B, loop.D])
+    _, sigma, Vt = np.linalg.svd(stacked, full_matrices=False)
+    V = Vt[sigma > _NEGLIGIBLE * sigma.max(initial=1e-300)].T
+    if V.shape[0] == V.shape[1]:
+        return loop
+    return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
+
+
+def _Nonzero(rows: Array) -> Indices:
+    """Returns which rows are not zero."""
+    sizes = np.abs(rows).max(axis=1, initial=0.0)
+    return np.flatnonzero(sizes > _NEGLIGIBLE * sizes.max(initial=1e-300))
+
+
+def MotionRate(A: Array, A_dot: Array) -> float:
+    """Returns the size in 1/s below which the roots of A(t) are slower than its motion.
+
+    It is the radius of the smallest circle about 0 on which no z is an eigenvalue of
+    A + h A'/|z| with |h| <= 1: on which the spectral radius of (z I - A)^-1 A' is less
+    than |z|. 0 if that is the first circle that is looked at.
+
+    Args:
+        A: (n, n), in 1/s.
+        A_dot: A', its rate (n, n), in 1/s^2.
+    """
+    modes = np.linalg.eigvals(A).astype(complex)
+    fastest = float(np.abs(modes).max(initial=0.0))
+    if fastest == 0 or not np.any(A_dot):
+        return 0.0
+    exponents = np.linspace(-_NUM_DECADES, 0, _NUM_DECADES * _NUM_CIRCLES + 1)
+    # The directions of the modes, too: none slips through between two points.
+    angles = np.concatenate([np.linspace(0, np.pi, _NUM_ANGLES), np.angle(modes)])
+    directions = np.exp(1j * angles)[:, None, None] * np.eye(len(A))
+    for k, radius in enumerate(fastest * 10**exponents):
+        try:
+            moved = np.linalg.solve(radius * directions - A, A_dot)
+        except np.linalg.LinAlgError:  # A root to the last digit.
+            continue
+        if np.abs(np.linalg.eigvals(moved)).max() < radius:
+            return float(radius) if k else 0.0
+    return fastest
