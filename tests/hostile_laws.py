@@ -52,6 +52,24 @@ def limit_dictionary(state, F, limit):
         state["F"], state["low"] = -limit, 1.0
 
 
+def wave(x):
+    if x[0] > 0:
+        return math.exp(x[1])
+    return math.cos(x[2])
+
+
+def twice_if(condition, value):
+    if condition:
+        return 2 * value
+    return 0.5
+
+
+@right
+def a_branch_that_two_others_need(x):
+    value = wave(x)
+    return np.array([twice_if(x[1] > 0.1, value), twice_if(x[2] > 0.1, value)])
+
+
 @right
 def force_limits(x):
     F, state = [3 * x[0] - x[1], x[1] * 2], SimpleNamespace(F=x[0], is_limited=False)

@@ -301,7 +301,10 @@ class _Writer:
 
     def _WriteMerge(self, merge: int, condition: Ref) -> None:
         """Writes a block for each side of a merge, and what follows both."""
-        labels, incoming = (f"yes_{merge}", f"no_{merge}"), []
+        # The same merge may be written again where this one's values are not known.
+        self._num_names += 1
+        number = self._num_names
+        labels, incoming = (f"yes_{number}", f"no_{number}"), []
         yes, no = (f"label %{label}" for label in labels)
         self.lines.append(f"  br i1 {self._Value(condition)}, {yes}, {no}")
         for label, values in zip(labels, self._SidesOf(merge), strict=True):
@@ -311,8 +314,8 @@ class _Writer:
             incoming += [[f"[{operand}, %{self._block}]" for operand in operands]]
             while len(self._names) > num_known:
                 self._names.popitem()
-            self.lines.append(f"  br label %merged_{merge}")
-        self.Begin(f"merged_{merge}")
+            self.lines.append(f"  br label %merged_{number}")
+        self.Begin(f"merged_{number}")
         for place, *pair in zip(self._merges[merge], *incoming, strict=True):
             self._names[place] = self._Assign(f"phi double {', '.join(pair)}")
 
