@@ -16,7 +16,7 @@ from teleop_drake.laws.layered_force import layer_force
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.thesis.claims.measures import BasisFunctions
-from teleop_drake.thesis.ledger import LoadClaims
+from teleop_drake.thesis.report import LoadClaims
 
 ERRATA = Path(teleop_drake.__file__).parent / "thesis" / "errata.md"
 TESTS = Path(__file__).parent

@@ -1,4 +1,15 @@
-"""Reproduces the thesis: figures, ledger and a report in one HTML file."""
+"""Reproduces the thesis: figures, ledger and a report in one HTML file.
+
+The ledger has the claims of chapters 3 to 6, each measured on runs and given a verdict.
+
+A claim with a number is `reproduced` if our number is within the tolerance, and
+`refuted` if not. It is `reproduced in kind` if what the number stands for holds
+although the number is another, or if fields of the scenario were fitted to it. A claim
+without a number is turned into a criterion that can be measured; it is `reproduced` if
+the criterion holds and `refuted` if not. Where no run can decide, it is `not
+determinable`. No verdict is written down anywhere: each follows from recordings and
+linear models.
+"""
 
 import base64
 import csv
@@ -14,15 +25,17 @@ from pathlib import Path
 from string import Template
 
 from teleop_drake.files import Replacing
-from teleop_drake.thesis.claims.claim import VERDICTS, Row
-from teleop_drake.thesis.figures import FIGURES
-from teleop_drake.thesis.figures.figure import ThesisFigure, WritePicture
-from teleop_drake.thesis.ledger import Ledger
+from teleop_drake.thesis.claims import chapter3, chapter4, chapter5, conclusions
+from teleop_drake.thesis.claims.claim import VERDICTS, LoadClaims, Row
+from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.validation import Refuse
 
 FORMATS = ("png", "svg")
 """What figures are written as, unless something else is asked for."""
+
+# What measures the claims.
+MODULES = (chapter3, chapter4, chapter5, conclusions)
 
 _CHAPTERS = {
     "2": "The loop and the task",
@@ -30,6 +43,41 @@ _CHAPTERS = {
     "4": "One degree of freedom",
     "5": "Two degrees of freedom",
 }
+
+
+def Ledger(runs: ThesisRuns, only: str = "") -> list[Row]:
+    """Returns a row for each claim, in the thesis's order.
+
+    Args:
+        only: The beginning of the keys of the claims, such as "4-"; empty: all.
+    """
+    claims = (claim for claim in LoadClaims() if claim.key.startswith(only))
+    return [claim.Judge(runs) for claim in claims]
+
+
+_SHORT_KEYS = (
+    "4-direct-overshoot",
+    "4-adaptive-overshoot",
+    "4-direct-largest-force",
+    "4-no-start-overshoot",
+    "4-settling",
+    "5-I-direct-diverges",
+    "5-II-lower-first-impact",
+    "5-III-lower-first-impact",
+    "6-higher-delays",
+    "6-adaptation-matters",
+)
+
+
+def ShortLedger(rows: Sequence[Row]) -> str:
+    """Returns the ten most telling rows of a whole ledger as a Markdown table."""
+    by_key = {row.key: row for row in rows}
+    lines = ["| thesis | claim | printed | here | verdict |", "|---|---|---|---|---|"]
+    for key in _SHORT_KEYS:
+        row = by_key[key]
+        cells = (row.place, row.claim, row.thesis, row.ours, row.verdict)
+        lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:

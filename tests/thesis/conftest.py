@@ -8,7 +8,7 @@ from runs import Simulated
 
 from teleop_drake.thesis import report
 from teleop_drake.thesis.figures import FIGURES
-from teleop_drake.thesis.ledger import Ledger
+from teleop_drake.thesis.report import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
 
 

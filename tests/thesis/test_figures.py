@@ -7,8 +7,7 @@ from grids import Slow
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.thesis.figures import FIGURES
-from teleop_drake.thesis.figures.figure import WritePicture
+from teleop_drake.thesis.figures import FIGURES, WritePicture
 from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")

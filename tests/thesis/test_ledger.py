@@ -14,7 +14,7 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functio
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Found
 from teleop_drake.thesis.claims.separate_updates import SeparateRate
-from teleop_drake.thesis.ledger import Ledger, ShortLedger
+from teleop_drake.thesis.report import Ledger, ShortLedger
 from teleop_drake.thesis.runs import ADAPTIVE, SHORT, Run, ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")

@@ -13,11 +13,6 @@ from teleop_drake.scenario import Scenario
 from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
 from teleop_drake.validation import GainMatrix
 
-# Square of the smallest singular value of a least-squares problem that counts, as a
-# share of the largest one's.
-_SMALLEST_SQUARE = 1e-12
-
-
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
 ).reshape(-1, 2)
@@ -67,12 +62,7 @@ def UnrepresentedShare(
     steps = np.diff(recording.time)
     root = np.sqrt(np.append(steps, 0.0) + np.append(0.0, steps))
     A, b = root[:, np.newaxis] * Phi, root * rate
-    # Functions beside a straight path say the same: directions that the others have
-    # already, up to rounding, are left out. This is much faster than an SVD of A.
-    squares, directions = np.linalg.eigh(A.T @ A)
-    kept = squares > _SMALLEST_SQUARE * squares[-1]
-    V = directions[:, kept]
-    weights = V @ ((V.T @ (A.T @ b)) / squares[kept])
+    weights = np.linalg.lstsq(A, b, rcond=1e-6)[0]
     return float(np.linalg.norm(b - A @ weights) / np.linalg.norm(b))
 
 

@@ -1,0 +1,543 @@
+"""The figures of the thesis, made anew from simulations that run then and there.
+
+Each has the number that it has in the thesis and shows the same quantities. Units have
+SI prefixes where that makes them readable.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.environments.surface import (
+    CONTACT,
+    FindSurface,
+    MaterialAt,
+    Surface,
+)
+from teleop_drake.figures.block_diagram import WriteDiagram
+from teleop_drake.figures.runs import PlotRows, SaveFigure
+from teleop_drake.figures.style import (
+    BOUNDARY_STYLE,
+    COLORS,
+    FONT_SIZE,
+    LINES,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    FormatAxes,
+    Widen,
+)
+from teleop_drake.laws.gaussian_network import equidistant_lattice
+from teleop_drake.recording import Recording
+from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.tasks.panels import AxisName, SignalRow
+from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
+
+ROW_HEIGHT = 1.9  # inches
+LEGEND_HEIGHT = 0.7  # inches
+
+
+@dataclass(kw_only=True)
+class ThesisFigure:
+    """One figure.
+
+    Attributes:
+        number: As in the thesis, for instance "4.1".
+        title: What it shows, in a few words.
+        caption: How to read it.
+        make: Makes it: a matplotlib Figure, or the Diagram to be drawn.
+    """
+
+    number: str
+    title: str
+    caption: str
+    make: Callable[[ThesisRuns], Figure | Diagram]
+
+    @property
+    def stem(self) -> str:
+        """Name of its files without the suffix, for instance `figure_4_1`."""
+        return "figure_" + self.number.replace(".", "_")
+
+
+def WritePicture(
+    picture: Figure | Diagram, stem: Path, formats: Sequence[str] = ("png", "svg")
+) -> list[Path]:
+    """Writes a figure or a block diagram in some formats.
+
+    The same picture gives the same bytes. Each file appears complete or not at all.
+
+    Args:
+        picture: A figure, whose layout is fixed thereby, or a diagram, drawn as the
+            boxes of its own parts.
+        stem: The path without the suffix, in an existing folder.
+
+    Raises:
+        RuntimeError: If nothing here can lay out a block diagram.
+    """
+    paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
+    if isinstance(picture, Figure):
+        # The layout costs as much as the drawing and is the same for both.
+        layout = picture.get_layout_engine()
+        if layout is not None:
+            layout.execute(picture)
+            picture.set_layout_engine("none")
+        for path in paths:
+            SaveFigure(picture, path)
+    else:
+        for path in paths:
+            WriteDiagram(picture, path, max_depth=1)
+    return paths
+
+
+def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
+    """Returns empty panels against time, with first puncture and contact marked."""
+    figure = Figure(
+        figsize=(WIDTH, ROW_HEIGHT * num_rows + LEGEND_HEIGHT), layout="constrained"
+    )
+    axes = list(figure.subplots(num_rows, 1, sharex=True, squeeze=False)[:, 0])
+    for ax in axes:
+        FormatAxes(ax)
+        ax.set_xlim(0.0, float(recording.time[-1]))
+        for name in ("puncture", "contact"):
+            for time in recording.EventTimes(name)[:1]:
+                ax.axvline(time, **BOUNDARY_STYLE)
+                if ax is axes[0]:
+                    ax.annotate(
+                        name,
+                        (time, 1.0),
+                        xycoords=("data", "axes fraction"),
+                        xytext=(0, 2),
+                        textcoords="offset points",
+                        ha="center",
+                        fontsize=SMALL_FONT_SIZE,
+                    )
+    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
+    return figure, axes
+
+
+def AddLegendAbove(
+    figure: Figure, handles: Sequence[Line2D], title: str | None = None
+) -> None:
+    """Adds a legend above all panels; the title is what its entries have in common."""
+    figure.legend(
+        handles=handles,
+        title=title,
+        title_fontsize=SMALL_FONT_SIZE,
+        loc="outside upper center",
+        ncols=len(handles) if len(handles) <= 5 else 4,
+        fontsize=SMALL_FONT_SIZE,
+        frameon=False,
+    )
+
+
+# Chapter 2: the loop and the stiffness of the environment.
+
+
+def _MakeLoop(runs: ThesisRuns) -> Diagram:
+    """Returns the diagram of the loop; no run is needed."""
+    return MakeTeleoperator(AsTeleoperation(LoadScenario("one_dof")))
+
+
+def _PlotStiffness(runs: ThesisRuns) -> Figure:
+    """Plots the springs of one axis at the scale of each; no run is needed."""
+    scenario = AsTeleoperation(LoadScenario("one_dof"))
+    surfaces = scenario.Surfaces()
+    contact = FindSurface(surfaces, CONTACT)
+    assert contact is not None
+    surface = float(contact.point_W[0])
+    figure = Figure(figsize=(WIDTH, ROW_HEIGHT + LEGEND_HEIGHT), layout="constrained")
+    # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
+    tissue, bone = figure.subplots(1, 2)
+    _DrawStiffness(tissue, surfaces, 0.0, surface)
+    tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
+    _DrawStiffness(bone, surfaces, surface - 2e-5, surface + 6e-5)
+    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=FONT_SIZE)
+    bone.ticklabel_format(axis="x", useOffset=False)
+    tissue.set_ylim(*(1.25 * np.array(tissue.get_ylim())))
+    tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=COLORS[0])
+    return figure
+
+
+def _DrawStiffness(
+    ax: Axes, surfaces: Sequence[Surface], low: float, high: float
+) -> None:
+    """Draws the force of the springs, in mN, from low to high (both in m)."""
+    starts = [float(surface.point_W[0]) for surface in surfaces]
+    FormatAxes(ax)
+    # Both sides of a jump.
+    edges = [low, *(start for start in starts if low < start < high), high]
+    x, force = [], []
+    for begin, end in itertools.pairwise(edges):
+        material = MaterialAt(surfaces, [begin])
+        assert material is not None
+        x += [begin, end]
+        force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
+    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
+    ax.set_ylabel("stiffness force [mN]", fontsize=FONT_SIZE)
+    ends = [*starts[1:], high]
+    for surface, start, end in zip(surfaces, starts, ends, strict=True):
+        if end <= low or start >= high or surface.material is None:
+            continue
+        if start > low:
+            ax.axvline(start * 1e3, **BOUNDARY_STYLE)
+        ax.annotate(
+            surface.material.name,
+            (max(start, low) * 1e3, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="bottom",
+            fontsize=SMALL_FONT_SIZE,
+        )
+
+
+_CHAPTER_2 = [
+    ThesisFigure(
+        number="2.1",
+        title="The loop",
+        caption="Surgeon and haptic device, the two channels, controller, robot "
+        "and environment, drawn from the very diagram that is simulated.",
+        make=_MakeLoop,
+    ),
+    ThesisFigure(
+        number="2.4",
+        title="Stiffness profile",
+        caption="Force of the environment's springs against the position of the "
+        "tool: on the left at the scale of the tissue, on the right at that of the "
+        "bone. Damping is left out.",
+        make=_PlotStiffness,
+    ),
+]
+
+
+# Chapter 3: tracking, and the disturbance with its estimate.
+
+
+def _PlotAgainstReference(
+    runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
+) -> Figure:
+    """Plots signals, by their names in the legend, on each axis against time."""
+    recording = runs(task).recording
+    figure, axes = TimeFigure(recording, 2)
+    for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
+        for i, (name, signal) in enumerate(signals.items()):
+            ax.plot(
+                recording.time,
+                recording[signal][:, k],
+                color=COLORS[i],
+                linestyle=LINES[i],
+                linewidth=1.1,
+                label=name,
+            )
+        values = [recording[signal][:, k] for signal in signals.values()]
+        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
+        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
+    AddLegendAbove(figure, axes[0].get_lines()[-len(signals) :])
+    return figure
+
+
+def _TrackingFigures(
+    task: str, kind: str, numbers: Sequence[str]
+) -> list[ThesisFigure]:
+    """Returns the two figures of a case of chapter 3."""
+    tracking, disturbance = numbers
+    described = f"Planar arm under gravity, disturbed by a force that is {kind}."
+    return [
+        ThesisFigure(
+            number=tracking,
+            title="Tracking",
+            caption=f"{described} Position of the tool and the trajectory that it is "
+            "to follow.",
+            make=lambda runs: _PlotAgainstReference(
+                runs,
+                task,
+                {"actual": "tool_position", "desired": "desired_position"},
+                "position",
+                "m",
+            ),
+        ),
+        ThesisFigure(
+            number=disturbance,
+            title="Disturbance and its estimate",
+            caption=f"{described} The force and what the network makes of it.",
+            make=lambda runs: _PlotAgainstReference(
+                runs,
+                task,
+                {"actual": "environment_force", "estimated": "disturbance_estimate"},
+                "disturbance",
+                "N",
+            ),
+        ),
+    ]
+
+
+_CHAPTER_3 = [
+    *_TrackingFigures(
+        "network_tracking_linear",
+        "proportional to the position on each axis (case I)",
+        ("3.2", "3.3"),
+    ),
+    *_TrackingFigures(
+        "network_tracking_coupled",
+        "nonlinear and couples the axes (case II)",
+        ("3.4", "3.5"),
+    ),
+]
+
+
+# Chapters 4 and 5: both controllers together, and what the adaptive one learns.
+
+
+class _Quantity(NamedTuple):
+    """What is compared; the label of a panel has a place for the axis."""
+
+    title: str
+    caption: str
+    signal: str
+    label: str
+    unit: str
+
+
+_BOTH = (
+    " Left against time, right against the position along x; dotted lines mark the end "
+    "of the tissue and the surface of the bone. A cross is where a run that diverges "
+    "is ended."
+)
+
+QUANTITIES = {
+    "velocity": _Quantity(
+        "Velocity of the tool",
+        "Velocity of the tool with either controller, and in grey what the surgeon "
+        "commands." + _BOTH,
+        "tool_velocity",
+        "velocity $v_{axis}$",
+        "m/s",
+    ),
+    "sensed_force": _Quantity(
+        "Sensed force",
+        "Force of the robot on its environment, as the sensor at the tool reads it."
+        + _BOTH,
+        "environment_force",
+        "sensed force $F_{{e,{axis}}}$",
+        "N",
+    ),
+    "position": _Quantity(
+        "Position of the tool",
+        "Position of the tool with either controller against time; dotted lines mark "
+        "the end of the tissue and the surface of the bone.",
+        "tool_position",
+        "position ${axis}$",
+        "m",
+    ),
+    "control_force": _Quantity(
+        "Control force",
+        "Force that the controller asks of the robot: the delayed haptic force under "
+        "direct force, the state of the backstepping law otherwise." + _BOTH,
+        "control_force",
+        "control force $F_{{c,{axis}}}$",
+        "N",
+    ),
+}
+"""In the order of the thesis's figures."""
+
+
+def ComparisonFigure(
+    *, number: str, task: str, about: str, quantity: str
+) -> ThesisFigure:
+    """Returns a figure that shows a quantity with direct force and adaptive."""
+    shown = QUANTITIES[quantity]
+    return ThesisFigure(
+        number=number,
+        title=shown.title,
+        caption=f"{about} {shown.caption}",
+        make=lambda runs: _Compare(runs, task, shown),
+    )
+
+
+def _Compare(runs: ThesisRuns, task: str, quantity: _Quantity) -> Figure:
+    both = runs.OfBoth(task)
+    n = both.adaptive.recording.scenario.num_axes
+    rows = [
+        SignalRow(
+            label=quantity.label.format(axis=AxisName(k)),
+            unit=quantity.unit,
+            signal=quantity.signal,
+            components=[k],
+            command=n + k if quantity.signal == "tool_velocity" else None,
+        )
+        for k in range(n)
+    ]
+    recordings = {
+        "direct force": both.direct.recording,
+        "adaptive": both.adaptive.recording,
+    }
+    figure = PlotRows(recordings, rows)
+    figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
+    if quantity.signal == "tool_position":
+        # The panels against x go; those against time take their place.
+        for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+            cell = left.get_subplotspec()
+            assert cell is not None
+            left.set_subplotspec(cell.get_gridspec()[cell.rowspan.start, :])
+            right.remove()
+    return figure
+
+
+_LEARNED: dict[str, tuple[str, str]] = {
+    "weights_1": (
+        "Weights of the first network",
+        "Weights for the unknown dynamics of the robot and its environment, a curve "
+        "for each Gaussian; colour and line style tell where its centre is.",
+    ),
+    "psi": (
+        "Estimate of the inverse inertia",
+        "Entries of the matrix that stands for the inverse inertia, and below how far "
+        "each is from its initial value.",
+    ),
+    "weights_3": (
+        "Weights of the third network",
+        "Weights for the rate of change of the environment's force, a curve for each "
+        "Gaussian; colour and line style tell where its centre is.",
+    ),
+}
+
+
+def LearnedFigure(*, number: str, task: str, about: str, quantity: str) -> ThesisFigure:
+    """Returns a figure that shows what the adaptive controller learns over time."""
+    title, caption = _LEARNED[quantity]
+    return ThesisFigure(
+        number=number,
+        title=title,
+        caption=f"{about} {caption}",
+        make=(
+            (lambda runs: _PlotPsi(runs, task))
+            if quantity == "psi"
+            else (lambda runs: _PlotWeights(runs, task, quantity))
+        ),
+    )
+
+
+def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
+    """Plots the entries of Psi, and below how far each is from its initial value."""
+    recording = runs(task, ADAPTIVE).recording
+    n = recording.scenario.num_axes
+    figure, (above, below) = TimeFigure(recording, 2)
+    # Psi hardly moves; the second panel magnifies by how much.
+    change = recording["psi"] - recording["psi"][0]
+    for k in range(n * n):
+        style = {
+            "color": COLORS[k],
+            "linestyle": LINES[k % len(LINES)],
+            "linewidth": 1.1,
+            "label": rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$",
+        }
+        above.plot(recording.time, recording["psi"][:, k], **style)
+        below.plot(recording.time, change[:, k], **style)
+    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
+    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
+    AddLegendAbove(figure, above.get_lines()[-n * n :])
+    return figure
+
+
+def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
+    """Plots weights in the colour of their centre's x, the style of its distance."""
+    recording = runs(task, ADAPTIVE).recording
+    scenario = recording.scenario
+    n = scenario.num_axes
+    network = scenario.controller.network
+    centres = equidistant_lattice(network.lower, network.upper, network.count)
+    weights = recording[signal].reshape(-1, n, len(centres))
+    x_values = np.unique(centres[:, 0])
+    # Centres on either side of the straight path look alike.
+    distances = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
+    distance_values = np.unique(distances)
+    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(x_values)))
+    name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
+
+    def Style(x: float, distance: float) -> dict[str, Any]:
+        rank = int(np.searchsorted(distance_values, distance))
+        return {
+            "color": colors[np.searchsorted(x_values, x)],
+            "linestyle": LINES[rank % len(LINES)],
+            "linewidth": 1.1 if rank == 0 else 0.7,
+        }
+
+    figure, axes = TimeFigure(recording, n)
+    for k, ax in enumerate(axes):
+        for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
+            ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
+        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
+    handles = [
+        Line2D([], [], label=f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0))
+        for x in x_values
+    ]
+    if len(distance_values) > 1:
+        handles += [
+            Line2D(
+                [],
+                [],
+                label=rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
+                **{**Style(x_values[0], y), "color": "black"},
+            )
+            for y in distance_values
+        ]
+    AddLegendAbove(figure, handles, "centre of the Gaussian at")
+    return figure
+
+
+# By the number of the first figure of a task of chapters 4 and 5: its name, and what
+# happens in it.
+_TASKS = {
+    "4.1": (
+        "one_dof",
+        "The slider of chapter 4 goes through tissue into free space and on to bone.",
+    ),
+    "5.1": (
+        "two_dof_puncture",
+        "Planar arm, case I: through tissue into free space.",
+    ),
+    "5.7": (
+        "two_dof_collision",
+        "Planar arm, case II: through free space on to bone.",
+    ),
+    "5.14": (
+        "two_dof_combined",
+        "Planar arm, case III: through tissue into free space and on to bone.",
+    ),
+}
+
+
+def _TaskFigures(first: str) -> list[ThesisFigure]:
+    """Returns the figures of a task, whose numbers follow one another."""
+    task, about = _TASKS[first]
+    chapter, start = map(int, first.split("."))
+    # The position is shown of the tasks of the arm with a collision.
+    comparisons = [
+        name for name in QUANTITIES if name != "position" or first in ("5.7", "5.14")
+    ]
+    return [
+        (ComparisonFigure if quantity in QUANTITIES else LearnedFigure)(
+            number=f"{chapter}.{start + i}", task=task, about=about, quantity=quantity
+        )
+        for i, quantity in enumerate([*comparisons, "weights_1", "psi", "weights_3"])
+    ]
+
+
+FIGURES: dict[str, ThesisFigure] = {
+    figure.number: figure
+    for figure in [
+        *_CHAPTER_2,
+        *_CHAPTER_3,
+        *(figure for first in _TASKS for figure in _TaskFigures(first)),
+    ]
+}
+"""All figures by their number, in the thesis's order."""
