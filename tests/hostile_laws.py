@@ -541,15 +541,17 @@ def matrices_of_numpy(x):
     )
 
 
-def decomposed(A):
+@right
+def matrices_of_rank_two(x):
+    A = np.outer(x[:3], x[3:]) + np.diag([x[0], 0.0, 2.0])
     U, sigma, Vt = np.linalg.svd(A)
     return np.concatenate((*(U.T @ U), *(Vt @ Vt.T), sigma, *(U * sigma @ Vt)))
 
 
 @right
-def singular_matrices(x):
-    matrices = np.outer(x[:3], x[3:]), np.outer(x[:2], x[:2]), np.diag([x[0], 0.0, 2.0])
-    return np.concatenate([decomposed(A) for A in matrices])
+def singular_matrix(x):
+    U, sigma, Vt = np.linalg.svd(np.outer(x[:3], x[3:]))
+    return np.concatenate((sigma, *(Vt @ Vt.T), [np.nan * U[0, 2]]))
 
 
 @refused

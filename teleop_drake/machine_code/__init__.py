@@ -25,8 +25,8 @@ follow from the arguments.
   Drake's Simulator; the log says so.
 * *Bounds.* A law's index that depends on numbers is compared with each index there is;
   out of bounds its result is nan, as is what Python would raise an error for. A loop's
-  index is checked, before the loop where that can be; out of bounds it raises an
-  IndexError with function and line.
+  index is checked, before the loop where that can be; out of bounds, also below 0, it
+  raises an IndexError with function and line. Of a singular matrix, svd's U is nan.
 
 Functions that a law may call with what depends on numbers, besides operators and
 methods of arrays:

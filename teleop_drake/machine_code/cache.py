@@ -6,20 +6,13 @@ import hashlib
 import os
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from teleop_drake.machine_code.native import ObjectFile, Target
 
-# Files beyond this size in all are deleted, those first that were used longest ago.
+# Files beyond this size in all are deleted, those first that were used longest ago, also
+# those of other versions, and those left by a process that was ended.
 _MAX_BYTES = 64_000_000
-
-# Files of other versions that were not used for this long are deleted, in s. Several
-# installations of one user do not delete each other's files thereby.
-_MAX_AGE = 7 * 24 * 3600.0
-
-# Temporary files of this age were left by a process that was ended, in s.
-_MAX_TEMPORARY_AGE = 3600.0
 
 _HASH = hashlib.sha256
 _HASH_SIZE = _HASH().digest_size
@@ -55,7 +48,7 @@ def Kept(name: str, code: str) -> tuple[bytes, bool]:
         ) as temporary:
             temporary.write(_HASH(data).digest() + data)
         os.replace(temporary.name, file)
-        _Sweep(folder, file.parent)
+        _Sweep(folder)
     return data, False
 
 
@@ -76,16 +69,11 @@ def _Version() -> str:
     return _HASH(Target().encode()).hexdigest()[:16]
 
 
-def _Sweep(folder: Path, current: Path) -> None:
-    """Deletes what is not used any more."""
-    now, size = time.time(), 0
+def _Sweep(folder: Path) -> None:
+    """Deletes what was used longest ago."""
+    size = 0
     files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
     for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):
-        age = now - status.st_mtime
         size += status.st_size
-        if (
-            size > _MAX_BYTES
-            or (file.suffix == ".tmp" and age > _MAX_TEMPORARY_AGE)
-            or (file.parent != current and age > _MAX_AGE)
-        ):
+        if size > _MAX_BYTES:
             file.unlink(missing_ok=True)

@@ -5,7 +5,7 @@ functions do with them.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -103,63 +103,57 @@ def _Operator(
             raise Untraceable(
                 "a sum of two comparisons, which numpy takes for `or`: write float()"
             )
-        if not isinstance(other, Number):
-            other = _Constant(other)
-            if other is None:
-                return NotImplemented
-        else:
-            other = AsReal(other)
-        own = AsReal(self) if self.is_boolean else self
-        a, b = (other, own) if swapped else (own, other)
-        if fold is not None:
-            result = fold(a, b)
-            if result is not None:
-                return result
-        return self.graph.Add(name, a, b)
+        other = AsReal(other) if isinstance(other, Number) else _Constant(other)
+        if other is None:
+            return NotImplemented
+        a, b = (other, AsReal(self)) if swapped else (AsReal(self), other)
+        result = fold(a, b) if fold else None
+        return self.graph.Add(name, a, b) if result is None else result
 
     return Operate
 
 
+def _IsZero(x: Any) -> bool:
+    return isinstance(x, float) and x == 0.0
+
+
 def _FoldSum(a: Any, b: Any) -> Any:
-    if isinstance(a, float) and a == 0.0:
-        return b
-    return a if isinstance(b, float) and b == 0.0 else None
+    return b if _IsZero(a) else a if _IsZero(b) else None
 
 
 def _FoldDifference(a: Any, b: Any) -> Any:
-    if isinstance(b, float) and b == 0.0:
-        return a
-    return -b if isinstance(a, float) and a == 0.0 else None
+    return a if _IsZero(b) else -b if _IsZero(a) else None
 
 
 def _FoldProduct(a: Any, b: Any) -> Any:
     for x, y in ((a, b), (b, a)):
         if isinstance(x, float) and abs(x) == 1.0:
             return y if x == 1.0 else -y
-        if isinstance(x, float) and x == 0.0 and y.graph.IsFinite(y):
+        if _IsZero(x) and y.graph.IsFinite(y):
             return 0.0
     return None
 
 
 def _FoldQuotient(a: Any, b: Any) -> Any:
-    if isinstance(b, float) and abs(b) in (0.5, 1.0, 2.0, 4.0):
-        return a * (1 / b)
-    return None
+    is_exact = isinstance(b, float) and abs(b) in (0.5, 1.0, 2.0, 4.0)
+    return a * (1 / b) if is_exact else None
+
+
+def _HasOtherSign(rest: Any, b: Any) -> Any:
+    return (rest != 0.0) & (AsReal(rest < 0.0) != AsReal(b < 0.0))
 
 
 def Remainder(a: Any, b: Any) -> Any:
     """Returns a % b, whose sign is that of b."""
     rest = Apply("fmod", a, b)
-    has_other_sign = AsReal(rest < 0.0) != AsReal(b < 0.0)
-    return Where((rest != 0.0) & has_other_sign, rest + b, rest)
+    return Where(_HasOtherSign(rest, b), rest + b, rest)
 
 
 def FloorQuotient(a: Any, b: Any) -> Any:
     """Returns a // b."""
     rest = Apply("fmod", a, b)
-    has_other_sign = AsReal(rest < 0.0) != AsReal(b < 0.0)
     quotient = (a - rest) / b
-    quotient = Where((rest != 0.0) & has_other_sign, quotient - 1.0, quotient)
+    quotient = Where(_HasOtherSign(rest, b), quotient - 1.0, quotient)
     whole = Apply("floor", quotient)
     whole = Where(quotient - whole > 0.5, whole + 1.0, whole)
     return Where(b == 0.0, a / b, whole) if isinstance(b, Number) else whole
@@ -171,42 +165,30 @@ def Apply(operation: str, *values: Any) -> Any:
     return graph.Add(operation, *values)
 
 
-class Notes(Protocol):
-    """Where it is noted what is done with numbers: a tracing.Graph.
+class _Dispatched:
+    """A value that numpy hands back to this module."""
 
-    Attributes:
-        nodes: What has been done, as (operation, arguments).
-    """
+    __slots__ = ()
 
-    nodes: list[Any]
+    def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
+        return CallUfunc(*arguments, **keywords)
 
-    def Add(self, operation: str, *arguments: Any) -> "Number":
-        """Returns the value of an operation on numbers, also those of Python."""
-
-    def IsFinite(self, value: "Number") -> bool:
-        """Returns whether a number is finite where states and parameters are."""
-
-    def Decide(self, condition: Ref) -> bool:
-        """Returns the answer to a condition."""
-
-    def Call(
-        self, function: Any, arguments: Sequence[Any], keywords: dict[str, Any]
-    ) -> Any:
-        """Returns what a function returns, merged over all ways through it."""
+    def __array_function__(self, *arguments: Any) -> Any:
+        return CallFunction(*arguments)
 
 
-class Number:
+class Number(_Dispatched):
     """A value that a graph computes.
 
     Attributes:
-        graph: The graph.
+        graph: The tracing.Graph.
         ref: The node.
         is_boolean: Whether it is a yes or no.
     """
 
     __slots__ = ("graph", "is_boolean", "ref")
 
-    def __init__(self, graph: "Notes", ref: Ref, is_boolean: bool = False):
+    def __init__(self, graph: Any, ref: Ref, is_boolean: bool = False):
         self.graph, self.ref, self.is_boolean = graph, ref, is_boolean
 
     def __bool__(self) -> bool:
@@ -300,12 +282,6 @@ class Number:
         """One, as numpy's numbers have it."""
         return 1
 
-    def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
-        return CallUfunc(*arguments, **keywords)
-
-    def __array_function__(self, *arguments: Any) -> Any:
-        return CallFunction(*arguments)
-
 
 class Table(np.ndarray):
     """An array whose indices may be Numbers and arrays of them."""
@@ -345,17 +321,11 @@ def _NoType(array: Any) -> Any:
     raise Untraceable("it asks for the type, the memory or the order of numbers")
 
 
-class Numbers(Table):
+class Numbers(_Dispatched, Table):
     """An array of `Number`s."""
 
     dtype = tobytes = data = base = property(_NoType)
     argsort = partition = argpartition = property(_NoType)
-
-    def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
-        return CallUfunc(*arguments, **keywords)
-
-    def __array_function__(self, *arguments: Any) -> Any:
-        return CallFunction(*arguments)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         keys = key if isinstance(key, tuple) else (key,)

@@ -7,6 +7,7 @@ import builtins
 import math
 import operator
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -75,44 +76,8 @@ def _Heaviside(a: Any, at_zero: Any) -> Any:
     return Where(a > 0.0, 1.0, Where(a < 0.0, 0.0, Where(a == 0.0, at_zero, a)))
 
 
-def _Hypot(*values: Any) -> Any:
-    return _SQRT(sum((x * x for x in values), 0.0))
-
-
-def _And(a: Any, b: Any) -> Any:
-    return AsBoolean(a) & AsBoolean(b)
-
-
-def _Or(a: Any, b: Any) -> Any:
-    return AsBoolean(a) | AsBoolean(b)
-
-
-def _IsInfinite(a: Any) -> Any:
-    return abs(AsReal(a)) == math.inf
-
-
-def _IsFinite(a: Any) -> Any:
-    return abs(AsReal(a)) < math.inf
-
-
-def _Radians(a: Any) -> Any:
-    return a * (math.pi / 180)
-
-
-def _Degrees(a: Any) -> Any:
-    return a * (180 / math.pi)
-
-
 def _Log(a: Any, base: Any = None) -> Any:
     return _LOG(a) if base is None else _LOG(a) / _LOG(base)
-
-
-def _Smallest(*values: Any, **keywords: Any) -> Any:
-    return _Best(operator.lt, *values, **keywords)
-
-
-def _Largest(*values: Any, **keywords: Any) -> Any:
-    return _Best(operator.gt, *values, **keywords)
 
 
 def _Best(is_better: Callable[[Any, Any], Any], *values: Any) -> Any:
@@ -190,12 +155,10 @@ def _NanToNum(
 ) -> Any:
     largest = float(np.finfo(float).max)
     a = AsNumbers(a)
-    top, bottom = (
-        given if given is not None else limit
-        for given, limit in ((posinf, largest), (neginf, -largest))
-    )
-    result = Where(a != a, nan, Where(a == math.inf, top, a))
-    result = Where(result == -math.inf, bottom, result)
+    result = Where(a != a, nan, a)
+    for end, given in ((math.inf, posinf), (-math.inf, neginf)):
+        limit = math.copysign(largest, end) if given is None else given
+        result = Where(a == end, limit, result)
     if not copy:
         a[...] = result
     return result
@@ -296,30 +259,29 @@ def _Pairs(n: int) -> list[tuple[int, int]]:
     return sweep * _SWEEPS.get(n, _MAX_SWEEPS)
 
 
-def _Sorted(keys: list[Any], columns: list[Any], is_ascending: bool) -> None:
-    """Sorts columns by their keys, in place."""
-    for end in range(len(keys) - 1, 0, -1):
-        for k in range(end):
-            swap = keys[k] > keys[k + 1] if is_ascending else keys[k] < keys[k + 1]
-            for items in (keys, columns):
-                first, second = items[k], items[k + 1]
-                items[k] = Where(swap, second, first)
-                items[k + 1] = Where(swap, first, second)
-
-
 def _Items(a: Any) -> list[Any]:
     if np.ndim(a) != 1:
         raise Untraceable("the order of numbers in a matrix")
     return list(AsNumbers(a))
 
 
+def _Bubble(
+    is_after: Callable[[Any, Any], Any], keys: list[Any], *others: list[Any]
+) -> None:
+    """Sorts keys, and others as these, in place."""
+    for end in range(len(keys) - 1, 0, -1):
+        for k in range(end):
+            swap = is_after(keys[k], keys[k + 1])
+            for items in (keys, *others):
+                first, second = items[k], items[k + 1]
+                items[k] = Where(swap, second, first)
+                items[k + 1] = Where(swap, first, second)
+
+
 def _Sort(a: Any) -> Any:
     items = _Items(a)
-    for end in range(len(items) - 1, 0, -1):
-        for k in range(end):
-            x, y = items[k], items[k + 1]
-            swap = (x > y) | ((x != x) & (y == y))  # What is not a number is last.
-            items[k], items[k + 1] = Where(swap, y, x), Where(swap, x, y)
+    # What is not a number is last.
+    _Bubble(lambda x, y: (x > y) | ((x != x) & (y == y)), items)
     return AsNumbers(items)
 
 
@@ -350,7 +312,7 @@ def _Eigh(A: Any) -> Any:
         for M in (A, A.T, V):
             _Rotate(M, i, j, cosine, sine)
     values, vectors = [A[i, i] for i in range(n)], [V[:, i] for i in range(n)]
-    _Sorted(values, vectors, True)
+    _Bubble(operator.gt, values, vectors)
     return AsNumbers(values), np.stack(vectors, axis=1)
 
 
@@ -366,33 +328,11 @@ def _Svd(A: Any) -> Any:
             _Rotate(M, i, j, cosine, sine)
     sigma = [(U[:, i] * U[:, i]).sum() ** 0.5 for i in range(n)]
     both = [np.concatenate((U[:, i], V[:, i])) for i in range(n)]
-    _Sorted(sigma, both, False)
-    columns = np.stack(both, axis=1)
-    U, sigmas = columns[:n], AsNumbers(sigma)
-    for number in (*U.flat, *sigmas):
-        if isinstance(number, Number):  # Its ways are merged, as those of a helper.
-            number.graph.Call(_MakeOrthonormal, (U, sigmas), {})
-            break
-    return U, sigmas, columns[n:].T
-
-
-def _MakeOrthonormal(U: Any, sigma: Any) -> None:
-    """Makes orthogonal columns unit vectors, others in the place of those of zeros."""
-    n = len(U)
-    for k in range(n):
-        if sigma[k] > n * np.finfo(float).eps * sigma[0]:
-            U[:, k] = U[:, k] / sigma[k]
-            continue
-        for i in range(k, n):
-            # Of the unit vectors, the one that is farthest from the columns there are.
-            rest = np.eye(n) - sum(np.outer(U[:, j], U[:, j]) for j in range(i))
-            best, length = rest[0], rest[0, 0]
-            for j in range(1, n):
-                is_longer = rest[j, j] > length
-                best = Where(is_longer, rest[j], best)
-                length = Where(is_longer, rest[j, j], length)
-            U[:, i] = best / length**0.5
-        return
+    _Bubble(operator.lt, sigma, both)
+    columns, sigmas = np.stack(both, axis=1), AsNumbers(sigma)
+    # No column of U follows from one of zeros.
+    is_regular = sigmas > n * np.finfo(float).eps * sigmas[0]
+    return columns[:n] / Where(is_regular, sigmas, np.nan), sigmas, columns[n:].T
 
 
 def _Norm(a: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
@@ -424,20 +364,30 @@ _ELEMENTWISE: dict[str, Callable[..., Any]] = {
     usual: _Operation(name, getattr(np, usual)) for usual, name in _OPERATIONS.items()
 }
 _SQRT, _LOG = _ELEMENTWISE["sqrt"], _ELEMENTWISE["log"]
+_SPECIAL: dict[str, Callable[..., Any]] = {
+    "hypot": lambda *values: _SQRT(sum((x * x for x in values), 0.0)),
+    "isnan": lambda a: a != a,
+    "isinf": lambda a: abs(AsReal(a)) == math.inf,
+    "isfinite": lambda a: abs(AsReal(a)) < math.inf,
+    "radians": lambda a: a * (math.pi / 180),
+    "degrees": lambda a: a * (180 / math.pi),
+    "fabs": abs,
+}
 _ELEMENTWISE |= {
     "less": operator.lt, "less_equal": operator.le, "greater": operator.gt,
     "greater_equal": operator.ge, "equal": operator.eq, "not_equal": operator.ne,
     "subtract": operator.sub, "divide": operator.truediv, "power": operator.pow,
     "remainder": operator.mod, "floor_divide": operator.floordiv,
     "bitwise_and": operator.and_, "bitwise_or": operator.or_,
-    "bitwise_xor": operator.xor, "logical_and": _And, "logical_or": _Or,
+    "bitwise_xor": operator.xor,
+    "logical_and": lambda a, b: AsBoolean(a) & AsBoolean(b),
+    "logical_or": lambda a, b: AsBoolean(a) | AsBoolean(b),
     "minimum": _Minimum, "maximum": _Maximum, "heaviside": _Heaviside,
-    "hypot": _Hypot, "negative": operator.neg, "positive": operator.pos,
-    "absolute": abs, "fabs": abs, "square": lambda a: a * a,
+    "negative": operator.neg, "positive": operator.pos,
+    "absolute": abs, "square": lambda a: a * a,
     "reciprocal": lambda a: 1.0 / a, "sign": _Sign, "invert": Not, "logical_not": Not,
-    "conjugate": lambda a: a, "isnan": lambda a: a != a, "isinf": _IsInfinite,
-    "isfinite": _IsFinite, "deg2rad": _Radians, "radians": _Radians,
-    "rad2deg": _Degrees, "degrees": _Degrees,
+    "conjugate": lambda a: a, "deg2rad": _SPECIAL["radians"],
+    "rad2deg": _SPECIAL["degrees"], **_SPECIAL,
 }  # fmt: skip
 UFUNCS |= {
     getattr(np, name): np.frompyfunc(function, getattr(np, name).nin, 1)
@@ -546,10 +496,8 @@ _MATH = {
     for name in _OPERATIONS.values()
     if name != "rint"
 } | {
-    "log": _OrElse(math.log, _Log), "hypot": _OrElse(math.hypot, _Hypot),
-    "fabs": abs, "pow": _OrElse(math.pow, operator.pow), "radians": _Radians,
-    "degrees": _Degrees, "isfinite": _IsFinite, "isinf": _IsInfinite,
-    "isnan": lambda a: a != a,
+    **{name: _OrElse(getattr(math, name), _SPECIAL[name]) for name in _SPECIAL},
+    "log": _OrElse(math.log, _Log), "pow": _OrElse(math.pow, operator.pow),
 }  # fmt: skip
 
 REPLACED: dict[Any, Any] = {
@@ -563,7 +511,8 @@ REPLACED: dict[Any, Any] = {
     },
     np.full: _Full,
     float: _Float, np.float64: _Float, int: _Whole,
-    min: _OrElse(min, _Smallest), max: _OrElse(max, _Largest),
+    min: _OrElse(min, partial(_Best, operator.lt)),
+    max: _OrElse(max, partial(_Best, operator.gt)),
     isinstance: _IsInstance,
 }  # fmt: skip
 """What takes the place of functions that numpy does not let us replace."""

@@ -10,8 +10,6 @@ from teleop_drake.machine_code import cache, compiled
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.compiled import CompileLaw
 
-WEEK = 7 * 24 * 3600.0
-
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
@@ -71,25 +69,6 @@ def test_what_was_used_longest_ago_is_deleted(folder, monkeypatch):
     IsKept("e" * 100)
     assert len(Files(folder)) == 3
     assert [IsKept(code) for code in (codes[0], codes[3])] == [True, True]
-
-
-def test_temporary_files_and_other_versions_are_swept(folder):
-    now = time.time()
-    ages = {
-        "old/law.o": 2 * WEEK,
-        "other/law.o": 3600.0,  # Of an installation that is still used.
-        "other/left.tmp": 2 * 3600.0,
-        "other/under_way.tmp": 1.0,
-    }
-    for name, age in ages.items():
-        file = folder / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
-        os.utime(file, (now - age,) * 2)
-    IsKept("text")
-    left = {str(file.relative_to(folder)) for file in Files(folder)}
-    assert len(left) == 3
-    assert left > {"other/law.o", "other/under_way.tmp"}
 
 
 def test_laws_with_a_comprehension_or_a_lambda_are_found(monkeypatch):
