@@ -10,8 +10,8 @@ from pathlib import Path
 
 from teleop_drake.machine_code.native import ObjectFile, Target
 
-# Files beyond this size in all are deleted, those first that were used longest ago, also
-# those of other versions, and those left by a process that was ended.
+# Files beyond this size in all are deleted, those first that were used longest ago,
+# also those of other versions.
 _MAX_BYTES = 64_000_000
 
 _HASH = hashlib.sha256

@@ -79,22 +79,14 @@ def newest(h, time, start, *, is_before):
 
 
 @pytest.mark.parametrize(
-    ("h_1", "h_2", "start", "end"),
+    ("first", "second", "late", "h_1", "h_2", "start", "end"),
     [
-        ("0.02", "0.1", "0", "1.2"),
-        ("0.1", "0.3", "0", "4"),
-        ("0.3", "0.1", "0", "4"),
-        ("0.001", "0.01", "11.66", "11.76"),
-    ],
-)
-@pytest.mark.parametrize(
-    ("first", "second", "late"),
-    [
-        (sensor, sampled, 1),
-        (sensor, network, 0),
-        (hold, sampled, 1),
+        (sensor, sampled, 1, "0.1", "0.3", "0", "2"),
+        (sensor, network, 0, "0.1", "0.3", "0", "2"),
+        (hold, sampled, 1, "0.001", "0.01", "11.66", "11.69"),
         # A discrete update of Drake's sees what unrestricted ones have made.
-        (sensor, hold, 0),
+        (sensor, hold, 0, "0.3", "0.1", "0", "2"),
+        (sensor, network, 0, "0.02", "0.1", "0", "0.7"),
     ],
 )
 def test_updates_at_one_instant_see_what_was_there_before(
