@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context
 
 from teleop_drake.channels.base import ChannelBlock, ChannelConfig
 from teleop_drake.kernel.linear_part import LinearPart
-from teleop_drake.numerics.sample_history import SampleHistory
 
 Array = NDArray[np.float64]
 
@@ -76,12 +74,6 @@ class TransportDelay(ChannelBlock):
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay."""
         return LinearPart(delay=self._delay)
-
-    def Deliver(self, context: Context, value: Array) -> None:
-        """Lets the block deliver a value now: its only sample, which arrives now."""
-        now = context.get_time()
-        history = SampleHistory(times=(now,), values=np.array([value]), now=now)
-        context.SetAbstractState(0, history)
 
 
 @dataclass(kw_only=True, eq=False)

@@ -11,11 +11,10 @@ initial one. Other blocks ignore it. A block that has no linear model refuses th
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import System
 
 FROZEN_WEIGHTS = "frozen weights"
 """The estimates of an adaptive law are held constant."""
@@ -49,8 +48,8 @@ class LinearPart:
             stays what it is near the operating point.
         held_force: Of an operator that holds a force once it has perceived contact.
             None: it does not, or it is no operator.
-        delay: Of a block that delays its input by a constant time in s, which then has
-            a method Deliver() as DelayBlock; None: it is no delay.
+        delay: Of a block that delays its input by a constant time, s; None: it is no
+            delay.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
             granted.
     """
@@ -61,13 +60,6 @@ class LinearPart:
     held_force: HeldForce | None = None
     delay: float | None = None
     assumption: str = ""
-
-
-class DelayBlock(Protocol):
-    """A block with one input and one output that delays by a constant time."""
-
-    def Deliver(self, context: Context, value: NDArray[np.float64]) -> None:
-        """Lets it deliver a value now."""
 
 
 def LinearPartOf(

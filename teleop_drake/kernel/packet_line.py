@@ -1,9 +1,9 @@
 """Packets in Drake: samples of a signal under way, made of a Delay of a kernel."""
 
 import math
+import operator
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +32,23 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
     return packets
 
 
-@dataclass(frozen=True)
-class _Sent:
-    """What arrives, and the slope (per s) with which the signal goes on from it."""
+class _Sent(NamedTuple):
+    """A packet under way: when it is shown and was sent in s, and its value.
 
-    stamp: float
-    value: tuple[float, ...]
-    slope: tuple[float, ...] | None = None
+    The signal goes on from it at a rate, per s; None: it is held.
+    """
+
+    shown: float
+    sent: float
+    value: NDArray[np.float64]
+    rate: NDArray[np.float64] | None = None
 
 
-@dataclass(frozen=True)
-class _Packets:
-    """The packet that is shown and those under way, in the order of both their time
-    stamps and the times at which they will be shown.
+_SHOWN = operator.attrgetter("shown")
+
+
+class _Packets(NamedTuple):
+    """The packet that is shown and those under way, in the order of both their times.
 
     One that a newer packet overtakes will never be shown and is left out. `next` is the
     number of the next one to be sent. Immutable, so that a copy of the state is the
@@ -52,36 +56,21 @@ class _Packets:
     """
 
     next: int
-    times: tuple[float, ...]
     packets: tuple[_Sent, ...]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Packets":
         return self
 
-    def Send(self, k: int, packet: _Sent, time: float, *, is_line: bool) -> "_Packets":
-        """Adds packet k which will be shown at a time, or never."""
-        if time == math.inf:
-            return replace(self, next=k + 1)
-        keep = max(bisect_left(self.times, time), 1)
+    def Send(self, k: int, packet: _Sent, *, is_line: bool) -> "_Packets":
+        """Adds packet k."""
+        if packet.shown == math.inf:
+            return self._replace(next=k + 1)
+        keep = max(bisect_left(self.packets, packet.shown, key=_SHOWN), 1)
         previous = self.packets[keep - 1]
-        if is_line and previous.stamp > -math.inf:
-            gap = packet.stamp - previous.stamp
-            packet = _Sent(
-                packet.stamp,
-                packet.value,
-                tuple(
-                    (b - a) / gap
-                    for a, b in zip(previous.value, packet.value, strict=True)
-                ),
-            )
-        return _Packets(
-            k + 1, (*self.times[:keep], time), (*self.packets[:keep], packet)
-        )
-
-    def Deliver(self, time: float) -> "_Packets":
-        """Drops what is older than what is shown once all is done at a time."""
-        first = bisect_right(self.times, time) - 1
-        return _Packets(self.next, self.times[first:], self.packets[first:])
+        if is_line and previous.sent > -math.inf:
+            rate = (packet.value - previous.value) / (packet.sent - previous.sent)
+            packet = packet._replace(rate=rate)
+        return _Packets(k + 1, (*self.packets[:keep], packet))
 
 
 class PacketLine:
@@ -110,8 +99,8 @@ class PacketLine:
     def __init__(self, block: LeafSystem, delay: Delay):
         self._delay = delay
         self._signal = block.GetInputPort(delay.signal)
-        nothing = _Sent(-math.inf, tuple(map(float, delay.initial_value)))
-        packets = AbstractValue.Make(_Packets(0, (-math.inf,), (nothing,)))
+        nothing = _Sent(-math.inf, -math.inf, np.array(delay.initial_value, float))
+        packets = AbstractValue.Make(_Packets(0, (nothing,)))
         self._packets = block.DeclareAbstractState(packets)
         self.tickets = {
             block.time_ticket(),
@@ -123,22 +112,22 @@ class PacketLine:
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known."""
-        packets = self._PacketsIn(context)
-        jump = packets.times[1] if len(packets.times) > 1 else math.inf
+        number, packets = self._PacketsIn(context)
+        jump = packets[1].shown if len(packets) > 1 else math.inf
         # One that is sent during the next step may arrive within it.
-        if packets.next * self._delay.period > self._delay.end:
+        if number * self._delay.period > self._delay.end:
             return jump
-        return min(jump, self._Shown(packets.next))
+        return min(jump, self._Shown(number))
 
     def Eval(self, context: Context) -> NDArray[np.float64]:
         """Returns what is shown."""
-        packets, time = self._PacketsIn(context), context.get_time()
+        packets, time = self._PacketsIn(context).packets, context.get_time()
         # What arrives now is shown once the step has ended here.
-        i = max(bisect_left(packets.times, time - self._tie) - 1, 0)
-        packet = packets.packets[i]
-        value = np.array(packet.value)
-        if packet.slope is not None:
-            value += np.array(packet.slope) * (time - packets.times[i])
+        i = bisect_left(packets, time - self._tie, key=_SHOWN) - 1
+        packet = packets[max(i, 0)]
+        value = packet.value.copy()
+        if packet.rate is not None:
+            value += packet.rate * (time - packet.shown)
         return value
 
     def _PacketsIn(self, context: Context) -> _Packets:
@@ -151,20 +140,21 @@ class PacketLine:
 
     def _Send(self, context: Context, state: State) -> None:
         k = round(context.get_time() / self._delay.period)
-        value = tuple(self._signal.Eval(context).tolist())
+        value = self._signal.Eval(context).copy()
+        packet = _Sent(self._Shown(k), k * self._delay.period, value)
         packets = self._PacketsIn(context).Send(
-            k,
-            _Sent(k * self._delay.period, value),
-            self._Shown(k),
-            is_line=self._delay.extrapolates,
+            k, packet, is_line=self._delay.extrapolates
         )
         state.get_mutable_abstract_state(self._packets).set_value(packets)
 
     def _Deliver(self, context: Context, state: State) -> EventStatus:
         # What is sent now may be delivered now.
-        packets = state.get_abstract_state(self._packets).get_value()
+        number, packets = state.get_abstract_state(self._packets).get_value()
         now = context.get_time() + self._tie
-        if len(packets.times) == 1 or packets.times[1] > now:
+        # The packet that is shown then.
+        first = bisect_right(packets, now, key=_SHOWN) - 1
+        if first == 0:
             return EventStatus.DidNothing()
-        state.get_mutable_abstract_state(self._packets).set_value(packets.Deliver(now))
+        left = _Packets(number, packets[first:])
+        state.get_mutable_abstract_state(self._packets).set_value(left)
         return EventStatus.Succeeded()

@@ -1,7 +1,6 @@
 """The one reader of terms: Drake's callbacks and compiled programs are made by it."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
@@ -12,15 +11,32 @@ WORDS = ("time", "state", "mode")
 """The names that every kernel can take."""
 
 
-class TermReader(ABC, Generic[T]):
-    """Reads terms; a subclass says what it makes of each part of one.
+class TermReader(Generic[T]):
+    """Reads terms; a subclass has a method for each part of one, and says what it is.
 
     Attributes:
         names: All that it has met.
+        Number: For an integer, which is handed over as it is.
+        Joined: For vectors one after another.
+        Part: For some elements of a vector.
+        Call: For what a function returns.
+        Word: For the time, the state or the mode.
+        Parameter: For a parameter.
+        Rate: For the rate of the state.
+        Port: For an input port or another output; raises if there is none.
 
     Args:
         kernel: Whose terms these are.
     """
+
+    Number: Callable[[int], T]
+    Joined: Callable[[list[T]], T]
+    Part: Callable[[T, Part], T]
+    Call: Callable[[Law, Sequence[Name | int]], T]
+    Word: Callable[[str], T]
+    Parameter: Callable[[str, Any], T]
+    Rate: Callable[[Term], T]
+    Port: Callable[[str], T]
 
     def __init__(self, kernel: Kernel):
         self.kernel = kernel
@@ -49,35 +65,3 @@ class TermReader(ABC, Generic[T]):
         if name == "rate" and kernel.rate is not None:
             return self.Rate(kernel.rate)
         return self.Port(name)
-
-    @abstractmethod
-    def Number(self, number: int) -> T:
-        """Takes an integer, which is handed over as it is."""
-
-    @abstractmethod
-    def Joined(self, parts: list[T]) -> T:
-        """Takes vectors one after another."""
-
-    @abstractmethod
-    def Part(self, whole: T, part: Part) -> T:
-        """Takes some elements of a vector."""
-
-    @abstractmethod
-    def Call(self, law: Law, arguments: Sequence[Name | int]) -> T:
-        """Takes what a function returns."""
-
-    @abstractmethod
-    def Word(self, word: str) -> T:
-        """Takes the time, the state or the mode."""
-
-    @abstractmethod
-    def Parameter(self, name: str, value: Any) -> T:
-        """Takes a parameter."""
-
-    @abstractmethod
-    def Rate(self, term: Term) -> T:
-        """Takes the rate of the state."""
-
-    @abstractmethod
-    def Port(self, name: str) -> T:
-        """Takes an input port or another output; raises if there is none."""

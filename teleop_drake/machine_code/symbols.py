@@ -193,7 +193,7 @@ class Number(_Dispatched):
 
     def __bool__(self) -> bool:
         """Returns the answer on the way that is being traced."""
-        return self.graph.Decide(AsBoolean(self).ref)
+        return bool(self.graph.Decide(AsBoolean(self).ref))
 
     def __repr__(self) -> str:
         raise Untraceable("it makes text of what depends on numbers")
