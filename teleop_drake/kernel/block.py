@@ -27,7 +27,7 @@ from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.terms import WORDS, TermReader
-from teleop_drake.machine_code.compiled import CompileLaw
+from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Choices, Refuse
 
 _Value = Callable[[Context], Any]
@@ -290,7 +290,7 @@ class _Reader(TermReader[_Value]):
         constants = [parameters[name] for name in names]  # type: ignore[index]
         bound = law
         if self._is_compiled:
-            bound = CompileLaw(law, *constants)
+            bound = CompiledLaw(law, *constants)
         elif constants:
             bound = functools.partial(law, *constants)
         others = [self.Read(argument) for argument in arguments[len(names) :]]

@@ -47,8 +47,8 @@ def TellOnce(error: Untraceable) -> None:
         logging.getLogger("teleop_drake").warning("not compiled: %s", error)
 
 
-def CompileLaw(law: Law, *constants: Any) -> Law:
-    """Returns a law as machine code.
+class CompiledLaw:
+    """A law as machine code; within Interpreted() it is called as it is.
 
     It is the same function to within rounding. It is compiled when it is first called,
     and kept in the user's cache. A law that does what a graph of operations cannot, see
@@ -60,13 +60,8 @@ def CompileLaw(law: Law, *constants: Any) -> Law:
         constants: Its first arguments, the same each time, also named tuples. Whole
             numbers and arrays of them are among these: they decide what is done.
     """
-    return CompiledLaw(law, constants)
 
-
-class CompiledLaw:
-    """A law that is called as machine code, or as it is within Interpreted()."""
-
-    def __init__(self, law: Law, constants: Sequence[Any]):
+    def __init__(self, law: Law, *constants: Any):
         self.law = functools.partial(law, *constants)
         # What a call works with, for each thread its own.
         self._local = threading.local()

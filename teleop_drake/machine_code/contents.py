@@ -83,9 +83,8 @@ class Contents:
                 if isinstance(value, dict):
                     value.clear()
                     value.update(items)
-                else:
-                    for name, attribute in items.items():
-                        setattr(value, name, attribute)
+                for name, attribute in items.items() if isinstance(value, type) else ():
+                    setattr(value, name, attribute)
             elif isinstance(value, set):
                 value.clear()
                 value.update(parts[1:])

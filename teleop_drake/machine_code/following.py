@@ -205,31 +205,22 @@ class _Followed(Opaque):
             is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
             return module if is_of_numpy else _Module(graph, module, name, function)
 
+        def Outside(value: Any, name: str) -> Any:
+            return Follow(graph, value, name, function)
+
         own = {**BUILTINS, "__import__": Import}
         names = {**function.__globals__, "__builtins__": own}
         for name in {name for code in codes for name in code.co_names} & names.keys():
-            names[name] = Follow(graph, names[name], name, function)
-        cells = []
-        for name, cell in zip(
-            function.__code__.co_freevars, function.__closure__ or (), strict=True
-        ):
-            is_empty = cell == CellType()
-            content = () if is_empty else (cell.cell_contents,)
-            cells.append(CellType(*(Follow(graph, x, name, function) for x in content)))
-        copy = FunctionType(
-            function.__code__,
-            names,
-            function.__name__,
-            tuple(
-                Follow(graph, value, "a default", function)
-                for value in function.__defaults__ or ()
-            ),
-            tuple(cells),
+            names[name] = Outside(names[name], name)
+        closure = zip(codes[0].co_freevars, function.__closure__ or (), strict=True)
+        cells = tuple(
+            CellType(*() if x == CellType() else (Outside(x.cell_contents, name),))
+            for name, x in closure
         )
-        copy.__kwdefaults__ = {
-            name: Follow(graph, value, name, function)
-            for name, value in (function.__kwdefaults__ or {}).items()
-        }
+        defaults = tuple(Outside(x, "a default") for x in function.__defaults__ or ())
+        copy = FunctionType(codes[0], names, function.__name__, defaults, cells)
+        others = function.__kwdefaults__ or {}
+        copy.__kwdefaults__ = {name: Outside(x, name) for name, x in others.items()}
         return copy
 
 

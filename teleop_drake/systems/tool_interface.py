@@ -13,7 +13,7 @@ from pydrake.systems.framework import LeafSystem_
 
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.machine_code.compiled import CompileLaw
+from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Refuse
 
 
@@ -33,8 +33,8 @@ class _Interface:
         self._tool_kinematics: Any = partial(tool_kinematics, n)
         self._joint_torques: Any = joint_torques
         if T is float:
-            self._tool_kinematics = CompileLaw(tool_kinematics, n)
-            self._joint_torques = CompileLaw(joint_torques)
+            self._tool_kinematics = CompiledLaw(tool_kinematics, n)
+            self._joint_torques = CompiledLaw(joint_torques)
         self._n = n
 
         self._plant_state = self.DeclareVectorInputPort(

@@ -8,7 +8,7 @@ import pytest
 
 from teleop_drake.machine_code import cache, compiled
 from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.compiled import CompileLaw
+from teleop_drake.machine_code.compiled import CompiledLaw
 
 
 @pytest.fixture(autouse=True)
@@ -89,5 +89,5 @@ def test_laws_with_a_comprehension_or_a_lambda_are_found(monkeypatch):
 
     for _ in range(2):
         for law in MakeLaws():
-            CompileLaw(law)(np.array([1.0, 2.0]))
+            CompiledLaw(law)(np.array([1.0, 2.0]))
     assert made[2:] == [True, True]

@@ -29,7 +29,7 @@ from teleop_drake.laws.robust_backstepping import (
 )
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.machine_code.compiled import (
-    CompileLaw,
+    CompiledLaw,
     Interpreted,
 )
 from teleop_drake.scenario import LayerConfig, LoadScenario
@@ -38,7 +38,7 @@ from teleop_drake.simulation import simulate
 
 def AssertSame(law, constants, samples):
     """Compares a law with its machine code, which has to exist, for many arguments."""
-    fast = CompileLaw(law, *constants)
+    fast = CompiledLaw(law, *constants)
     for arguments in samples:
         result, expected = fast(*arguments), law(*constants, *arguments)
         assert fast._local.call.run is not None
@@ -109,7 +109,7 @@ def halved(u):
 
 
 def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
-    for law in (CompileLaw(halved), CompileLaw(halved)):
+    for law in (CompiledLaw(halved), CompiledLaw(halved)):
         assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
         assert law._local.call.run is None
     (record,) = caplog.records
@@ -117,7 +117,7 @@ def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
 
 
 def test_other_threads_are_not_interpreted():
-    law, calls = CompileLaw(lambda x: x + 1.0), []
+    law, calls = CompiledLaw(lambda x: x + 1.0), []
 
     def Call():
         law(np.zeros(1))
@@ -133,7 +133,7 @@ def test_other_threads_are_not_interpreted():
 
 
 def test_whole_numbers_as_arguments_are_numbers():
-    law = CompileLaw(lambda n, x, y: n * x + y, 2)
+    law = CompiledLaw(lambda n, x, y: n * x + y, 2)
     for arguments in ((np.array([1, 2]), 3), (np.array([0.5, 0.25]), 0.125)):
         x, y = arguments
         np.testing.assert_array_equal(law(*arguments), 2 * x + y)
@@ -247,7 +247,7 @@ def test_a_change_outside_of_the_arguments_is_seen(name, monkeypatch):
     monkeypatch.setitem(sys.modules, "settings", settings)
     if name == "helper":
         monkeypatch.setitem(globals(), "helper", helper)
-    law, x = CompileLaw(function, *constants), np.array([1.0])
+    law, x = CompiledLaw(function, *constants), np.array([1.0])
     for value in (6.0, 4.0):
         law(x)
         change(value)
@@ -257,7 +257,7 @@ def test_a_change_outside_of_the_arguments_is_seen(name, monkeypatch):
 
 def test_what_cannot_be_compared_is_not_compiled():
     rng = np.random.default_rng(0)
-    law = CompileLaw(lambda x: x + rng.normal())
+    law = CompiledLaw(lambda x: x + rng.normal())
     assert law(np.array([1.0])) != law(np.array([1.0]))
 
 
@@ -290,14 +290,14 @@ def test_a_change_between_two_parts_of_a_run_is_seen(monkeypatch):
 
 
 def test_results_stay_when_it_is_called_again():
-    law = CompileLaw(lambda x: 2 * x)
+    law = CompiledLaw(lambda x: 2 * x)
     first = law(np.array([1.0]))
     law(np.array([5.0]))
     assert first == 2.0
 
 
 def test_threads_do_not_share_what_they_work_with():
-    law = CompileLaw(lambda x: x + 1.0)
+    law = CompiledLaw(lambda x: x + 1.0)
     wrong = []
 
     def Call(value):
