@@ -6,7 +6,6 @@ import re
 import signal
 import weakref
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ def sides(recording, name, time):
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", Slow(TASKS, but=[0, 3]))
+@pytest.mark.parametrize("name", TASKS)
 def test_all_signals_of_the_loop(name, kind):
     recording = Run(name, kind)
     n = recording.scenario.num_axes
@@ -70,6 +69,7 @@ def test_all_signals_of_the_loop(name, kind):
     assert recording.time[0] == 0
     if recording.termination == "completed":
         assert recording.time[-1] == recording.scenario.duration
+    assert np.all(recording["environment_force"][:, 1:] == 0)  # Across the layers.
     np.testing.assert_array_equal(
         recording["return_packet_sent"],
         np.hstack((recording["tool_position"], recording["tool_velocity"])),
@@ -136,33 +136,6 @@ def test_mirror_image_elbows_give_mirror_image_runs(kind):
         assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
 
 
-@pytest.mark.parametrize("kind", CONTROLLERS)
-@pytest.mark.parametrize("name", TASKS[1:])
-def test_no_force_acts_across_the_layers(name, kind):
-    assert np.all(Run(name, kind)["environment_force"][:, 1] == 0)
-
-
-def test_direct_force_diverges_after_the_puncture():
-    recording = Run("two_dof_puncture", DIRECT)
-    assert recording.termination == "diverged"
-    assert "exceeds 5 times the commanded speed" in recording.reason
-    (puncture,) = recording.EventTimes("puncture")
-    assert puncture < recording.time[-1] < recording.scenario.duration
-    speed = np.linalg.norm(recording["tool_velocity"], axis=1)
-    assert np.argmax(speed) == len(speed) - 1
-    assert Run("two_dof_puncture", ADAPTIVE).termination == "completed"
-
-
-def test_adaptive_settles_on_the_bone_and_direct_force_does_not():
-    for name in ("two_dof_collision", "two_dof_combined"):
-        adaptive, direct = Run(name, ADAPTIVE), Run(name, DIRECT)
-        late = adaptive.time > adaptive.time[-1] - 1
-        assert np.abs(adaptive["tool_velocity"][late]).max() < 0.005
-        assert adaptive["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.01)
-        late = direct.time > direct.time[-1] - 1
-        assert np.abs(direct["tool_velocity"][late, 0]).max() > 0.1
-
-
 class Faulty(LeafSystem):
     """A control law that returns NaN after one second."""
 
@@ -203,10 +176,6 @@ def test_a_solver_that_cannot_go_on_ends_the_recording():
 @pytest.mark.parametrize(
     "overrides",
     [
-        pytest.param(
-            {"environment.layers.tissue.stiffness": 1e4}, marks=pytest.mark.slow
-        ),
-        pytest.param({"controller.G1": 1e5}, marks=pytest.mark.slow),
         # Without error control there is no shorter step to try.
         {"controller.adaptation_rate": 1e8, "simulator.use_error_control": False},
         {
@@ -250,7 +219,6 @@ class Raising(DirectForce):
 @pytest.mark.parametrize(
     "error",
     [
-        RuntimeError("my own bug"),
         KeyError("my own bug"),
         RuntimeError("TransportDelay 'x': evaluated 1 s after the last step"),
     ],
@@ -273,18 +241,13 @@ def test_a_violated_contract_of_drake_does_not_end_the_interpreter():
 
 
 def test_blow_up_ends_early():
-    recording = Run(
-        "two_dof_puncture",
-        DIRECT,
-        "duration=12",
-        "divergence_speed_ratio=20",
-        engine="auto",
-    )
+    recording = Run("two_dof_puncture", DIRECT)
     assert recording.termination == "diverged"
-    assert "exceeds 20 times" in recording.reason
-    assert recording.time[-1] < recording.scenario.duration
-    for values in recording.signals.values():
-        assert np.all(np.isfinite(values))
+    assert "exceeds 5 times the commanded speed" in recording.reason
+    (puncture,) = recording.EventTimes("puncture")
+    assert puncture < recording.time[-1] < recording.scenario.duration
+    speed = np.linalg.norm(recording["tool_velocity"], axis=1)
+    assert np.argmax(speed) == len(speed) - 1
 
 
 def test_stop_ends_the_push():
@@ -336,10 +299,7 @@ def test_delays_of_the_packets_in_the_recording():
 
 @pytest.mark.parametrize(
     ("back", "forward"),
-    Slow(
-        list(product([0.05, 0.1, 0.15, 0.3], [0.05, 0.1, 0.3, 1 / 3])),
-        but=[0, 5, 9, 15],
-    ),
+    [(0.05, 0.05), (0.1, 0.1), (0.15, 0.1), (0.3, 1 / 3)],
 )
 def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
     """0.05 + 0.05 and 0.1 differ by a rounding error in some runs."""
@@ -411,12 +371,10 @@ def test_more_steps_than_anyone_waits_for_are_refused():
 
 def test_progress_is_reported_in_order():
     reports = []
-    scenario = LoadScenario("one_dof", {"duration": 6.0})
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
     simulate(scenario, progress=reports.append, engine="drake")
-    assert reports
     assert reports == sorted(reports)
-    assert reports[0] >= 0
-    assert reports[-1] <= 6.0
+    assert 0 <= reports[0] <= reports[-1] <= 2.0
 
 
 def test_interrupt_keeps_what_there_is():
@@ -434,28 +392,28 @@ def test_interrupt_keeps_what_there_is():
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     """Raised in a callback of Drake, it would become another error."""
-    scenario = LoadScenario("one_dof")
+    scenario = LoadScenario("one_dof", {"duration": 2.0})
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     calls = 0
 
     def interrupt_once(self, context, derivatives):
         nonlocal calls
         calls += 1
-        if calls == 1000:
+        if calls == 300:
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:
                 raise SystemError("returned a result with an exception set") from None
         law(self, context, derivatives)
 
-    reference = Run("one_dof", ADAPTIVE, engine="drake")
+    reference = Run("one_dof", ADAPTIVE, "duration=2.0", engine="drake")
     monkeypatch.setattr(AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_once)
     recording = simulate(scenario, engine="drake")
     assert (recording.termination, recording.reason) == (
         "interrupted",
         "interrupted by the user",
     )
-    assert 1000 < calls < 1010
+    assert 300 < calls < 310
     num_samples = len(recording.time)
     np.testing.assert_array_equal(recording.time, reference.time[:num_samples])
     np.testing.assert_array_equal(
@@ -499,7 +457,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
 def test_interrupts_that_are_handled_elsewhere(handler):
-    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    scenario = LoadScenario("one_dof", {"duration": 1.0})
     previous = signal.signal(signal.SIGINT, handler)
     try:
         recording = simulate(
@@ -541,12 +499,12 @@ def test_solver_statistics():
 @pytest.mark.parametrize("scheme", Slow(["runge_kutta3", "runge_kutta2", "radau3"]))
 def test_other_integrators_agree(scheme):
     # From close to the border of the tissue across it.
-    task = ("one_dof", DIRECT, "duration=2", "robot.start=[0.0065]")
+    task = ("one_dof", DIRECT, "duration=1.5", "robot.start=[0.0069]")
     fine = "simulator.max_step_size=0.002"
     other = Run(*task, f"simulator.integration_scheme={scheme}", fine)
     reference = Run(*task)
     assert reference.EventTimes("puncture")
-    times = np.linspace(0, 2, 501)
+    times = np.linspace(0, 1.5, 501)
     difference = other.Interpolate("tool_velocity", times) - reference.Interpolate(
         "tool_velocity", times
     )

@@ -125,7 +125,7 @@ def test_drake_alone_still_needs_the_guard():
 
 def test_a_run_with_repeated_steps_is_right():
     """Without the guard its errors were up to 8e-4 of the signals' ranges."""
-    task, duration = "two_dof_collision", 2.5
+    task, duration = "two_dof_collision", 1.6
     overrides = {"simulator.accuracy": 1e-6, "simulator.max_step_size": 0.05}
     scenario = LoadScenario(task, overrides | {"duration": duration})
     recording = simulate(scenario, engine="drake")
