@@ -186,6 +186,7 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
 
 
 def _evaluate(
+    everything: bool,
     evaluate: Evaluate,
     t: float,
     x: Array,
@@ -193,23 +194,9 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Evaluates the rate, and the signals that it and the delays depend on."""
+    """Evaluates the rate and all signals, or those that it and the delays need."""
     _fetch(t, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, False)
-    memory.counts[EVALUATIONS] += 1
-
-
-def _evaluate_all(
-    evaluate: Evaluate,
-    t: float,
-    x: Array,
-    problem: Problem,
-    memory: Memory,
-    dx: Array,
-) -> None:
-    """Evaluates the rate and all signals."""
-    _fetch(t, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, True)
+    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, everything)
     memory.counts[EVALUATIONS] += 1
 
 
@@ -256,7 +243,7 @@ def _record_step(
     for node in range(1, 4):
         s = _NODES[node] * length
         _interpolate(s / h, h, memory)
-        _evaluate_all(evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
+        _evaluate(True, evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
         _write(row + node - 1, t + s, memory)
         _keep_node(node, delays, memory)
     memory.row_ends[row + 3] = 1
@@ -329,12 +316,7 @@ def _take_break(t: float, memory: Memory) -> int:
     return -1
 
 
-def _settle(
-    evaluate: Evaluate,
-    order: int,
-    problem: Problem,
-    memory: Memory,
-) -> None:
+def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
     """Makes what happens now happen: a break of an order (-1: none), transitions."""
     t = memory.clock[0]
     has_jumped = order >= 0
@@ -344,7 +326,7 @@ def _settle(
             break
         if has_changed:
             order = 0
-        _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
+        _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
     if order >= 0:
         _record(t, memory)
@@ -363,15 +345,11 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
     return has_shown
 
 
-def _let_happen(
-    evaluate: Evaluate,
-    problem: Problem,
-    memory: Memory,
-) -> None:
+def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Makes what happens now happen: breaks, packets and transitions."""
     t, delays = memory.clock[0], problem.delays
     order = _take_break(t, memory)
-    _evaluate_all(evaluate, t, memory.x, problem, memory, memory.stages[0])
+    _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
     if _show_packets(t, delays, memory) and order < 0:
         order = _MAX_ECHO  # A jump, but too many to follow their echoes.
     _settle(evaluate, order, problem, memory)
@@ -392,12 +370,7 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
     return stop
 
 
-def _step(
-    evaluate: Evaluate,
-    h: float,
-    problem: Problem,
-    memory: Memory,
-) -> float:
+def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
     """Tries a step; returns its error, the largest of all states."""
     t, x, stages = memory.clock[0], memory.x, memory.stages
     n = len(x)
@@ -408,10 +381,8 @@ def _step(
             for r in range(s):
                 total += A[s, r] * stages[r, i]
             target[i] = x[i] + h * total
-        if s < NUM_STAGES - 1:
-            _evaluate(evaluate, t + C[s] * h, target, problem, memory, stages[s])
-        else:
-            _evaluate_all(evaluate, t + h, target, problem, memory, stages[s])
+        is_last = s == NUM_STAGES - 1
+        _evaluate(is_last, evaluate, t + C[s] * h, target, problem, memory, stages[s])
     error = 0.0
     for i in range(n):
         total = 0.0
@@ -423,45 +394,39 @@ def _step(
     return error
 
 
+def _is_due_at(
+    share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
+) -> bool:
+    """Returns whether a guard is due at a share of the step."""
+    t, x = memory.clock[0] + share * h, memory.x_stage
+    _interpolate(share, h, memory)
+    _evaluate(True, evaluate, t, x, problem, memory, memory.dx)
+    return is_due(problem.transitions, memory)
+
+
 def _find_moment(
-    evaluate: Evaluate,
-    h: float,
-    problem: Problem,
-    memory: Memory,
+    evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
     """Returns a share of the step at which a guard is due, 1 if there is none."""
-    t = memory.clock[0]
     for node in range(1, 2 * len(_NODES)):
         share = node / (2 * len(_NODES))
-        _interpolate(share, h, memory)
-        _evaluate_all(
-            evaluate, t + share * h, memory.x_stage, problem, memory, memory.dx
-        )
-        if is_due(problem.transitions, memory):
+        if _is_due_at(share, evaluate, h, problem, memory):
             return share
-    _evaluate_all(evaluate, t + h, memory.x_next, problem, memory, memory.dx)
+    t = memory.clock[0] + h
+    _evaluate(True, evaluate, t, memory.x_next, problem, memory, memory.dx)
     return 1.0
 
 
 def _locate(
-    evaluate: Evaluate,
-    h: float,
-    high: float,
-    problem: Problem,
-    memory: Memory,
+    evaluate: Evaluate, h: float, high: float, problem: Problem, memory: Memory
 ) -> float:
     """Returns the share of the step after which a guard is due, at most `high`."""
-    t = memory.clock[0]
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
         if not low < middle < high:
             break
-        _interpolate(middle, h, memory)
-        _evaluate_all(
-            evaluate, t + middle * h, memory.x_stage, problem, memory, memory.dx
-        )
-        if is_due(problem.transitions, memory):
+        if _is_due_at(middle, evaluate, h, problem, memory):
             high = middle
         else:
             low = middle
@@ -472,7 +437,7 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Records the first row, and makes what happens at the first time."""
     clock, delays = memory.clock, problem.delays
     memory.counts[IS_STARTED] = 1
-    _evaluate_all(evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
+    _evaluate(True, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
     clock[2] = clock[0]
     _keep_node(0, delays, memory)
@@ -568,9 +533,8 @@ def advance(
             if length < h:
                 _interpolate(length / h, h, memory)
                 _copy(memory.x_stage, memory.x_next)
-            _evaluate_all(
-                evaluate, t + length, memory.x_next, problem, memory, memory.dx
-            )
+            end, dx = t + length, memory.dx
+            _evaluate(True, evaluate, end, memory.x_next, problem, memory, dx)
         note_guards(False, problem.transitions, memory)
         end = stop if is_at_stop else t + length
         _record_step(evaluate, length, h, end, problem, memory)
