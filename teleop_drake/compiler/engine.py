@@ -1,6 +1,6 @@
 """Runs a compiled diagram."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -281,41 +281,41 @@ class CompiledRun:
 
 def _Delays(program: Program, start: float, end: float) -> Delays:
     delays = [delay for delay, _, _ in program.delays]
-    packets = [_Packets(delay, end) for delay in delays]
-    packet_ends = np.cumsum([len(group) for group in packets], dtype=np.int64)
-    packet_firsts = np.concatenate(([0], packet_ends))[:-1]
+    packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
     pieces = [
         fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
         if callable(delay.time)
         else _NO_PIECES
         for delay in delays
     ]
-    piece_ends = np.cumsum([len(x.coefficients) for x in pieces], dtype=np.int64)
-    piece_firsts = np.concatenate(([0], piece_ends))[:-1]
-    signals = [part for _, part, _ in program.delays]
-    outputs = [part for _, _, part in program.delays]
+    times = [
+        _Shortest(x) if callable(delay.time) else delay.time
+        for delay, x in zip(delays, pieces, strict=True)
+    ]
     return Delays(
-        times=np.array(
-            [
-                _Shortest(x) if callable(delay.time) else delay.time
-                for delay, x in zip(delays, pieces, strict=True)
-            ],
-            float,
-        ),
-        signals=np.array([part.start for part in signals], np.int64),
-        outputs=np.array([part.start for part in outputs], np.int64),
-        sizes=np.array([part.stop - part.start for part in outputs], np.int64),
+        times=np.array(times, float),
+        signals=_Integers(part.start for _, part, _ in program.delays),
+        outputs=_Integers(part.start for _, _, part in program.delays),
+        sizes=_Integers(part.stop - part.start for _, _, part in program.delays),
         initial_values=np.array([x for d in delays for x in d.initial_value], float),
-        packet_ranges=np.column_stack((packet_firsts, packet_ends)),
-        packets=np.array([packet for group in packets for packet in group]).reshape(
-            -1, 3
-        ),
-        piece_ranges=np.column_stack((piece_firsts, piece_ends)),
+        packet_ranges=_Ranges(packets),
+        packets=np.concatenate([np.empty((0, 3)), *packets]),
+        piece_ranges=_Ranges([x.coefficients for x in pieces]),
         knots=np.concatenate([np.empty(0), *(x.knots for x in pieces)]),
         coefficients=np.concatenate(
             [_NO_PIECES.coefficients, *(x.coefficients for x in pieces)]
         ),
     )
+
+
+def _Integers(numbers: Iterable[int]) -> Indices:
+    return np.array([*numbers], np.int64)
+
+
+def _Ranges(groups: Sequence[Sized]) -> Indices:
+    """Returns where each group begins and ends if they stand one after another."""
+    ends = np.cumsum([0, *map(len, groups)], dtype=np.int64)
+    return np.column_stack((ends[:-1], ends[1:]))
 
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
@@ -332,19 +332,14 @@ def _Shortest(pieces: Pieces) -> float:
 
 
 def _Transitions(program: Program) -> Transitions:
-    guards = [
-        -1 if guard is None else guard.start for _, guard, _, _ in program.transitions
-    ]
-    sources = [source.start for _, _, source, _ in program.transitions]
-    targets = [target for _, _, _, target in program.transitions]
-    transitions = [transition for transition, _, _, _ in program.transitions]
-    offsets = [np.inf if x.guard is not None else x.offset for x in transitions]
+    rows = program.transitions
+    offsets = [np.inf if guard else x.offset for x, guard, _, _ in rows]
     return Transitions(
-        guards=np.array(guards, np.int64),
-        sources=np.array(sources, np.int64),
-        targets=np.array([target.start for target in targets], np.int64),
-        sizes=np.array([target.stop - target.start for target in targets], np.int64),
-        periods=np.array([x.period for x in transitions], float),
+        guards=_Integers(guard.start if guard else -1 for _, guard, _, _ in rows),
+        sources=_Integers(source.start for _, _, source, _ in rows),
+        targets=_Integers(target.start for _, _, _, target in rows),
+        sizes=_Integers(target.stop - target.start for _, _, _, target in rows),
+        periods=np.array([x.period for x, _, _, _ in rows], float),
         offsets=np.array(offsets, float),
-        are_discrete=np.array([x.is_discrete for x in transitions], np.int64),
+        are_discrete=_Integers(x.is_discrete for x, _, _, _ in rows),
     )

@@ -10,22 +10,12 @@ from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.compiler.compile import CompileEvaluate
 from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
-from teleop_drake.compiler.plant_kernel import (
-    GravityKernel,
-    HoldKernel,
-    PlantKernel,
-    ToolKernel,
-    TrackingKernel,
-)
+from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
 from teleop_drake.machine_code.symbols import Untraceable
-from teleop_drake.systems.gravity_compensation import GravityCompensation
-from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
-from teleop_drake.systems.posture_hold import PostureHold
-from teleop_drake.systems.tool_interface import ToolInterface
 
 Array = NDArray[np.float64]
 
@@ -46,14 +36,9 @@ def KernelOf(system: System, context: Context) -> Kernel:
         return own
     if isinstance(system, MultibodyPlant):
         return PlantKernel(system, context)
-    if isinstance(system, ToolInterface):
-        return ToolKernel(system)
-    if isinstance(system, NetworkTrackingController):
-        return TrackingKernel(system)
-    if isinstance(system, PostureHold):
-        return HoldKernel(system)
-    if isinstance(system, GravityCompensation):
-        return GravityKernel(system)
+    for kind, make in KERNELS_OF_PLANTS.items():
+        if isinstance(system, kind):
+            return make(system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")
@@ -158,15 +143,10 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
         value: Array = port.Eval(context)
         return value
     # Of a plant: no motor, no force.
-    if isinstance(system, MultibodyPlant) or name in _OptionalInputs(system):
+    optional = getattr(system, "optional_inputs", ())
+    if isinstance(system, MultibodyPlant) or name in optional:
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")
-
-
-def _OptionalInputs(system: System) -> tuple[str, ...]:
-    """Returns the inputs that a block takes for zero where it has no value."""
-    names: tuple[str, ...] = getattr(system, "optional_inputs", ())
-    return names
 
 
 def _InPython(program: Program) -> Callable[..., Any]:

@@ -1,12 +1,13 @@
 """The kernels of a MultibodyPlant, and of what asks one."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
@@ -242,6 +243,15 @@ def HoldKernel(block: PostureHold) -> Kernel:
         parameters["R_0"] = R_0
         law = (hold_orientation, *place, "R_0", "plant_state")
     return Kernel(parameters=parameters, outputs={"hold_torque": law})
+
+
+KERNELS_OF_PLANTS: dict[type[System], Callable[[Any], Kernel]] = {
+    ToolInterface: ToolKernel,
+    NetworkTrackingController: TrackingKernel,
+    PostureHold: HoldKernel,
+    GravityCompensation: GravityKernel,
+}
+"""Of blocks that ask a plant."""
 
 
 def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:

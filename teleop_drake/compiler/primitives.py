@@ -22,7 +22,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.compiler.flatten import UnsupportedSystem
-from teleop_drake.kernel import Kernel, Term, Transition, times
+from teleop_drake.kernel import Kernel, Name, Term, Transition, times
 
 Array = NDArray[np.float64]
 
@@ -77,37 +77,31 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     return None
 
 
-def _Inputs(system: System) -> list[str]:
-    return [
-        system.get_input_port(i).get_name() for i in range(system.num_input_ports())
-    ]
+def _Inputs(system: System) -> list[Name]:
+    ports = map(system.get_input_port, range(system.num_input_ports()))
+    return [port.get_name() for port in ports]
 
 
 def _Output(system: System, term: Term) -> dict[str, Term]:
     return {system.get_output_port(0).get_name(): term}
 
 
-def _Response(system: System, u: float) -> Array:
-    """Returns what a block without state delivers for an input of equal elements."""
+def _Responses(system: System, u: float) -> list[Array]:
+    """Returns the outputs of a block without state at a time u, or for inputs u."""
     context = system.CreateDefaultContext()
-    port = system.get_input_port(0)
-    port.FixValue(context, np.full(port.size(), u))
-    return np.array(system.get_output_port(0).Eval(context))
+    context.SetTime(max(u, 0.0))
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        port.FixValue(context, np.full(port.size(), u))
+    ports = map(system.get_output_port, range(system.num_output_ports()))
+    return [np.array(port.Eval(context)) for port in ports]
 
 
 def _Gain(system: Gain, context: Context) -> Kernel:
     return Kernel(
-        parameters={"gain": _Response(system, 1.0)},
+        parameters={"gain": _Responses(system, 1.0)[0]},
         outputs=_Output(system, (times, "gain", *_Inputs(system))),
     )
-
-
-def _Adder(system: Adder, context: Context) -> Kernel:
-    return Kernel(outputs=_Output(system, (total, *_Inputs(system))))
-
-
-def _Multiplexer(system: Multiplexer, context: Context) -> Kernel:
-    return Kernel(outputs=_Output(system, [*_Inputs(system)]))
 
 
 def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
@@ -125,33 +119,21 @@ def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
     has_state = system.num_states() > 0
     is_discrete = has_state and system.time_period() > 0
     state = "mode" if is_discrete else "state"
-    outputs: dict[str, Term] = {}
-    if system.num_output_ports() > 0:
-        outputs = _Output(system, (affine, "y0", "C", state))
-        if system.HasAnyDirectFeedthrough():
-            outputs = _Output(system, (affine_of_two, "y0", "C", state, "D", *inputs))
-    law: Term | None = None
-    if has_state:
-        law = (affine, "f0", "A", state)
-        if inputs:
-            law = (affine_of_two, "f0", "A", state, "B", *inputs)
+    output: Term = (affine, "y0", "C", state)
+    if system.HasAnyDirectFeedthrough():
+        output = (affine_of_two, "y0", "C", state, "D", *inputs)
+    law: Term = (affine, "f0", "A", state)
+    if inputs:
+        law = (affine_of_two, "f0", "A", state, "B", *inputs)
+    step = Transition(mode=law, period=system.time_period(), is_discrete=True)
     return Kernel(
         parameters={
             name: getattr(system, name)() for name in ("A", "B", "C", "D", "f0", "y0")
         },
-        outputs=outputs,
-        rate=None if is_discrete else law,
-        transitions={
-            "steps": Transition(mode=law, period=system.time_period(), is_discrete=True)
-        }
-        if is_discrete and law is not None
-        else {},
+        outputs=_Output(system, output) if system.num_output_ports() > 0 else {},
+        rate=law if has_state and not is_discrete else None,
+        transitions={"steps": step} if is_discrete else {},
     )
-
-
-def _Integrator(system: Integrator, context: Context) -> Kernel:
-    (u,) = _Inputs(system)
-    return Kernel(outputs=_Output(system, "state"), rate=u)
 
 
 def _ConstantVectorSource(system: ConstantVectorSource, context: Context) -> Kernel:
@@ -162,8 +144,8 @@ def _ConstantVectorSource(system: ConstantVectorSource, context: Context) -> Ker
 def _Saturation(system: Saturation, context: Context) -> Kernel:
     return Kernel(
         parameters={
-            "lower": _Response(system, -np.inf),
-            "upper": _Response(system, np.inf),
+            "lower": _Responses(system, -np.inf)[0],
+            "upper": _Responses(system, np.inf)[0],
         },
         outputs=_Output(system, (limited, *_Inputs(system), "lower", "upper")),
     )
@@ -173,10 +155,11 @@ def _Sine(system: Sine, context: Context) -> Kernel:
     u = _Inputs(system)[0] if system.num_input_ports() > 0 else "time"
     # Drake does not tell its numbers, but a, f and p can be seen in its outputs, which
     # are a sin(f u + p) and its first two derivatives.
-    values = np.array([_SineAt(system, x) for x in (0.0, 0.1, 0.25, 0.7, 1.9)])
+    places = np.array([0.0, 0.1, 0.25, 0.7, 1.9])
+    values = np.array([_Responses(system, x) for x in places])
     best = np.abs(values[:, 0]).argmax(axis=0)
     value, slope, curvature = values[best, :, np.arange(len(best))].T
-    where = np.array([0.0, 0.1, 0.25, 0.7, 1.9])[best]
+    where = places[best]
     f = np.sqrt(np.maximum(-curvature / np.where(value == 0, 1.0, value), 0.0))
     along = slope / np.where(f == 0, 1.0, f)
     parameters = {
@@ -191,17 +174,6 @@ def _Sine(system: Sine, context: Context) -> Kernel:
             for i in range(3)
         },
     )
-
-
-def _SineAt(system: Sine, u: float) -> list[Array]:
-    """Returns the three outputs at a time, or for inputs that are all u."""
-    context = system.CreateDefaultContext()
-    if system.num_input_ports() == 0:
-        context.SetTime(u)
-    else:
-        port = system.get_input_port(0)
-        port.FixValue(context, np.full(port.size(), u))
-    return [np.array(system.get_output_port(i).Eval(context)) for i in range(3)]
 
 
 def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
@@ -221,27 +193,18 @@ def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
     )
 
 
-def _PassThrough(system: PassThrough, context: Context) -> Kernel:
-    (u,) = _Inputs(system)
-    return Kernel(outputs=_Output(system, u))
-
-
-def _VectorLogSink(system: VectorLogSink, context: Context) -> Kernel:
-    return Kernel(unused=tuple(_Inputs(system)))
-
-
 # A class before those it derives from.
 _KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
     Gain: _Gain,
-    Adder: _Adder,
-    Multiplexer: _Multiplexer,
+    Adder: lambda x, _: Kernel(outputs=_Output(x, (total, *_Inputs(x)))),
+    Multiplexer: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x))),
     Demultiplexer: _Demultiplexer,
     AffineSystem: _AffineSystem,
-    Integrator: _Integrator,
+    Integrator: lambda x, _: Kernel(outputs=_Output(x, "state"), rate=_Inputs(x)[0]),
     ConstantVectorSource: _ConstantVectorSource,
     Saturation: _Saturation,
     Sine: _Sine,
     ZeroOrderHold: _ZeroOrderHold,
-    PassThrough: _PassThrough,
-    VectorLogSink: _VectorLogSink,
+    PassThrough: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x)[0])),
+    VectorLogSink: lambda x, _: Kernel(unused=tuple(map(str, _Inputs(x)))),
 }

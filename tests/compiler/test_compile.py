@@ -14,7 +14,7 @@ from teleop_drake.compiler import compile as compiler
 from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
-from teleop_drake.compiler.parameters import Parameters
+from teleop_drake.compiler.source import Parameters
 from teleop_drake.kernel import Kernel
 
 
