@@ -1,10 +1,35 @@
 """The torque that carries an arm's weight."""
 
+from typing import Any
+
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import LeafSystem_
+
+from teleop_drake.kernel.convertible import Convertible
 
 
-class GravityCompensation(LeafSystem):
+class _Compensation:
+    """Ports and callback for any scalar type."""
+
+    def _Declare(self: Any, model: Any) -> None:
+        self._model = model
+        # Working memory only: every calculation sets its state before it is read.
+        self._model_context = model.CreateDefaultContext()
+        self._state = self.DeclareVectorInputPort(
+            "plant_state", model.num_multibody_states()
+        )
+        self.DeclareVectorOutputPort(
+            "gravity_torque", model.num_velocities(), self._CalcTorque
+        )
+
+    def _CalcTorque(self: Any, context: Any, output: Any) -> None:
+        model, model_context = self._model, self._model_context
+        model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
+        output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))
+
+
+class GravityCompensation(_Compensation, Convertible):
     """Torque that would keep a model of the arm at rest.
 
         tau = g(q) = -(the generalized forces of gravity on the model)
@@ -24,23 +49,21 @@ class GravityCompensation(LeafSystem):
     """
 
     def __init__(self, *, model: MultibodyPlant):
-        LeafSystem.__init__(self)
-        self._model = model
-        # Working memory only: every calculation sets its state before it is read.
-        self._model_context = model.CreateDefaultContext()
-        self._state = self.DeclareVectorInputPort(
-            "plant_state", model.num_multibody_states()
-        )
-        self.DeclareVectorOutputPort(
-            "gravity_torque", model.num_velocities(), self._CalcTorque
-        )
+        Convertible.__init__(self)
+        self._Declare(model)
 
     @property
     def model(self) -> MultibodyPlant:
         """The model."""
-        return self._model
+        model: MultibodyPlant = self._model
+        return model
 
-    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
-        model, model_context = self._model, self._model_context
-        model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
-        output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))
+    def ToDual(self) -> "_Dual":
+        """Returns the block of AutoDiffXd."""
+        return _Dual(self._model.ToAutoDiffXd())
+
+
+class _Dual(_Compensation, LeafSystem_[AutoDiffXd]):
+    def __init__(self, model: Any):
+        LeafSystem_[AutoDiffXd].__init__(self)
+        self._Declare(model)

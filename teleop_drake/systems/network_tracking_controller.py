@@ -1,18 +1,17 @@
 """Tracking of a trajectory with an adaptive network, the controller of chapter 3."""
 
+from typing import Any
+
 import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    ContinuousState,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import LeafSystem_, ValueProducer
 
+from teleop_drake.kernel.block import Duals
 from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
@@ -25,7 +24,166 @@ from teleop_drake.laws.tracking import (
 from teleop_drake.validation import Refuse
 
 
-class NetworkTrackingController(LeafSystem):
+class _Tracking:
+    """Ports and callbacks for any scalar type."""
+
+    def _Declare(
+        self: Any,
+        gains: TrackingGains,
+        network: GaussianNetwork,
+        plant: Any,
+        tool_name: str,
+    ) -> None:
+        self._gains = gains
+        self._network = network
+        self._plant = plant
+        # Not the frame itself, which would keep the plant alive, which keeps this.
+        self._tool_frame = plant.GetFrameByName(tool_name).index()
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._origin = np.zeros(3)
+        n, N = gains.num_axes, network.num_functions
+        self._DeclareInputs(n)
+        self.DeclareContinuousState(n * N)
+        self._DeclareOutputs(n, N)
+
+    def _DeclareInputs(self: Any, n: int) -> None:
+        self._desired_position = self.DeclareVectorInputPort("desired_position", n)
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", n)
+        self._desired_acceleration = self.DeclareVectorInputPort(
+            "desired_acceleration", n
+        )
+        self._tool_position = self.DeclareVectorInputPort("tool_position", n)
+        self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
+        self._joint_position = self.DeclareVectorInputPort(
+            "joint_position", self._plant.num_positions()
+        )
+        self._joint_velocity = self.DeclareVectorInputPort(
+            "joint_velocity", self._plant.num_velocities()
+        )
+
+    def _DeclareOutputs(self: Any, n: int, N: int) -> None:
+        """Declares the outputs, each with what it depends on, and what they share."""
+        state = {self.xc_ticket()}
+        position = {self._tool_position.ticket()}
+        joints = {self._joint_position.ticket(), self._joint_velocity.ticket()}
+        errors = position | {
+            self._tool_velocity.ticket(),
+            self._desired_position.ticket(),
+            self._desired_velocity.ticket(),
+        }
+        # Both the force and the weights need them. The index is kept, not the entry,
+        # which would keep this block alive.
+        self._dynamics = self.DeclareCacheEntry(
+            "task_dynamics",
+            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
+            joints,
+        ).cache_index()
+        self._basis = self.DeclareCacheEntry(
+            "basis_functions",
+            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcBasis)),
+            position,
+        ).cache_index()
+        for name, size, calc, prerequisites in (
+            (
+                "control_force",
+                n,
+                self._CalcControlForce,
+                state | joints | errors | {self._desired_acceleration.ticket()},
+            ),
+            (
+                "disturbance_estimate",
+                n,
+                self._CalcDisturbanceEstimate,
+                state | position,
+            ),
+            ("weights_1", n * N, self._CalcWeights, state),
+            ("auxiliary_error", n, self._CalcAuxiliaryError, errors),
+        ):
+            self.DeclareVectorOutputPort(
+                name, size, calc, prerequisites_of_calc=prerequisites
+            )
+
+    def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
+        """Evaluates the law; called by Drake several times in every step."""
+        derivatives.SetFromVector(
+            weights_rate_vector(
+                self._gains,
+                self.get_cache_entry(self._dynamics).Eval(context),
+                self._GetWeights(context),
+                self.get_cache_entry(self._basis).Eval(context),
+                self._EvalAuxiliaryError(context),
+            )
+        )
+
+    def _GetWeights(self: Any, context: Any) -> Any:
+        """Returns W, row by row."""
+        return context.get_continuous_state_vector().CopyToVector()
+
+    def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
+        plant, plant_context = self._plant, self._plant_context
+        plant.SetPositions(plant_context, self._joint_position.Eval(context))
+        plant.SetVelocities(plant_context, self._joint_velocity.Eval(context))
+        world, n = plant.world_frame(), self._gains.num_axes
+        of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+            plant_context, JacobianWrtVariable.kV, *of_tool
+        )
+        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(
+            plant_context, JacobianWrtVariable.kV, *of_tool
+        )
+
+        def Known(matrix: Any) -> Any:
+            return matrix if matrix.dtype == float else matrix.view(Duals)
+
+        output.set_value(
+            dynamics_vector(
+                M=Known(plant.CalcMassMatrix(plant_context)),
+                bias=plant.CalcBiasTerm(plant_context)
+                - plant.CalcGravityGeneralizedForces(plant_context),
+                J=Known(Jv_v_WT[:n]),
+                J_dot_qdot=Jv_dot_v.ravel()[:n],
+            )
+        )
+
+    def _CalcBasis(self: Any, context: Any, output: Any) -> None:
+        output.set_value(self._network.evaluate(self._tool_position.Eval(context)))
+
+    def _EvalAuxiliaryError(self: Any, context: Any) -> Any:
+        return tracking_error(
+            self._gains,
+            r=self._tool_position.Eval(context),
+            v=self._tool_velocity.Eval(context),
+            r_d=self._desired_position.Eval(context),
+            v_d=self._desired_velocity.Eval(context),
+        )
+
+    def _CalcControlForce(self: Any, context: Any, output: Any) -> None:
+        output.SetFromVector(
+            tracking_force_vector(
+                self._gains,
+                self.get_cache_entry(self._dynamics).Eval(context),
+                self._GetWeights(context),
+                self.get_cache_entry(self._basis).Eval(context),
+                self._EvalAuxiliaryError(context),
+                self._tool_velocity.Eval(context),
+                self._desired_velocity.Eval(context),
+                self._desired_acceleration.Eval(context),
+            )
+        )
+
+    def _CalcDisturbanceEstimate(self: Any, context: Any, output: Any) -> None:
+        basis = self.get_cache_entry(self._basis).Eval(context)
+        output.SetFromVector(disturbance_estimate(self._GetWeights(context), basis))
+
+    def _CalcWeights(self: Any, context: Any, output: Any) -> None:
+        output.SetFromVector(self._GetWeights(context))
+
+    def _CalcAuxiliaryError(self: Any, context: Any, output: Any) -> None:
+        output.SetFromVector(self._EvalAuxiliaryError(context))
+
+
+class NetworkTrackingController(_Tracking, Convertible):
     """Tracks a trajectory; what the model does not explain, a network learns.
 
         s     = (v - r_d') + Lambda (r - r_d)                                   (3.11)
@@ -77,81 +235,17 @@ class NetworkTrackingController(LeafSystem):
         plant: MultibodyPlant,
         tool_name: str = "tool",
     ):
-        LeafSystem.__init__(self)
-        n, N = gains.num_axes, network.num_functions
+        Convertible.__init__(self)
+        n = gains.num_axes
         if network.num_inputs != n:
             allowed = f"{n}, one for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
-        self._gains = gains
-        self._network = network
-        self._plant = plant
-        # Not the frame itself, which would keep the plant alive, which keeps this.
-        self._tool_frame = plant.GetFrameByName(tool_name).index()
-        # Working memory only: every calculation sets its state before it is read.
-        self._plant_context = plant.CreateDefaultContext()
-        self._origin = np.zeros(3)
         self.set_name("network_tracking_controller")
+        self._Declare(gains, network, plant, tool_name)
 
-        self._DeclareInputs(n)
-        self.DeclareContinuousState(n * N)
-        self._DeclareOutputs(n, N)
-
-    def _DeclareInputs(self, n: int) -> None:
-        self._desired_position = self.DeclareVectorInputPort("desired_position", n)
-        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", n)
-        self._desired_acceleration = self.DeclareVectorInputPort(
-            "desired_acceleration", n
-        )
-        self._tool_position = self.DeclareVectorInputPort("tool_position", n)
-        self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
-        self._joint_position = self.DeclareVectorInputPort(
-            "joint_position", self._plant.num_positions()
-        )
-        self._joint_velocity = self.DeclareVectorInputPort(
-            "joint_velocity", self._plant.num_velocities()
-        )
-
-    def _DeclareOutputs(self, n: int, N: int) -> None:
-        """Declares the outputs, each with what it depends on, and what they share."""
-        state = {self.xc_ticket()}
-        position = {self._tool_position.ticket()}
-        joints = {self._joint_position.ticket(), self._joint_velocity.ticket()}
-        errors = position | {
-            self._tool_velocity.ticket(),
-            self._desired_position.ticket(),
-            self._desired_velocity.ticket(),
-        }
-        # Both the force and the weights need them. The index is kept, not the entry,
-        # which would keep this block alive.
-        self._dynamics = self.DeclareCacheEntry(
-            "task_dynamics",
-            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
-            joints,
-        ).cache_index()
-        self._basis = self.DeclareCacheEntry(
-            "basis_functions",
-            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcBasis)),
-            position,
-        ).cache_index()
-        for name, size, calc, prerequisites in (
-            (
-                "control_force",
-                n,
-                self._CalcControlForce,
-                state | joints | errors | {self._desired_acceleration.ticket()},
-            ),
-            (
-                "disturbance_estimate",
-                n,
-                self._CalcDisturbanceEstimate,
-                state | position,
-            ),
-            ("weights_1", n * N, self._CalcWeights, state),
-            ("auxiliary_error", n, self._CalcAuxiliaryError, errors),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+    def ToDual(self) -> "_Dual":
+        """Returns the block of AutoDiffXd."""
+        return _Dual(self)
 
     @property
     def gains(self) -> TrackingGains:
@@ -173,79 +267,9 @@ class NetworkTrackingController(LeafSystem):
         """The tool's frame, whose origin is T."""
         return self._plant.get_frame(self._tool_frame)
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the law; called by Drake several times in every step."""
-        derivatives.SetFromVector(
-            weights_rate_vector(
-                self._gains,
-                self.get_cache_entry(self._dynamics).Eval(context),
-                self._GetWeights(context),
-                self.get_cache_entry(self._basis).Eval(context),
-                self._EvalAuxiliaryError(context),
-            )
-        )
 
-    def _GetWeights(self, context: Context) -> np.ndarray:
-        """Returns W, row by row."""
-        x: np.ndarray = context.get_continuous_state_vector().CopyToVector()
-        return x
-
-    def _CalcDynamics(self, context: Context, output: Value[object]) -> None:
-        plant, plant_context = self._plant, self._plant_context
-        plant.SetPositions(plant_context, self._joint_position.Eval(context))
-        plant.SetVelocities(plant_context, self._joint_velocity.Eval(context))
-        world, n = plant.world_frame(), self._gains.num_axes
-        of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
-        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
-            plant_context, JacobianWrtVariable.kV, *of_tool
-        )
-        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(
-            plant_context, JacobianWrtVariable.kV, *of_tool
-        )
-        output.set_value(
-            dynamics_vector(
-                M=plant.CalcMassMatrix(plant_context),
-                bias=plant.CalcBiasTerm(plant_context)
-                - plant.CalcGravityGeneralizedForces(plant_context),
-                J=Jv_v_WT[:n],
-                J_dot_qdot=Jv_dot_v.ravel()[:n],
-            )
-        )
-
-    def _CalcBasis(self, context: Context, output: Value[object]) -> None:
-        output.set_value(self._network.evaluate(self._tool_position.Eval(context)))
-
-    def _EvalAuxiliaryError(self, context: Context) -> np.ndarray:
-        return tracking_error(
-            self._gains,
-            r=self._tool_position.Eval(context),
-            v=self._tool_velocity.Eval(context),
-            r_d=self._desired_position.Eval(context),
-            v_d=self._desired_velocity.Eval(context),
-        )
-
-    def _CalcControlForce(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            tracking_force_vector(
-                self._gains,
-                self.get_cache_entry(self._dynamics).Eval(context),
-                self._GetWeights(context),
-                self.get_cache_entry(self._basis).Eval(context),
-                self._EvalAuxiliaryError(context),
-                self._tool_velocity.Eval(context),
-                self._desired_velocity.Eval(context),
-                self._desired_acceleration.Eval(context),
-            )
-        )
-
-    def _CalcDisturbanceEstimate(self, context: Context, output: BasicVector) -> None:
-        basis = self.get_cache_entry(self._basis).Eval(context)
-        output.SetFromVector(disturbance_estimate(self._GetWeights(context), basis))
-
-    def _CalcWeights(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._GetWeights(context))
-
-    def _CalcAuxiliaryError(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._EvalAuxiliaryError(context))
+class _Dual(_Tracking, LeafSystem_[AutoDiffXd]):
+    def __init__(self, other: NetworkTrackingController):
+        LeafSystem_[AutoDiffXd].__init__(self)
+        plant, name = other.plant.ToAutoDiffXd(), other.tool_frame.name()
+        self._Declare(other.gains, other.network, plant, name)

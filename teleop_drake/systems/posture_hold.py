@@ -1,11 +1,15 @@
 """The controller of the joints that the task leaves free."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import LeafSystem_
 
+from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.laws.posture import (
     PostureGains,
     orientation_torque,
@@ -16,7 +20,53 @@ from teleop_drake.validation import CheckVector, Refuse
 Array = NDArray[np.float64]
 
 
-class PostureHold(LeafSystem):
+class _Hold:
+    """Ports and callback for any scalar type."""
+
+    def _Declare(self: Any, plant: Any, tool_name: str) -> None:
+        self._plant = plant
+        # The body is looked up each time; see ToolInterface.
+        self._tool = plant.GetBodyByName(tool_name).index()
+        # Working memory only: every calculation sets its state before it is read.
+        self._plant_context = plant.CreateDefaultContext()
+        self._state = self.DeclareVectorInputPort(
+            "plant_state", plant.num_multibody_states()
+        )
+        self.DeclareVectorOutputPort(
+            "hold_torque", plant.num_velocities(), self._CalcTorque
+        )
+
+    def _ToolRotation(self: Any) -> Any:
+        body = self._plant.get_body(self._tool)
+        pose = self._plant.EvalBodyPoseInWorld(self._plant_context, body)
+        return np.array(pose.rotation().matrix())
+
+    def _CalcTorque(self: Any, context: Any, output: Any) -> None:
+        plant, plant_context = self._plant, self._plant_context
+        x = self._state.Eval(context)
+        plant.SetPositionsAndVelocities(plant_context, x)
+        q, v = np.split(x, 2)
+        J = plant.CalcJacobianSpatialVelocity(
+            plant_context,
+            JacobianWrtVariable.kV,
+            plant.get_body(self._tool).body_frame(),
+            np.zeros(3),
+            plant.world_frame(),
+            plant.world_frame(),
+        )
+        J_w, J_v = J[:3], J[3:][: self._n]
+        M = plant.CalcMassMatrix(plant_context)
+        if self._keeps_orientation:
+            R = self._ToolRotation()
+            tau = orientation_torque(
+                self._gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
+            )
+        else:
+            tau = posture_torque(self._gains, M, J_v, self._q_0, q, v)
+        output.SetFromVector(tau)
+
+
+class PostureHold(_Hold, Convertible):
     """Torque that holds a posture, or the tool's orientation, beside the task.
 
         tau = M a + J^T Lambda (y - J a),  Lambda = (J M^-1 J^T)^-1 damped
@@ -56,29 +106,27 @@ class PostureHold(LeafSystem):
         gains: PostureGains,
         keeps_orientation: bool,
     ):
-        LeafSystem.__init__(self)
+        Convertible.__init__(self)
         nv, rows = plant.num_velocities(), num_axes + 3 * keeps_orientation
         CheckVector("joint_positions", joint_positions, nv, "rad or m")
         if rows > nv:
             Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
-        self._plant, self._n, self._gains = plant, num_axes, gains
+        self._n, self._gains = num_axes, gains
         self._keeps_orientation = keeps_orientation
-        # The body is looked up each time; see ToolInterface.
-        self._tool = plant.GetBodyByName(tool_name).index()
-        # Working memory only: every calculation sets its state before it is read.
-        self._plant_context = plant.CreateDefaultContext()
+        self._Declare(plant, tool_name)
         self._q_0 = np.array(joint_positions, dtype=float)
         plant.SetPositions(self._plant_context, self._q_0)
-        self._R_0 = self._ToolRotation()
-        self._state = self.DeclareVectorInputPort(
-            "plant_state", plant.num_multibody_states()
-        )
-        self.DeclareVectorOutputPort("hold_torque", nv, self._CalcTorque)
+        self._R_0: Array = self._ToolRotation()
+
+    def ToDual(self) -> "_Dual":
+        """Returns the block of AutoDiffXd."""
+        return _Dual(self)
 
     @property
     def plant(self) -> MultibodyPlant:
         """The plant."""
-        return self._plant
+        plant: MultibodyPlant = self._plant
+        return plant
 
     @property
     def tool_index(self) -> int:
@@ -100,31 +148,11 @@ class PostureHold(LeafSystem):
         """q_0, and R_0 if the orientation is held."""
         return self._q_0, self._R_0 if self._keeps_orientation else None
 
-    def _ToolRotation(self) -> Array:
-        body = self._plant.get_body(self._tool)
-        pose = self._plant.EvalBodyPoseInWorld(self._plant_context, body)
-        return np.array(pose.rotation().matrix())
 
-    def _CalcTorque(self, context: Context, output: BasicVector) -> None:
-        plant, plant_context = self._plant, self._plant_context
-        x = self._state.Eval(context)
-        plant.SetPositionsAndVelocities(plant_context, x)
-        q, v = np.split(x, 2)
-        J = plant.CalcJacobianSpatialVelocity(
-            plant_context,
-            JacobianWrtVariable.kV,
-            plant.get_body(self._tool).body_frame(),
-            np.zeros(3),
-            plant.world_frame(),
-            plant.world_frame(),
-        )
-        J_w, J_v = J[:3], J[3:][: self._n]
-        M = plant.CalcMassMatrix(plant_context)
-        if self._keeps_orientation:
-            R = self._ToolRotation()
-            tau = orientation_torque(
-                self._gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
-            )
-        else:
-            tau = posture_torque(self._gains, M, J_v, self._q_0, q, v)
-        output.SetFromVector(tau)
+class _Dual(_Hold, LeafSystem_[AutoDiffXd]):
+    def __init__(self, other: PostureHold):
+        LeafSystem_[AutoDiffXd].__init__(self)
+        self._n, self._gains, (self._q_0, R_0) = other._n, other.gains, other.held
+        self._R_0, self._keeps_orientation = R_0, R_0 is not None
+        tool = other.plant.get_body(other._tool)
+        self._Declare(other.plant.ToAutoDiffXd(), tool.name())
