@@ -260,39 +260,31 @@ class AutoDiffDiagram:
             return _Differences(system, context)
         return dual
 
-    def Linearize(self, step: float) -> tuple[Array, Array, list[bool]]:
-        """Returns what Evaluate() does, and whether anything has two slopes here.
+    def Bends(self, step: float, slopes: Array) -> bool:
+        """Returns whether anything has two slopes here.
 
-        Slopes are compared on both sides of the point, in a direction that lies in no
+        They are compared on both sides of the point, in a direction that lies in no
         surface on which a law bends.
 
         Args:
-            step: The longest difference for blocks that do not convert, as a share of
-                a value of 1 and more.
-
-        Returns:
-            Values and slopes, and for the rates of each of the states and for each
-            port seen whether it bends.
+            step: See Evaluate().
+            slopes: At the point, by Evaluate().
         """
-        rough = [x for x in self._blocks.values() if isinstance(x, _Differences)]
-        for block in rough:
-            block.is_bent = False
         point, _ = self._Given()
         side = _NEAR * np.random.default_rng(0).uniform(0.5, 1.0, len(point))
         side *= np.maximum(1.0, np.abs(point)) * (-1.0) ** np.arange(len(point))
-        (_, behind), (values, here), (_, ahead) = (
-            self.Evaluate(step, shift) for shift in (-side, 0.0, side)
-        )
+        rough = [x for x in self._blocks.values() if isinstance(x, _Differences)]
+        for block in rough:
+            block.is_bent = False
+        change = self.Evaluate(step, side)[1] - self.Evaluate(step, -side)[1]
         sizes = [x.size for x in self._states] + [x.size() for x in self._seen]
         ends = np.cumsum(sizes)[:-1]
-        bends = [
-            any(block.is_bent for block in rough)
-            or bool(np.abs(change).max(initial=0) > _BEND * np.abs(m).max(initial=0))
-            for change, m in zip(
-                np.split(ahead - behind, ends), np.split(here, ends), strict=True
+        return any(block.is_bent for block in rough) or any(
+            np.abs(part).max(initial=0) > _BEND * np.abs(slope).max(initial=0)
+            for part, slope in zip(
+                np.split(change, ends), np.split(slopes, ends), strict=True
             )
-        ]
-        return values, here, bends
+        )
 
     def _Given(self) -> tuple[Array, NDArray[np.int_]]:
         """Returns states and inputs at the point, and where each of them ends."""
@@ -304,7 +296,8 @@ class AutoDiffDiagram:
         """Returns rates of the states and what is seen, and the slopes of both.
 
         Args:
-            step: See Linearize().
+            step: The longest difference for blocks that do not convert, as a share of
+                a value of 1 and more.
             shift: Is added to states and inputs.
         """
         try:

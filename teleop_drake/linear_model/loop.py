@@ -51,7 +51,6 @@ What is frozen, idle or a delay, the blocks themselves tell (kernel.linear_part)
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -299,8 +298,8 @@ class Linearizer:
 
     def _AtRest(self, point: OperatingPoint, *, is_checked: bool = False) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
-        residual = self._Settle(point)
-        system = self._System(point, is_checked=is_checked)
+        residual, slopes = self._Settle(point)
+        system = self._System(point, slopes, is_checked=is_checked)
         every = np.arange(self._num_signals)
         return LoopModel(
             point=point,
@@ -317,8 +316,8 @@ class Linearizer:
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
-        self._Settle(point)
-        system = self._System(point, is_checked=True)
+        _, slopes = self._Settle(point)
+        system = self._System(point, slopes, is_checked=True)
         device = self._systems["master"].GetSubsystemByName("haptic_device")
         outside = {
             block.system
@@ -366,8 +365,12 @@ class Linearizer:
 
     # The operating point.
 
-    def _Settle(self, point: OperatingPoint) -> float:
-        """Brings the Contexts to an operating point; returns the rate that remains."""
+    def _Settle(self, point: OperatingPoint) -> tuple[float, Array]:
+        """Brings the Contexts to an operating point.
+
+        Returns:
+            The largest rate that remains, and the slopes there.
+        """
         self._root.SetTimeStateAndParametersFrom(self._default)
         if point.holds_force:
             held = FindHeldForce(self._systems["master"])
@@ -388,19 +391,11 @@ class Linearizer:
         self._forward.Settle()
         if point.forward_packet is not None:
             self._forward.Set(point.forward_packet)
-            return self._Trim(step, [], np.zeros(0, dtype=int))
-        # What the master sends whatever it feels, a velocity command say, stays.
-        _, slopes = self._dual.Evaluate(step)
-        sent = slopes[self._num_states + self._SignalsOf(self._forward)]
-        free = np.flatnonzero(np.any(sent != 0, axis=1))
-        return self._Trim(step, self._others, free)
+        return self._Trim(step, is_chosen=point.forward_packet is None)
 
-    def _Trim(self, step: float, others: Sequence[States], free: Indices) -> float:
-        """Chooses free entries of the packet and the controller's state.
-
-        Returns:
-            The largest rate that remains.
-        """
+    def _Trim(self, step: float, *, is_chosen: bool) -> tuple[float, Array]:
+        """Chooses free entries of the packet and the controller's state, or none."""
+        others = self._others if is_chosen else []
         N, n = self._num_states, len(self._motion.states.Get())
         num_states = sum(x.size for x in others)
         acceleration = N + self._num_signals + 2 * self._scenario.num_axes
@@ -409,7 +404,6 @@ class Linearizer:
             n : self._num_slave_states,
         ]
         columns = np.r_[n : n + num_states, N + self._SignalsOf(self._forward)]
-        chosen = np.r_[:num_states, num_states + free]
         # Delays deliver what goes into them, and the tool feels its environment.
         closed = N + self._SignalsOf(*self._ports[1:], *self._inner_slave)
         for _ in range(10):
@@ -417,6 +411,10 @@ class Linearizer:
                 delay.Settle()
             values, slopes = self._dual.Evaluate(step)
             rates = values[rows]
+            # What the master sends whatever it feels, a velocity command say, stays.
+            sent = slopes[N + self._signals[self._forward]]
+            free = np.flatnonzero(np.any(sent != 0, axis=1) & is_chosen)
+            chosen = np.r_[:num_states, num_states + free]
             if not len(chosen):
                 break
             around = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
@@ -433,7 +431,7 @@ class Linearizer:
             for states, part in zip(others, parts, strict=True):
                 states.Set(part)
             self._forward.Set(packet)
-        return float(np.abs(rates).max())
+        return float(np.abs(rates).max()), slopes
 
     def _SurfaceDistance(self, point: OperatingPoint) -> float:
         """Returns how far it is to the nearest surface, at most 1 m.
@@ -454,22 +452,20 @@ class Linearizer:
 
     # The model.
 
-    def _System(self, point: OperatingPoint, *, is_checked: bool) -> StateSpace:
-        """Returns the model at what the Contexts hold, in the tool's coordinates.
+    def _System(
+        self, point: OperatingPoint, slopes: Array, *, is_checked: bool
+    ) -> StateSpace:
+        """Returns the model with these slopes, in the tool's coordinates.
 
         From what is delivered at the cuts to what enters there and what else is seen.
         """
-        N, step = self._num_states, self._Step(point)
-        if is_checked:
-            _, slopes, bends = self._dual.Linearize(step)
-            if any(bends):
-                raise ScenarioError(
-                    f"teleoperator = a law that bends at the operating point "
-                    f"{point.name!r}, as one that switches there: must have one "
-                    "linear model"
-                )
-        else:
-            _, slopes = self._dual.Evaluate(step)
+        N = self._num_states
+        if is_checked and self._dual.Bends(self._Step(point), slopes):
+            raise ScenarioError(
+                f"teleoperator = a law that bends at the operating point "
+                f"{point.name!r}, as one that switches there: must have one "
+                "linear model"
+            )
         coordinates, rates = self._motion.Coordinates(
             slopes[: len(self._motion.states.Get())], slopes[N + self._num_signals :]
         )

@@ -144,8 +144,8 @@ def LinearizePorts(
     dual = AutoDiffDiagram(
         blocks, contexts, states=states, cuts=cuts, seen=[output_port, *entering]
     )
-    _, M, bends = dual.Linearize(step)
-    if any(bends):
+    _, M = dual.Evaluate(step)
+    if dual.Bends(step, M):
         Refuse(
             "context",
             f"at {context.get_time():g} s",
