@@ -1,17 +1,28 @@
-"""A delay that varies with time but not at random.
+"""Delays that vary with time but not at random, and the configs that have one.
 
 T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 """
 
 import math
-from bisect import bisect_right
-from dataclasses import dataclass
-from typing import NoReturn
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
+from teleop_drake.channels.base import ChannelConfig
+from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+    Within,
+)
+
+# Times between which the delay is taken to vary linearly where arrivals are asked for.
+_NUM_TIMES = 2000
 
 
 @dataclass(kw_only=True)
@@ -34,18 +45,24 @@ class DelayProfile:
     Calling it returns T(t) in s. The trace is interpolated linearly; its own time
     counts from its first entry.
 
+    Attributes:
+        delay: The constant part in s.
+        duration: Until when T is defined, in s.
+        minimum: A lower bound of T in s, the sum of the minima of its parts.
+        max_slope: An upper bound of dT/dt, the sum of the maxima of its parts.
+        nonsmooth_times: Where the slope of T may jump: the times of the trace, in s.
+
     Args:
         delay: Constant part in s, >= 0.
         drift: Change per time, s/s.
         sinusoid: Periodic part.
-        trace: (times, delays) in s, measured, at least two of each; the times ascend
-            and the delays are not negative. None: no such part.
+        trace: (times, delays) in s, measured, as long as the duration, at least two of
+            each; the times ascend and the delays are not negative. None: no such part.
         duration: Until when T is needed, in s, > 0; None: the whole trace, or forever
             without one.
 
     Raises:
-        ValueError: If a parameter is outside its range, the trace does not cover the
-            duration, or T might be negative.
+        ValueError: If a parameter is outside its range, or T might be negative.
     """
 
     def __init__(
@@ -57,77 +74,40 @@ class DelayProfile:
         trace: tuple[ArrayLike, ArrayLike] | None = None,
         duration: float | None = None,
     ):
-        sinusoid = sinusoid or Sinusoid()
+        self._sinusoid = sinusoid = sinusoid or Sinusoid()
         CheckNumber("delay", delay, "s", minimum=0)
         CheckNumber("drift", drift, "s/s")
         sinusoid.CheckNumbers("sinusoid")
-        self._delay = float(delay)
-        self._drift = float(drift)
-        self._amplitude = float(sinusoid.amplitude)
-        self._frequency = float(sinusoid.frequency)
-        self._phase = float(sinusoid.phase)
-        self._times: list[float] = []
-        self._delays: list[float] = []
+        self.delay, self._drift = float(delay), float(drift)
+        self._times = self._delays = np.zeros(0)
         if trace is not None:
-            times, delays = (np.array(part, dtype=float) for part in trace)
-            _CheckTrace(times, delays)
-            times -= times[0]
-            if duration is not None and times[-1] < duration:
-                Refuse(
-                    "trace",
-                    float(times[-1]),
-                    f"at least as long as the duration, {duration:g} s",
-                )
-            self._times, self._delays = times.tolist(), delays.tolist()
-            if duration is None:
-                duration = self._times[-1]
-        self._duration = math.inf if duration is None else float(duration)
-        if not self._duration > 0:
+            self._times, self._delays = (np.array(part, dtype=float) for part in trace)
+            self._times -= self._times[0]
+            duration = self._times[-1] if duration is None else duration
+        self.duration = math.inf if duration is None else float(duration)
+        if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
-        self._minimum = self._delay - self._amplitude + min(self._delays, default=0.0)
+        self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
+        self.minimum = self.delay - sinusoid.amplitude
+        self.minimum += float(self._delays.min()) if len(self._delays) else 0.0
         if self._drift < 0:
-            self._minimum += self._drift * self._duration
+            self.minimum += self._drift * self.duration
         slopes = np.diff(self._delays) / np.diff(self._times)
         self._slopes = {
             "drift": self._drift,
-            "sinusoid.amplitude": self._amplitude * self._frequency,
-            "trace": float(slopes.max()) if slopes.size else 0.0,
+            "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
+            "trace": float(slopes.max()) if len(slopes) else 0.0,
         }
-        self._max_slope = sum(self._slopes.values())
-        if self._minimum < 0:
+        self.max_slope = sum(self._slopes.values())
+        if self.minimum < 0:
             self._RefuseMinimum("negative")
 
     def _RefuseMinimum(self, what: str) -> NoReturn:
         Refuse(
             "delay",
-            self._delay,
-            f"such that the delay, down to {self._minimum:.6g} s, is never {what}",
+            self.delay,
+            f"such that the delay, down to {self.minimum:.6g} s, is never {what}",
         )
-
-    @property
-    def delay(self) -> float:
-        """The constant part in s."""
-        return self._delay
-
-    @property
-    def duration(self) -> float:
-        """Until when T is defined, in s."""
-        return self._duration
-
-    @property
-    def minimum(self) -> float:
-        """A lower bound of T in s, the sum of the minima of its parts."""
-        return self._minimum
-
-    @property
-    def max_slope(self) -> float:
-        """An upper bound of dT/dt, the sum of the maxima of its parts."""
-        return self._max_slope
-
-    @property
-    def nonsmooth_times(self) -> list[float]:
-        """Where the slope of T may jump: the times of the trace, in s."""
-        return self._times[1:-1]
 
     def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
         """Checks that a signal can be delayed by T continuously and in order.
@@ -139,53 +119,141 @@ class DelayProfile:
         Raises:
             ValueError: If T might be less, or rise as fast as time goes by.
         """
-        if self._minimum < least:
+        if self.minimum < least:
             self._RefuseMinimum(f"less than {least:g} s")
-        if self._max_slope >= 1:
+        if self.max_slope >= 1:
             name = max(self._slopes, key=lambda key: self._slopes[key])
             value = {
                 "drift": self._drift,
-                "sinusoid.amplitude": self._amplitude,
+                "sinusoid.amplitude": self._sinusoid.amplitude,
                 "trace": trace_name,
             }
             Refuse(
                 name,
                 value[name],
-                f"such that dT/dt, up to {self._max_slope:.6g}, is less than 1; where "
+                f"such that dT/dt, up to {self.max_slope:.6g}, is less than 1; where "
                 "packets overtake each other, kind must be network",
             )
 
-    def __call__(self, t: float) -> float:
+    def __call__(self, t: Any) -> Any:
         """Returns T(t) in s.
 
         Args:
-            t: Time in s, 0 to `duration`.
+            t: A time in s, or some (N,), 0 to `duration`.
 
         Raises:
-            ValueError: If t lies beyond the duration.
+            ValueError: If one lies beyond the duration.
         """
-        if t > self._duration * (1 + 1e-9):
-            Refuse("t", t, f"at most {self._duration:g} s, the duration of the delay")
-        result = self._delay + self._drift * t
-        if self._amplitude:
-            result += self._amplitude * math.sin(self._frequency * t + self._phase)
-        if self._times:
-            times, delays = self._times, self._delays
-            i = min(max(bisect_right(times, t) - 1, 0), len(times) - 2)
-            share = (t - times[i]) / (times[i + 1] - times[i])
-            result += delays[i] + min(max(share, 0.0), 1.0) * (
-                delays[i + 1] - delays[i]
-            )
+        if np.any(t > self.duration * (1 + 1e-9)):
+            allowed = f"at most {self.duration:g} s, the duration of the delay"
+            Refuse("t", t, allowed)
+        result = self.delay + self._drift * t
+        if self._sinusoid.amplitude:
+            phase = self._sinusoid.frequency * t + self._sinusoid.phase
+            result = result + self._sinusoid.amplitude * np.sin(phase)
+        if len(self._times):
+            result = result + np.interp(t, self._times, self._delays)
         return result
 
 
-def _CheckTrace(times: np.ndarray, delays: np.ndarray) -> None:
-    if times.ndim != 1 or times.shape != delays.shape or times.size < 2:
-        Refuse("trace", times.size, "at least two times and as many delays")
-    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(delays))):
-        Refuse("trace", "not finite", "finite numbers (s)")
-    wrong = np.flatnonzero(np.diff(times) <= 0)
-    if wrong.size:
-        Refuse("trace", float(times[wrong[0] + 1]), "ascending times (s)")
-    if np.any(delays < 0):
-        Refuse("trace", float(delays[delays < 0][0]), "delays >= 0 (s)")
+@dataclass(kw_only=True, eq=False)
+class VaryingDelayConfig(ChannelConfig):
+    """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
+
+    file_fields: ClassVar[tuple[str, ...]] = ("trace",)
+
+    # Growth of the delay, s/s.
+    drift: float = 0.0
+    sinusoid: Sinusoid = field(default_factory=Sinusoid)
+    # A file with measured delays, which are added: CSV with the columns time and
+    # delay, or what ping printed; see channels.trace. It is interpolated linearly;
+    # null: none. In a scenario file the path is relative to that file.
+    trace: str | None = None
+    # Unit of its delays, one of UNITS: s, ms, us; null: what the file says, else s.
+    trace_unit: str | None = None
+    # Names of its columns of time and delay; null: two columns, or those with such
+    # names.
+    trace_columns: list[str] | None = None
+    # What the delays are multiplied by, > 0; null: 0.5 for the round trips of ping and
+    # of a column rtt, of which half goes either way, else 1.
+    trace_factor: float | None = None
+    # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
+    trace_end: str = "refuse"
+
+    def EntryPeriod(self) -> float | None:
+        """Returns the time in s between entries of the trace that have none.
+
+        None: the file says when they were taken.
+        """
+        return None
+
+    def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
+        """Reads the trace, if there is one."""
+        if self.trace_unit is not None:
+            CheckChoice(f"{path}.trace_unit", self.trace_unit, UNITS)
+        CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
+        if self.trace_factor is not None:
+            CheckNumber(f"{path}.trace_factor", self.trace_factor, above=0)
+        if self.trace is None:
+            return None
+        read = ReadTrace(
+            f"{path}.trace",
+            self.trace,
+            unit=self.trace_unit,
+            columns=self.trace_columns,
+            sample_period=self.EntryPeriod(),
+        )
+        with Within(path):
+            trace = read.Until(duration, self.trace_end)
+        if trace.times[-1] < duration:
+            Refuse(
+                f"{path}.trace",
+                self.trace,
+                f"at least as long as the duration, {duration:g} s, not "
+                f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
+                "repeat",
+            )
+        factor = self.trace_factor or (0.5 if trace.is_round_trip else 1.0)
+        return replace(trace, delays=trace.delays * factor)
+
+    def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
+        """Returns how the delay varies with time, jitter apart; reads the trace."""
+        return self.ProfileOf(self.MeasuredDelays(duration, path), duration, path)
+
+    def ProfileOf(
+        self, trace: Trace | None, duration: float, path: str
+    ) -> DelayProfile:
+        """Returns the same with a trace that has been read.
+
+        Args:
+            trace: What MeasuredDelays() returned.
+            duration: Until when, in s.
+            path: The channel's field in a scenario, for messages.
+        """
+        with Within(path):
+            return DelayProfile(
+                delay=self.delay,
+                drift=self.drift,
+                sinusoid=self.sinusoid,
+                trace=None if trace is None else (trace.times, trace.delays),
+                duration=duration,
+            )
+
+    def LargestSlope(self, duration: float) -> float:
+        """Returns an upper bound of dT/dt, jitter apart."""
+        return self.Profile(duration).max_slope
+
+    def Arrivals(
+        self, sent: ArrayLike, duration: float, stream: str = ""
+    ) -> NDArray[np.float64]:
+        """Returns when what is sent at given times arrives in s, jitter apart.
+
+        What arrives at t was sent at t - T(t). What arrives after the end is taken to
+        be delayed as at the end.
+        """
+        profile = self.Profile(duration)
+        sent = np.asarray(sent, dtype=float)
+        times = np.linspace(0.0, duration, _NUM_TIMES)
+        left = times - profile(times)
+        arrivals = np.interp(sent, left, times)
+        return np.where(sent <= left[-1], arrivals, sent + float(profile(duration)))

@@ -10,14 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from teleop_drake.channels.base import ChannelBlock, ConstantDelay
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.packet_statistics import (
+from teleop_drake.channels.delay_profile import VaryingDelayConfig
+from teleop_drake.channels.packet_network import (
     ComputePacketStatistics,
+    Jitter,
+    Loss,
+    PacketNetwork,
     PacketStatistics,
+    Receiver,
 )
-from teleop_drake.channels.receiver import CheckReceiver, Receiver
 from teleop_drake.channels.sampled import CheckSamplePeriod
-from teleop_drake.channels.varying_delay import VaryingDelayConfig
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -76,7 +78,7 @@ class NetworkDelay(ChannelBlock):
         ChannelBlock.__init__(
             self, delay=network.profile.delay, size=size, initial_value=initial_value
         )
-        CheckReceiver(receiver)
+        receiver.Check()
         self._network, self._receiver = network, receiver
         self.DeclareDelay(
             period=network.sample_period,
@@ -115,7 +117,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
         CheckSamplePeriod(path, self.sample_period, self.delay)
         self.Network(duration, path=path)
         with Within(path):
-            CheckReceiver(self.receiver)
+            self.receiver.Check()
 
     def Network(
         self, duration: float, *, stream: str = "", path: str = "channel"

@@ -26,29 +26,57 @@ and what is allowed.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from statistics import NormalDist
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
 
 import numpy as np
 
 from teleop_drake.channels.delay_profile import DelayProfile
-from teleop_drake.channels.receiver import Receiver
 from teleop_drake.integrator.problem import TIE
-from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+)
 
-JITTERS = ("none", "uniform", "normal", "gamma")
-"""Every kind of jitter."""
-
-LOSSES = ("none", "independent", "burst")
-"""Every kind of loss."""
+Array = np.ndarray
 
 _BLOCK = 1024
-_SQRT_3 = math.sqrt(3)
-_NORMAL = NormalDist()
 
 
 @dataclass(kw_only=True)
-class Jitter(FixedFields):
+class PacketConfig(FixedFields):
+    """Base of what happens to packets: one of its fields says which others count.
+
+    Attributes:
+        choice: Name of that field.
+        used: By each of its values, the fields that have an effect.
+    """
+
+    choice: ClassVar[str] = "kind"
+    used: ClassVar[dict[str, tuple[str, ...]]] = {}
+
+    def Check(self) -> None:
+        """Checks every field; those without effect have to keep their defaults.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        path, choice = type(self).__name__.lower(), getattr(self, self.choice)
+        CheckChoice(f"{path}.{self.choice}", choice, self.used)
+        self.CheckNumbers(path)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            is_used = item.name in (self.choice, *self.used[choice])
+            if not is_used and value != item.default:
+                default = f"{item.default:g} where {path}.{self.choice} is {choice}"
+                Refuse(f"{path}.{item.name}", value, default)
+
+
+@dataclass(kw_only=True)
+class Jitter(PacketConfig):
     """How the delays of the packets scatter.
 
     uniform: within sqrt(3) std on either side of the mean.
@@ -60,7 +88,14 @@ class Jitter(FixedFields):
     The mean is the channel's `delay`.
     """
 
-    # One of JITTERS.
+    used: ClassVar = {
+        "none": ("keeps_order",),
+        "uniform": ("std", "correlation_time", "keeps_order"),
+        "normal": ("std", "minimum", "correlation_time", "keeps_order"),
+        "gamma": ("std", "minimum", "correlation_time", "keeps_order"),
+    }
+
+    # One of those of `used`.
     kind: str = "none"
     # Standard deviation, s, >= 0.
     std: float = Number(0.0, "s", minimum=0)
@@ -76,7 +111,7 @@ class Jitter(FixedFields):
 
 
 @dataclass(kw_only=True)
-class Loss(FixedFields):
+class Loss(PacketConfig):
     """Which packets never arrive.
 
     independent: each with `probability`.
@@ -90,7 +125,13 @@ class Loss(FixedFields):
     (1963).
     """
 
-    # One of LOSSES.
+    used: ClassVar = {
+        "none": (),
+        "independent": ("probability",),
+        "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
+    }
+
+    # One of those of `used`.
     kind: str = "none"
     # Share of packets lost in the long run, 0 to 1; below 1 for burst.
     probability: float = Number(0.0, "1", minimum=0, maximum=1)
@@ -102,6 +143,27 @@ class Loss(FixedFields):
     bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
 
 
+@dataclass(kw_only=True)
+class Receiver(PacketConfig):
+    """What the receiver makes of the packets; older ones than it has are discarded.
+
+    newest:      holds the packet with the newest time stamp.
+    playout:     the same, but shows a packet no earlier than delay + depth after it
+                 was sent; one that is late is shown at once. The clocks agree.
+    extrapolate: goes on from the newest packet, from its arrival, along the line
+                 through the time stamps and values of this packet and the one it
+                 replaced.
+    """
+
+    choice = "policy"
+    used: ClassVar = {"newest": (), "playout": ("depth",), "extrapolate": ()}
+
+    # One of those of `used`.
+    policy: str = "newest"
+    # How much longer than `delay` a packet waits, s, >= 0; playout only, else 0.
+    depth: float = Number(0.0, "s", minimum=0)
+
+
 @dataclass
 class _Block:
     """The fates of _BLOCK packets, and what the next block goes on from.
@@ -109,7 +171,7 @@ class _Block:
     A packet is lost if it arrives at infinity; NaN is beyond the network's duration.
     """
 
-    arrivals: list[float]
+    arrivals: Array
     # Of the loss.
     is_bad: bool
     # The last g of the jitter.
@@ -126,8 +188,8 @@ class PacketNetwork:
         sample_period: h in s, > 0 and at most the duration of the profile.
         jitter: The random part of the delay.
         loss: Which packets never arrive.
-        is_lost: Whether, beside these, a packet never arrives that is sent at a time
-            (s); None: no such packet.
+        is_lost: Which packets, beside these, never arrive, by the times when they are
+            sent in s (N); None: no such packet.
         seed: >= 0. The same seed and stream give the same packets.
         stream: Name of the channel. Other names make independent networks.
 
@@ -142,14 +204,13 @@ class PacketNetwork:
         sample_period: float,
         jitter: Jitter | None = None,
         loss: Loss | None = None,
-        is_lost: Callable[[float], bool] | None = None,
+        is_lost: Callable[[Array], Array] | None = None,
         seed: int = 0,
         stream: str = "",
     ):
-        self._profile = profile
-        self._is_lost = is_lost or (lambda sent: False)
-        self._jitter = jitter or Jitter()
-        self._loss = loss or Loss()
+        self.profile, self.sample_period = profile, float(sample_period)
+        self._jitter, self._loss = jitter or Jitter(), loss or Loss()
+        self._is_lost, self._seed, self._stream = is_lost, seed, stream
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
             Refuse(
                 "sample_period",
@@ -158,77 +219,40 @@ class PacketNetwork:
             )
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
-        self._period = float(sample_period)
-        self._seed = seed
-        self._stream = stream
         self._CheckJitter()
         self._CheckLoss()
         # Pure values: what a block holds does not depend on who asks.
         self._blocks: list[_Block] = []
 
     def _CheckJitter(self) -> None:
-        jitter, mean = self._jitter, self._profile.delay
-        if jitter.kind not in JITTERS:
-            Refuse("jitter.kind", jitter.kind, f"one of {', '.join(JITTERS)}")
-        jitter.CheckNumbers("jitter")
-        if jitter.kind == "none":
-            for name in ("std", "correlation_time"):
-                if value := getattr(jitter, name):
-                    Refuse(f"jitter.{name}", value, "0 where jitter.kind is none")
-        if jitter.kind in ("none", "uniform"):
-            if jitter.minimum != 0:
-                Refuse(
-                    "jitter.minimum",
-                    jitter.minimum,
-                    f"0 where jitter.kind is {jitter.kind}",
-                )
-            least = -_SQRT_3 * jitter.std
-        else:
+        jitter, mean = self._jitter, self.profile.delay
+        jitter.Check()
+        least = 0.0
+        if jitter.kind == "uniform":
+            least = -math.sqrt(3) * jitter.std
+        elif jitter.kind != "none":
             CheckNumber("jitter.minimum", jitter.minimum, "s", minimum=0, maximum=mean)
             if jitter.kind == "gamma" and jitter.std > 0 and jitter.minimum == mean:
-                Refuse(
-                    "jitter.minimum",
-                    jitter.minimum,
-                    f"less than the mean delay, {mean:g} s",
-                )
+                allowed = f"less than the mean delay, {mean:g} s"
+                Refuse("jitter.minimum", jitter.minimum, allowed)
             least = jitter.minimum - mean if jitter.std > 0 else 0.0
-        least += self._profile.minimum
+        least += self.profile.minimum
         # A margin for the rounding of the sum of the bounds.
-        if least >= -1e-12:
-            return
-        if jitter.kind == "uniform":
+        if least < -1e-12 and jitter.kind == "uniform":
+            allowed = f"such that the delay, down to {least:g} s, is never negative"
+            Refuse("jitter.std", jitter.std, allowed)
+        if least < -1e-12:
             Refuse(
-                "jitter.std",
-                jitter.std,
-                f"such that the delay, down to {least:g} s, is never negative",
+                "jitter.minimum",
+                jitter.minimum,
+                f">= {jitter.minimum - least:g} (s), so that with what varies with "
+                "time no delay is negative",
             )
-        Refuse(
-            "jitter.minimum",
-            jitter.minimum,
-            f">= {jitter.minimum - least:g} (s), so that with what varies with time no "
-            "delay is negative",
-        )
 
     def _CheckLoss(self) -> None:
         loss = self._loss
-        if loss.kind not in LOSSES:
-            Refuse("loss.kind", loss.kind, f"one of {', '.join(LOSSES)}")
-        loss.CheckNumbers("loss")
-        if loss.kind == "none" and loss.probability != 0:
-            Refuse("loss.probability", loss.probability, "0 where loss.kind is none")
+        loss.Check()
         if loss.kind != "burst":
-            for name, default in (
-                ("burst_length", 1.0),
-                ("good_loss", 0.0),
-                ("bad_loss", 1.0),
-            ):
-                value = getattr(loss, name)
-                if value != default:
-                    Refuse(
-                        f"loss.{name}",
-                        value,
-                        f"{default:g} where loss.kind is {loss.kind}",
-                    )
             return
         if not loss.good_loss < loss.bad_loss:
             Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
@@ -244,16 +268,6 @@ class PacketNetwork:
                 "good_loss and bad_loss",
             )
 
-    @property
-    def profile(self) -> DelayProfile:
-        """The part of the delay that is not random."""
-        return self._profile
-
-    @property
-    def sample_period(self) -> float:
-        """h in s."""
-        return self._period
-
     def Arrival(self, k: int) -> float:
         """Returns when packet k, sent at k h, arrives (s); infinity if it is lost.
 
@@ -263,12 +277,12 @@ class PacketNetwork:
         block, place = divmod(k, _BLOCK)
         while block >= len(self._blocks):
             self._blocks.append(self._MakeBlock(len(self._blocks)))
-        arrival = self._blocks[block].arrivals[place]
+        arrival = float(self._blocks[block].arrivals[place])
         if math.isnan(arrival):
-            self._profile(k * self._period)
+            self.profile(k * self.sample_period)
         return arrival
 
-    def Arrivals(self, count: int) -> np.ndarray:
+    def Arrivals(self, count: int) -> Array:
         """Returns when packets 0 to count - 1 arrive (s); infinity if lost."""
         return np.array([self.Arrival(k) for k in range(count)])
 
@@ -281,8 +295,25 @@ class PacketNetwork:
         arrival = self.Arrival(k)
         if receiver.policy != "playout":
             return arrival
-        due = k * self._period + self._profile.delay + receiver.depth
-        return max(arrival, self._Snap(due))
+        due = k * self.sample_period + self.profile.delay + receiver.depth
+        return max(arrival, float(self._Snap(np.array(due))))
+
+    def ShownUntil(self, receiver: Receiver, end: float) -> tuple[Array, Array]:
+        """Returns what a receiver shows of the packets sent before a time.
+
+        Returns:
+            When it shows something (N), ascending, and the time stamp of it (N), in s.
+        """
+        sent = range(self.CountUntil(end))
+        shown = np.array([self.Shown(k, receiver) for k in sent])
+        stamps = np.arange(len(sent)) * self.sample_period
+        order = np.lexsort((stamps, shown))
+        order = order[shown[order] < end]
+        return shown[order], np.maximum.accumulate(stamps[order])
+
+    def CountUntil(self, end: float) -> int:
+        """Returns how many packets are sent before a time in s."""
+        return math.ceil(end / self.sample_period - TIE)
 
     def _Random(self, impairment: str, block: int) -> np.random.Generator:
         name = f"{self._stream}/{impairment}".encode()
@@ -294,64 +325,60 @@ class PacketNetwork:
     def _MakeBlock(self, block: int) -> _Block:
         jitter, deviate = self._JitterOf(block)
         is_lost, is_bad = self._LossOf(block)
-        arrivals = []
+        sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period
+        # As the profile has it.
+        sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
+        arrivals = sent + np.maximum(self.profile(sent) + jitter[: len(sent)], 0.0)
+        arrived = ~is_lost[: len(sent)]
+        if self._is_lost is not None:
+            arrived &= ~self._is_lost(sent)
         latest = self._blocks[block - 1].latest if block else 0.0
-        end = self._profile.duration * (1 + 1e-9)  # As the profile has it.
-        for i in range(_BLOCK):
-            sent = (block * _BLOCK + i) * self._period
-            if sent > end or is_lost[i] or self._is_lost(sent):
-                arrivals.append(math.nan if sent > end else math.inf)
-                continue
-            arrival = sent + max(self._profile(sent) + jitter[i], 0.0)
-            if self._jitter.keeps_order:
-                latest = arrival = max(arrival, latest)
-            arrivals.append(self._Snap(arrival))
-        return _Block(arrivals, is_bad, deviate, latest)
+        if self._jitter.keeps_order and arrived.any():
+            in_order = np.maximum.accumulate(arrivals[arrived])
+            arrivals[arrived] = np.maximum(in_order, latest)
+            latest = arrivals[arrived][-1]
+        fates = np.full(_BLOCK, math.nan)
+        fates[: len(sent)] = np.where(arrived, self._Snap(arrivals), math.inf)
+        return _Block(fates, is_bad, deviate, latest)
 
-    def _Snap(self, time: float) -> float:
+    def _Snap(self, times: Array) -> Array:
         # 0.1 + 3 * 0.1 is not 4 * 0.1.
-        periods = time / self._period
-        whole = round(periods)
-        return whole * self._period if abs(periods - whole) < TIE else time
+        periods = times / self.sample_period
+        whole = np.round(periods)
+        is_whole = np.abs(periods - whole) < TIE
+        return np.where(is_whole, whole * self.sample_period, times)
 
-    def _JitterOf(self, block: int) -> tuple[list[float], float]:
+    def _JitterOf(self, block: int) -> tuple[Array, float]:
         """Returns the jitter, and the last deviate g if it is correlated."""
-        jitter, mean = self._jitter, self._profile.delay
+        jitter, deviate = self._jitter, 0.0
         if jitter.kind == "none" or jitter.std == 0:
-            return [0.0] * _BLOCK, 0.0
-        random = self._Random("jitter", block)
-        values: list[float]
-        deviate, excess = 0.0, mean - jitter.minimum
-        shape = (excess / jitter.std) ** 2
+            return np.zeros(_BLOCK), deviate
+        random, std = self._Random("jitter", block), jitter.std
+        excess = self.profile.delay - jitter.minimum
+        if jitter.kind == "gamma" and not jitter.correlation_time:
+            scale = std**2 / excess
+            return random.gamma((excess / std) ** 2, scale, _BLOCK) - excess, deviate
+
+        from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
+
         if jitter.correlation_time:
             deviates = self._Deviates(block, random.standard_normal(_BLOCK).tolist())
-            deviate = deviates[-1]
-            u = np.array([_NORMAL.cdf(g) for g in deviates])
-        elif jitter.kind == "gamma":
-            scale = jitter.std**2 / excess
-            values = (random.gamma(shape, scale, _BLOCK) - excess).tolist()
-            return values, deviate
+            u, deviate = ndtr(deviates), deviates[-1]
         else:
             u = random.random(_BLOCK)
         u = np.clip(u, 2.0**-53, 1 - 2.0**-53)
         if jitter.kind == "gamma":
-            from scipy.special import gammaincinv  # It takes a tenth of a second.
-
-            values = (gammaincinv(shape, u) * jitter.std**2 / excess - excess).tolist()
+            values = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
         elif jitter.kind == "uniform":
-            values = (_SQRT_3 * jitter.std * (2 * u - 1)).tolist()
+            values = math.sqrt(3) * std * (2 * u - 1)
         else:
             # The inverse of the cumulative distribution above the minimum.
-            above = _NORMAL.cdf(excess / jitter.std)
-            values = [
-                max(-jitter.std * _NORMAL.inv_cdf(p * above), -excess)
-                for p in u.tolist()
-            ]
+            values = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
         return values, deviate
 
     def _Deviates(self, block: int, noise: list[float]) -> list[float]:
         """Returns g of a block, which goes on from the block before."""
-        a = math.exp(-self._period / self._jitter.correlation_time)
+        a = math.exp(-self.sample_period / self._jitter.correlation_time)
         g = self._blocks[block - 1].deviate if block else noise[0]
         deviates = [] if block else [g]
         for n in noise if block else noise[1:]:
@@ -359,24 +386,108 @@ class PacketNetwork:
             deviates.append(g)
         return deviates
 
-    def _LossOf(self, block: int) -> tuple[list[bool], bool]:
+    def _LossOf(self, block: int) -> tuple[Array, bool]:
         """Returns what is lost, and whether the chain ends in its bad state."""
         loss = self._loss
         if loss.kind == "none":
-            return [False] * _BLOCK, False
-        u = self._Random("loss", block).random(_BLOCK).tolist()
+            return np.zeros(_BLOCK, bool), False
+        u = self._Random("loss", block).random(_BLOCK)
         if loss.kind == "independent":
-            return [p < loss.probability for p in u], False
+            return u < loss.probability, False
         share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
         leave = 1 / loss.burst_length
         enter = leave * share / (1 - share)
         is_bad = self._blocks[block - 1].is_bad if block else False
-        is_lost = []
-        steps = self._Random("burst", block).random(_BLOCK).tolist()
-        for i, (p, step) in enumerate(zip(u, steps, strict=True)):
-            if block == 0 and i == 0:
+        states: list[bool] = []
+        for step in self._Random("burst", block).random(_BLOCK).tolist():
+            if block == 0 and not states:
                 is_bad = step < share
             else:
                 is_bad = step >= leave if is_bad else step < enter
-            is_lost.append(p < (loss.bad_loss if is_bad else loss.good_loss))
-        return is_lost, is_bad
+            states.append(is_bad)
+        return u < np.where(states, loss.bad_loss, loss.good_loss), is_bad
+
+
+@dataclass(kw_only=True)
+class PacketStatistics:
+    """What one channel did to its packets until the end of a run.
+
+    Attributes:
+        sent: Number of packets sent.
+        received: Number of those that arrived before the end.
+        lost: Number of those that never arrive. The rest were still under way.
+        loss_rate: lost / sent.
+        reordered: Number of packets that arrived after a newer one.
+        late: Number of packets that arrived after they should have been shown
+            (playout only).
+        delay_mean: Of the packets received, s; None if there are none, as for the
+            following.
+        delay_minimum: Smallest delay, s.
+        delay_median: Half of the delays are smaller, s.
+        delay_p95: 95 % of the delays are smaller, s.
+        delay_p99: 99 % of the delays are smaller, s.
+        delay_maximum: Largest delay, s.
+        age_mean: Age of information: the time since what is shown was sent; mean
+            over time from the first packet shown, s.
+        age_maximum: Largest age of information, s.
+    """
+
+    sent: int
+    received: int
+    lost: int
+    loss_rate: float
+    reordered: int
+    late: int
+    delay_mean: float | None
+    delay_minimum: float | None
+    delay_median: float | None
+    delay_p95: float | None
+    delay_p99: float | None
+    delay_maximum: float | None
+    age_mean: float | None
+    age_maximum: float | None
+
+
+def ComputePacketStatistics(
+    network: PacketNetwork, receiver: Receiver, end_time: float
+) -> PacketStatistics:
+    """Returns what a network and a receiver make of the packets sent before a time.
+
+    Args:
+        end_time: In s; what arrives later has not been received.
+    """
+    sent = network.CountUntil(end_time)
+    arrivals = network.Arrivals(sent)
+    stamps = np.arange(sent) * network.sample_period
+    received = np.flatnonzero(arrivals <= end_time)
+    # Two that arrive together are in order.
+    received = received[np.argsort(arrivals[received], kind="stable")]
+    is_newest = received == np.maximum.accumulate(received)
+    delays = (arrivals - stamps)[received]
+    due = network.profile.delay + receiver.depth + TIE * network.sample_period
+    is_late = (delays > due) & (receiver.policy == "playout")
+    names = ("minimum", "median", "p95", "p99", "maximum")
+    measured: dict[str, Any] = dict.fromkeys(f"delay_{name}" for name in names)
+    measured["delay_mean"] = measured["age_mean"] = measured["age_maximum"] = None
+    if delays.size:
+        percentiles = np.percentile(delays, [0, 50, 95, 99, 100]).tolist()
+        for name, value in zip(names, percentiles, strict=True):
+            measured[f"delay_{name}"] = value
+        measured["delay_mean"] = float(delays.mean())
+    shown, stamps = network.ShownUntil(receiver, end_time)
+    if shown.size:
+        # Between two packets the age grows with slope 1.
+        ends = np.append(shown[1:], end_time)
+        integral = np.sum((ends - stamps) ** 2 - (shown - stamps) ** 2) / 2
+        measured["age_mean"] = float(integral / (end_time - shown[0]))
+        measured["age_maximum"] = float(np.max(ends - stamps))
+    lost = int(np.sum(np.isinf(arrivals)))
+    return PacketStatistics(
+        sent=sent,
+        received=len(received),
+        lost=lost,
+        loss_rate=lost / sent if sent else 0.0,
+        reordered=int(np.sum(~is_newest)),
+        late=int(np.sum(is_late)),
+        **measured,
+    )

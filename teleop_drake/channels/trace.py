@@ -86,16 +86,16 @@ class Trace:
             is_lost=np.append(np.tile(self.is_lost, count), self.is_lost[0]),
         )
 
-    def IsLost(self, time: float) -> bool:
-        """Returns whether the last entry until a time was lost.
+    def IsLost(self, times: np.ndarray) -> np.ndarray:
+        """Returns whether the last entry until each of some times was lost (K).
 
         Args:
-            time: Since the first entry, s.
+            times: Since the first entry, s (K).
         """
         # A packet that is sent with an entry has that entry's fate, whatever the
         # rounding of its time.
-        i = int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
-        return bool(self.is_lost[max(i, 0)])
+        i = np.searchsorted(self.times, times + 1e-9, side="right") - 1
+        return np.asarray(self.is_lost[np.maximum(i, 0)])
 
 
 def ReadTrace(

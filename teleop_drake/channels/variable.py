@@ -11,8 +11,7 @@ from teleop_drake.channels.base import (
     ChannelBlock,
     ConstantDelay,
 )
-from teleop_drake.channels.delay_profile import DelayProfile
-from teleop_drake.channels.varying_delay import VaryingDelayConfig
+from teleop_drake.channels.delay_profile import DelayProfile, VaryingDelayConfig
 from teleop_drake.validation import Refuse, Within
 
 SHORTEST_VARIABLE_DELAY = 1e-6
@@ -129,7 +128,7 @@ class VariableChannelConfig(VaryingDelayConfig):
         """
         profile = self.Profile(duration, path)
         times = np.linspace(0.0, duration, _NUM_TIMES)
-        delays = np.array([profile(t) for t in times.tolist()])
+        delays = profile(times)
         delay = float(np.trapezoid(delays, times) / duration)
         return ConstantDelay(
             delay=delay,

@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from teleop_drake.channels import NetworkChannelConfig
-from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.channels.receiver import Receiver
+from teleop_drake.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.style import COLORS, FONT_SIZE, Figure
 from teleop_drake.recording import Recording
@@ -56,8 +55,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         arrivals = network.Arrivals(len(sent))
         delay, age, loss = column
         _DrawDelays(delay, sent, arrivals)
-        times, ages = _Age(network, config.receiver, len(sent), end)
-        age.plot(times, ages, color=COLORS[0], lw=0.9)
+        age.plot(*_Age(network, config.receiver, end), color=COLORS[0], lw=0.9)
         _DrawLoss(loss, sent, np.isinf(arrivals), end)
         delay.set_title(name.replace("_", " "), fontsize=FONT_SIZE)
         loss.set_xlabel("time [s]", fontsize=FONT_SIZE)
@@ -102,14 +100,10 @@ def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
 
 
 def _Age(
-    network: PacketNetwork, receiver: Receiver, count: int, end: float
+    network: PacketNetwork, receiver: Receiver, end: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the age of what is shown in ms, a saw tooth, and its times in s."""
-    sent = np.arange(count) * network.sample_period
-    shown = np.array([network.Shown(k, receiver) for k in range(count)])
-    order = np.lexsort((sent, shown))
-    sent, shown = np.maximum.accumulate(sent[order]), shown[order]
-    sent, shown = sent[shown < end], shown[shown < end]
+    shown, sent = network.ShownUntil(receiver, end)
     until = np.append(shown[1:], end) if len(shown) else shown
     times = np.column_stack([shown, until]).ravel()
     ages = np.column_stack([shown - sent, until - sent]).ravel()

@@ -10,8 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.receiver import Receiver
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
 from teleop_drake.channels.sampled import SampledDelay
 
 H = 0.01

@@ -7,9 +7,13 @@ import pytest
 from grids import Slow
 
 from teleop_drake.channels.delay_profile import DelayProfile
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.packet_statistics import ComputePacketStatistics
-from teleop_drake.channels.receiver import Receiver
+from teleop_drake.channels.packet_network import (
+    ComputePacketStatistics,
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+)
 
 MEAN = 0.1
 BUSY = {

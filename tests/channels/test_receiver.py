@@ -2,13 +2,13 @@
 
 import pytest
 
-from teleop_drake.channels.receiver import RECEIVERS, CheckReceiver, Receiver
+from teleop_drake.channels.packet_network import Receiver
 
 
-@pytest.mark.parametrize("policy", RECEIVERS)
+@pytest.mark.parametrize("policy", Receiver.used)
 def test_each_policy_is_allowed(policy):
-    CheckReceiver(Receiver(policy=policy))
-    CheckReceiver(Receiver(policy="playout", depth=0.02))
+    Receiver(policy=policy).Check()
+    Receiver(policy="playout", depth=0.02).Check()
 
 
 @pytest.mark.parametrize(
@@ -21,4 +21,4 @@ def test_each_policy_is_allowed(policy):
 )
 def test_bad_receivers(receiver, message):
     with pytest.raises(ValueError, match=message):
-        CheckReceiver(receiver)
+        receiver.Check()

@@ -21,8 +21,7 @@ from teleop_drake.architectures.wave_variables import (
 )
 from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.receiver import Receiver
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.channels.variable import VariableDelay
