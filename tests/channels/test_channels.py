@@ -6,12 +6,10 @@ import math
 import numpy as np
 import pytest
 import yaml
-from grids import Slow
 from runs import Run
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.variable import VariableDelay
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,
@@ -39,24 +37,7 @@ def network(text="", h=H):
 
 def run(*overrides, duration=1.0):
     overrides = (f"duration={duration}", *overrides)
-    return Run("two_dof_collision", "direct_force", *overrides, engine="drake")
-
-
-@pytest.mark.parametrize("h", Slow([0.02, 0.03]))
-def test_a_network_with_a_constant_delay_is_the_sampled_channel(h):
-    # Error control would choose other steps where an event is declared otherwise.
-    fixed = ["simulator.use_error_control=False", "simulator.max_step_size=0.005"]
-    recordings = [
-        run(*channels(f"kind: sampled, sample_period: {h}"), *fixed),
-        run(*network(h=h), *fixed),
-    ]
-    # Times at which both took a step; the first row of each, before a jump.
-    times = [np.round(recording.time, 9) for recording in recordings]
-    _, *rows = np.intersect1d(*times, return_indices=True)
-    assert len(rows[0]) > 0.9 * len(np.unique(times[0]))
-    for name in recordings[0].signals:
-        a, b = (x[name][i] for x, i in zip(recordings, rows, strict=True))
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11, err_msg=name)
+    return Run("two_dof_collision", "direct_force", *overrides)
 
 
 def test_a_held_signal_is_constant_between_deliveries():
@@ -112,21 +93,6 @@ def test_packets_may_arrive_before_the_next_is_sent(delay):
         np.testing.assert_allclose(x[inside], value, atol=1e-12)
 
 
-def test_same_seed_same_bytes():
-    overrides = ["duration=0.4", "controller.kind=direct_force"]
-    signals = []
-    for seed in (1, 1, 2):
-        scenario = LoadScenario(
-            "two_dof_collision",
-            [*overrides, *network(f"{JITTER}, {LOSS}, seed: {seed}")],
-        )
-        recording = simulate(scenario)
-        signals.append(
-            b"".join(x.tobytes() for x in (recording.time, *recording.signals.values()))
-        )
-    assert signals[0] == signals[1] != signals[2]
-
-
 def test_statistics_are_recorded_for_each_direction(tmp_path):
     recording = run(*network(f"{JITTER}, {LOSS}, seed: 3"))
     assert set(recording.channels) == {"forward_channel", "return_channel"}
@@ -138,15 +104,11 @@ def test_statistics_are_recorded_for_each_direction(tmp_path):
     assert num_changes == forward.received - forward.reordered
     recording.Save(tmp_path / "run.npz")
     assert LoadRecording(tmp_path / "run.npz").channels == recording.channels
-
-
-def test_statistics_are_in_the_summary():
-    recording = run(*network(f"{JITTER}, seed: 3"))
     summary = RunSummary(recording)["channels"]
-    assert set(summary) == {"forward_channel", "return_channel"}
-    assert summary["return_channel"]["sent"] == 50
-    back = recording.channels["return_channel"]
-    assert summary["return_channel"] == dataclasses.asdict(back)
+    assert summary == {
+        "forward_channel": dataclasses.asdict(forward),
+        "return_channel": dataclasses.asdict(back),
+    }
     units = MetricUnits(recording.scenario)
     assert {f"forward_channel.{name}" for name in dataclasses.asdict(back)} < set(units)
 
@@ -206,7 +168,7 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(tree))
     scenario = LoadScenario(path, ["simulator.max_step_size=0.01"])
-    recording = simulate(scenario, engine="drake")
+    recording = simulate(scenario)
     t = np.array([0.23, 0.31, 0.4444])
     times = np.arange(21) * 0.1
     values = 0.05 + 0.01 * np.sin(np.arange(21))
@@ -265,13 +227,6 @@ def test_overrides_reach_every_impairment():
     assert isinstance(channel, NetworkDelay)
 
 
-def test_make_channel_makes_a_variable_one():
-    (override,) = channels("kind: variable", "forward")
-    config = LoadScenario("one_dof", [override]).forward_channel
-    channel = config.MakeChannel(size=2, initial_value=[0.0, 0.0])
-    assert isinstance(channel, VariableDelay)
-
-
 def test_no_step_is_longer_than_the_smallest_delay():
     overrides = channels("kind: variable, sinusoid: {amplitude: 0.095}")
     scenario = LoadScenario(
@@ -316,36 +271,8 @@ def test_no_step_is_longer_than_the_smallest_delay():
             "delay = 0.0: must be such that the delay, down to",
         ),
         (
-            "kind: variable, drift: 1",
-            "drift = 1.0: must be such that dT/dt, up to 1, is",
-        ),
-        (
-            "kind: variable, drift: -0.01",
-            "delay = 0.1: must be such that the delay, dow",
-        ),
-        (
-            "kind: variable, sinusoid: {amplitude: 0.05, frequency: 30}",
-            "sinusoid.amplitude = 0.05: must be such that dT/dt, up to 1.5, is less",
-        ),
-        (
-            "kind: network, sample_period: 0.01, drift: -0.01",
-            "delay = 0.1: must be such that the delay, down to -0.15 s, is never negat",
-        ),
-        (
             "kind: network, sample_period: 0.01, jitter: {kind: uniform, std: 0.1}",
             "jitter.std = 0.1: must be such that the delay, down to -0.0732051 s",
-        ),
-        (
-            "kind: network, sample_period: 0.01, jitter: {kind: gama}",
-            "jitter.kind = 'gama': must be one of none, uniform, normal, gamma",
-        ),
-        (
-            "kind: network, sample_period: 0.01, loss: {kind: burst, burst_length: 0}",
-            "loss.burst_length = 0.0: must be a finite number >= 1",
-        ),
-        (
-            "kind: network, sample_period: 0.01, receiver: {policy: oldest}",
-            "receiver.policy = 'oldest': must be one of newest, playout, extrapolate",
         ),
         (
             "kind: network, sample_period: 0.01, receiver: {depht: 1}",

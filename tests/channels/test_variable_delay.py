@@ -126,26 +126,6 @@ def test_a_constant_delay_is_that_of_the_transport_channel():
     np.testing.assert_allclose(logs[0].data()[0][-1], logs[1].data()[0][-1], atol=1e-9)
 
 
-def test_no_feedthrough():
-    assert not VariableDelay(profile=WAVE, size=1).HasDirectFeedthrough(0, 0)
-
-
-def test_cloned_context_continues_identically():
-    dut = VariableDelay(profile=WAVE, size=1)
-    simulator, _ = build(Sine(amplitude=1.0, frequency=2.0, phase=0.3, size=1), dut)
-    simulator.AdvanceTo(1.0)
-    clone = simulator.get_context().Clone()
-    simulator.AdvanceTo(2.0)
-    other = make_simulator(simulator.get_system(), clone)
-    other.AdvanceTo(2.0)
-    values = [
-        dut.get_output_port().Eval(dut.GetMyContextFromRoot(root))[0]
-        for root in (simulator.get_context(), clone)
-    ]
-    assert values[0] == pytest.approx(values[1], abs=1e-9)
-    assert values[0] == pytest.approx(math.sin(2 * (2 - WAVE(2.0)) + 0.3), abs=1e-7)
-
-
 def test_beyond_the_end_of_the_trace_is_refused():
     profile = DelayProfile(delay=0.1, trace=([0.0, 1.0], [0.0, 0.1]))
     simulator, _ = build(
@@ -154,28 +134,3 @@ def test_beyond_the_end_of_the_trace_is_refused():
     )
     with pytest.raises(ValueError, match="must be at most 1 s, the duration"):
         simulator.AdvanceTo(1.5)
-
-
-def test_evaluation_far_beyond_the_last_step_is_refused():
-    dut = VariableDelay(profile=WAVE, size=1)
-    simulator, _ = build(Sine(amplitude=1.0, frequency=2.0, phase=0.3, size=1), dut)
-    simulator.AdvanceTo(1.0)
-    simulator.get_mutable_context().SetTime(2.0)
-    context = dut.GetMyContextFromRoot(simulator.get_context())
-    with pytest.raises(RuntimeError, match=r"VariableDelay 'dut': .* at most"):
-        dut.get_output_port().Eval(context)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"size": 0}, "size = 0: must"),
-        ({"initial_value": [1.0, 2.0]}, "initial_value = .*: must be 1 number"),
-        ({"max_sample_interval": 0.06}, "max_sample_interval = 0.06: must"),
-        ({"profile": DelayProfile(delay=0.0)}, "never less than 1e-06 s"),
-        ({"profile": DelayProfile(delay=0.1, drift=1.5)}, "drift = 1.5: must be such"),
-    ],
-)
-def test_bad_parameters(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        VariableDelay(**({"profile": WAVE, "size": 1} | arguments))
