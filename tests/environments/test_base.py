@@ -162,7 +162,7 @@ def test_three_axes_meet_a_slope():
         slope = HuntCrossleyWall(surface=surface, stiffness=500.0, damping=1.0)
         return MakeTeleoperator(scenario, environment=slope)
 
-    recording = simulate(scenario, teleoperator=Make(), engine="drake")
+    recording = simulate(scenario, teleoperator=Make())
     contact = recording.EventTimes("contact")[:1]
     p_WT = recording.Interpolate("tool_position", np.array(contact))[0]
     assert surface.Depth(p_WT) == pytest.approx(0, abs=1e-8)

@@ -1,7 +1,6 @@
 import dataclasses
 import json
 import math
-import time as clock
 from collections.abc import Callable
 
 import numpy as np
@@ -610,11 +609,8 @@ def test_summary_has_the_promised_fields():
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
 @pytest.mark.parametrize("task", runs.TASKS[1:])
 def test_real_runs(task, kind):
-    recording = runs.Run(task, kind, engine="drake")
-    start = clock.process_time()
+    recording = runs.Run(task, kind)
     metrics = RunMetrics(recording)
-    # Typically 0.1 s.
-    assert clock.process_time() - start < 2.0
     json.dumps(metrics, allow_nan=False)
     for event, name in (("puncture", "puncture"), ("contact", "collision")):
         times = recording.EventTimes(event)

@@ -43,10 +43,7 @@ THESIS = {
 
 @functools.cache
 def Run(name, *overrides):
-    """The coupled case as it stands is Drake's, the others are machine code."""
-    is_drakes = (name, *overrides) == CASES[1:]
-    engine = "drake" if is_drakes else "auto"
-    return simulate(LoadScenario(name, overrides), engine=engine)
+    return simulate(LoadScenario(name, overrides))
 
 
 # A second solver, which shares no code with the package, not even Drake.

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from grids import Slow
 from own_kinds import PuckConfig
+from pydrake.systems.framework import BasicVector
 
 from teleop_drake.environments import FrictionWallConfig
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
@@ -14,16 +16,44 @@ from teleop_drake.tasks.metrics import RunMetrics
 NORMAL = np.array([0.6, 0.48, -0.64])
 
 
+class Puck(KernelBlock):
+    """dv/dt = F_c - F_e, of a kilogram."""
+
+    def __init__(self, start):
+        KernelBlock.__init__(self)
+        for name in ("control_force", "environment_force"):
+            self.DeclareVectorInputPort(name, 3)
+        self.DeclareContinuousState(BasicVector([*start, *np.zeros(3)]), 3, 3, 0)
+        names = ("tool_position", "tool_velocity", "tool_acceleration")
+        self.DeclareOutputs(**dict.fromkeys(names, 3))
+
+    def Kernel(self):
+        forces = ("control_force", "environment_force")
+        return Kernel(
+            outputs={
+                "tool_position": (lambda x: x[:3], "state"),
+                "tool_velocity": (lambda x: x[3:], "state"),
+                "tool_acceleration": (lambda F_c, F_e: F_c - F_e, *forces),
+            },
+            rate=(lambda x, F_c, F_e: np.append(x[3:], F_c - F_e), "state", *forces),
+        )
+
+
+class FastPuckConfig(PuckConfig):
+    def MakeRobot(self):
+        return Puck(self.start)
+
+
 def Insertion(turn):
     """A puck goes in along an axis, which turns with everything else."""
     scenario = LoadScenario(
         "needle_insertion", ["controller.kind=direct_force", "duration=3"]
     )
-    scenario.robot = PuckConfig(start=turn @ [0.11, 0.02, 0.0])
+    scenario.robot = FastPuckConfig(start=turn @ [0.11, 0.02, 0.0])
     scenario.environment.direction = turn[:, 0]
     scenario.surgeon.velocity = turn @ [0.1, 0.01, 0.005]
     scenario.surgeon.contact_force = turn @ [0.2, 0.0, 0.0]
-    return simulate(scenario, engine="drake")
+    return simulate(scenario)
 
 
 def test_a_turned_task_has_the_same_metrics():
@@ -36,7 +66,7 @@ def test_a_turned_task_has_the_same_metrics():
     for key in ("puncture", "collision"):
         assert metrics[key] == pytest.approx(expected[key], rel=1e-5, abs=1e-8)
     assert [x.name for x in turned.events] == [x.name for x in straight.events]
-    at = np.array([expected["puncture"]["time"]])
+    at = np.array([metrics["puncture"]["time"]])
     # The tissue pulls the puck back to its axis.
     force = turned.Interpolate("environment_force", at - 1e-9)[0] @ turn
     offset = turned.Interpolate("tool_position", at)[0] @ turn - [0, 0.02, 0]
@@ -50,7 +80,8 @@ def test_a_turned_task_has_the_same_metrics():
         [
             ("wall_sliding", ["controller.kind=direct_force", "duration=1.9"]),
             ("needle_insertion", ["duration=3.2"]),
-        ]
+        ],
+        but=(),
     ),
 )
 def test_both_engines(name, overrides):
