@@ -14,7 +14,7 @@ def RunMetrics(
 ) -> dict[str, Any]:
     """Returns the metrics of a run: what its task counts.
 
-    InsertionMetrics() describes those of a teleoperation, TrackingMetrics() those of
+    Insertion.Metrics() describes those of a teleoperation, Tracking.Metrics() those of
     the tracking of chapter 3.
 
     Args:

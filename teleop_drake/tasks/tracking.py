@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
@@ -51,15 +51,29 @@ class Tracking(Task[TrackingScenario]):
         return []
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
-        """Returns the errors of a run.
+        """Returns the metrics of a tracking, each per task axis.
+
+        * max_error (m): max of |r - r_d|.
+        * rms_error (m): rms over the run of r - r_d.
+        * disturbance_rms_error (N): rms over the run of W Phi - F_e, what the network
+          does not know of the disturbance.
 
         Args:
             recording: A run, all of its numbers finite.
-
-        Returns:
-            What TrackingMetrics() describes.
         """
-        return TrackingMetrics(recording)
+        pieces = Split(recording)
+        error, unknown = (
+            pieces.Sample(recording[first] - recording[second])
+            for first, second in (
+                ("tool_position", "desired_position"),
+                ("disturbance_estimate", "environment_force"),
+            )
+        )
+        return {
+            "max_error": np.abs(Traces(error)).max(axis=1).tolist(),
+            "rms_error": pieces.RootMeanSquare(error),
+            "disturbance_rms_error": pieces.RootMeanSquare(unknown),
+        }
 
     def Particulars(self, recording: Recording) -> dict[str, Any]:
         """Returns diverged, and diverged_at in s or None."""
@@ -74,53 +88,18 @@ class Tracking(Task[TrackingScenario]):
 
         The desired position and the estimate of the disturbance are beside them.
         """
+        rows = (
+            ("position", "m", ["tool_position", "desired_position"], ""),
+            ("error", "m", ["tool_position"], "desired_position"),
+            ("disturbance", "N", ["environment_force", "disturbance_estimate"], ""),
+        )
         return AxisPanels(
             rows=[
-                AxisRow(
-                    label="position",
-                    unit="m",
-                    signals=["tool_position", "desired_position"],
-                ),
-                AxisRow(
-                    label="error",
-                    unit="m",
-                    signals=["tool_position"],
-                    reference="desired_position",
-                ),
-                AxisRow(
-                    label="disturbance",
-                    unit="N",
-                    signals=["environment_force", "disturbance_estimate"],
-                ),
+                AxisRow(label=label, unit=unit, signals=signals, reference=reference)
+                for label, unit, signals, reference in rows
             ],
             names=["actual", "desired, estimated"],
         )
-
-
-def TrackingMetrics(recording: Recording) -> dict[str, list[float]]:
-    """Returns the metrics of a tracking, each per task axis.
-
-    * max_error (m): max of |r - r_d|.
-    * rms_error (m): rms over the run of r - r_d.
-    * disturbance_rms_error (N): rms over the run of W Phi - F_e, what the network
-      does not know of the disturbance.
-
-    Args:
-        recording: A run, all of its numbers finite.
-    """
-    pieces = Split(recording)
-    error, unknown = (
-        pieces.Sample(recording[first] - recording[second])
-        for first, second in (
-            ("tool_position", "desired_position"),
-            ("disturbance_estimate", "environment_force"),
-        )
-    )
-    return {
-        "max_error": np.abs(Traces(error)).max(axis=1).tolist(),
-        "rms_error": pieces.RootMeanSquare(error),
-        "disturbance_rms_error": pieces.RootMeanSquare(unknown),
-    }
 
 
 def MakeReference(config: TrajectoryConfig) -> Diagram:
@@ -170,11 +149,10 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
     scenario.Validate()
     n, config, law = scenario.num_axes, scenario.robot, scenario.controller
     assert isinstance(config, PlantRobotConfig)  # Validated.
-    builder = DiagramBuilder()
-    reference = builder.AddNamedSystem("reference", MakeReference(scenario.trajectory))
-    controller = builder.AddNamedSystem(
-        "controller",
-        NetworkTrackingController(
+    network, disturbance = law.network, scenario.disturbance
+    systems: dict[str, System] = {
+        "reference": MakeReference(scenario.trajectory),
+        "controller": NetworkTrackingController(
             gains=TrackingGains(
                 Lambda=GainMatrix(law.Lambda, n),
                 G1=GainMatrix(law.G1, n),
@@ -182,44 +160,37 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
                 nu=law.leakage,
             ),
             network=GaussianNetwork(
-                lower=law.network.lower,
-                upper=law.network.upper,
-                count=law.network.count,
-                width=law.network.width,
+                lower=network.lower,
+                upper=network.upper,
+                count=network.count,
+                width=network.width,
             ),
             plant=config.LoadPlant(scenario.gravity),
         ),
-    )
-    robot = builder.AddNamedSystem(
-        "robot",
-        config.MakeRobot(gravity=scenario.gravity),
-    )
-    disturbance = builder.AddNamedSystem(
-        "disturbance",
-        DisturbanceForce(
-            kind=scenario.disturbance.kind,
-            gain=GainMatrix(scenario.disturbance.gain, n),
+        "robot": config.MakeRobot(gravity=scenario.gravity),
+        "disturbance": DisturbanceForce(
+            kind=disturbance.kind, gain=GainMatrix(disturbance.gain, n)
         ),
-    )
+    }
+    builder = DiagramBuilder()
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
     # Refuses names that stand for another signal of the loop.
-    NamedSignals((reference, controller, robot, disturbance))
-    for source, target, names in (
-        (
-            reference,
-            controller,
-            ("desired_position", "desired_velocity", "desired_acceleration"),
-        ),
-        (
-            robot,
-            controller,
-            ("tool_position", "tool_velocity", "joint_position", "joint_velocity"),
-        ),
-        (controller, robot, ("control_force",)),
-        (robot, disturbance, ("tool_position", "tool_velocity")),
-        (disturbance, robot, ("environment_force",)),
+    NamedSignals(systems.values())
+    desired = ("desired_position", "desired_velocity", "desired_acceleration")
+    motion = ("tool_position", "tool_velocity")
+    for source, target, signals in (
+        ("reference", "controller", desired),
+        ("robot", "controller", (*motion, "joint_position", "joint_velocity")),
+        ("controller", "robot", ("control_force",)),
+        ("robot", "disturbance", motion),
+        ("disturbance", "robot", ("environment_force",)),
     ):
-        for name in names:
-            builder.Connect(source.GetOutputPort(name), target.GetInputPort(name))
+        for signal in signals:
+            builder.Connect(
+                systems[source].GetOutputPort(signal),
+                systems[target].GetInputPort(signal),
+            )
     diagram = builder.Build()
     diagram.set_name("network_tracking")
     return diagram
