@@ -248,7 +248,7 @@ def OperatingPointAt(
         scenario.robot.JointPositions(p_WT)
     except ScenarioError as e:
         # The robot calls the point its start.
-        reason = str(e).removeprefix("start: ")
+        reason = str(e).removeprefix("start = ")
         raise ScenarioError(f"{POSITION} = {position:g}: {reason}") from e
     contact = FindSurface(surfaces, CONTACT)
     is_inside = contact is not None and contact.Depth(p_WT) > 0

@@ -1,4 +1,7 @@
-"""An arm from a model file of one's own."""
+"""An arm from a model file of one's own: (2.6, 2.7) for any open chain.
+
+For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_arm does.
+"""
 
 import re
 from dataclasses import dataclass
@@ -9,10 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    ModelInstanceIndex,
-    SpatialInertia,
-)
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
 from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
@@ -44,11 +44,7 @@ class ArmConfig(DrivenArmConfig):
     tool_frame: str = TOOL
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
-        """Returns the plant with a payload; see DrivenArmConfig.LoadModel.
-
-        Raises:
-            ScenarioError: If the file is not that of an arm.
-        """
+        """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
         self._CheckFile()
         try:
             with NewPlant(gravity) as plant:
@@ -61,7 +57,8 @@ class ArmConfig(DrivenArmConfig):
         except ScenarioError:
             raise
         except (RuntimeError, ValueError, SystemExit) as e:
-            Refuse("file", self.file, f"a model of one open chain ({_OneLine(e)})")
+            reason = " ".join(str(e).split())
+            Refuse("file", self.file, f"a model of one open chain ({reason})")
         nv, nu = plant.num_velocities(), plant.num_actuators()
         B = plant.MakeActuationMatrix()
         if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
@@ -90,19 +87,17 @@ class ArmConfig(DrivenArmConfig):
         """Sees to it that a body, massless where it is new, has the tool's origin."""
         name = self.tool_frame
         if not plant.HasFrameNamed(name, instance):
-            frames = (plant.GetBodyIndices(instance), plant.get_body)
-            known = ", ".join(frames[1](i).name() for i in frames[0])
+            bodies = map(plant.get_body, plant.GetBodyIndices(instance))
+            known = ", ".join(body.name() for body in bodies)
             Refuse("tool_frame", name, f"a frame of the model, such as {known}")
         frame = plant.GetFrameByName(name, instance)
         if name == TOOL and plant.HasBodyNamed(TOOL, instance):
             return
         if name != TOOL and plant.HasFrameNamed(TOOL, instance):
-            Refuse(
-                "tool_frame", name, f"{TOOL}, because the model has a frame so named"
-            )
-        body = plant.AddRigidBody(
-            TOOL_BODY if name == TOOL else TOOL, instance, SpatialInertia.Zero()
-        )
+            allowed = f"{TOOL}, because the model has a frame so named"
+            Refuse("tool_frame", name, allowed)
+        mark = TOOL_BODY if name == TOOL else TOOL
+        body = plant.AddRigidBody(mark, instance, SpatialInertia.Zero())
         plant.WeldFrames(frame, body.body_frame())
 
 
@@ -127,7 +122,3 @@ def _AddMotors(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         joint = plant.get_joint(i)
         if joint.num_velocities() == 1 and int(i) not in driven:
             plant.AddJointActuator(f"{joint.name()}_motor", joint)
-
-
-def _OneLine(error: BaseException) -> str:
-    return " ".join(str(error).split())

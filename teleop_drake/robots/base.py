@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.kinds import KindConfig
 from teleop_drake.robots.inverse_kinematics import SolveInverseKinematics
 from teleop_drake.robots.robot_diagram import MakeRobotDiagram
-from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Within
+from teleop_drake.validation import REQUIRED, CheckVector, Refuse, Within
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class RobotConfig(KindConfig, ABC):
         return len(self.start)
 
     def Check(self, path: str) -> None:
-        """Checks every field; reads the files that they name.
+        """Checks every field, and reads the files that they name.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -67,12 +67,9 @@ class RobotConfig(KindConfig, ABC):
 
         Here the point itself, which is right for a robot whose state is [p_WT; v_WT].
 
-        Args:
-            p_WT: Position of the tool, m (n).
-
         Raises:
-            ScenarioError: If the robot does not reach it. The message begins with
-                `start`, the field that has such a position.
+            ScenarioError: If the robot does not reach it, or is singular there. The
+                message begins with `start`, the field that has such a position.
         """
         return np.array(p_WT, dtype=float)
 
@@ -105,37 +102,22 @@ class PlantRobotConfig(RobotConfig):
         """
 
     def Posture(self, plant: MultibodyPlant) -> Array:
-        """Returns the q near which joint positions are looked for (nq).
-
-        Here the default of the plant.
-        """
+        """Returns the q near which joint positions are looked for; the plant's own."""
         return np.asarray(plant.GetDefaultPositions())
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
-        """Returns the q with the tool at a point that is nearest to the posture.
-
-        Raises:
-            ScenarioError: If the robot does not reach it, or is singular there.
-        """
+        """Returns the q with the tool at a point that is nearest to the posture."""
         plant = self.LoadPlant()
         return SolveInverseKinematics(plant, p_WT, self.Posture(plant))
 
     def Check(self, path: str) -> None:
-        """Checks every field; loads the plant and poses it.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field, loads the plant and poses it."""
         super().Check(path)
         with Within(path):
             self.JointPositions(self.start)
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
-        """Makes the block; see robot_diagram.MakeRobotDiagram.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see robot_diagram.MakeRobotDiagram."""
         return MakeRobotDiagram(
             plant=self.LoadPlant(gravity),
             num_axes=self.num_axes,
@@ -143,27 +125,7 @@ class PlantRobotConfig(RobotConfig):
         )
 
 
-def CheckStart(config: RobotConfig, num_axes: int, p_WT: ArrayLike) -> Array:
-    """Returns a position of the tool as a vector, for kinds whose n is fixed.
-
-    Raises:
-        ScenarioError: If it is not a vector of n finite numbers.
-    """
-    if p_WT is None:
-        Refuse("start", p_WT, "a list of finite numbers (m)")
-    try:
-        p = np.array(p_WT, dtype=float)
-    except (TypeError, ValueError):
-        p = np.array(np.nan)
-    if p.shape != (num_axes,) or not np.isfinite(p).all():
-        plural = "s" if num_axes > 1 else ""
-        raise ScenarioError(
-            f"start: {ShowPoint(p_WT)} must be a list of {num_axes} finite "
-            f"number{plural} (m) for {config.kind}"
-        )
-    return p
-
-
-def ShowPoint(p_WT: ArrayLike) -> str:
-    """Returns a point as one short line."""
-    return str(p_WT.tolist() if isinstance(p_WT, np.ndarray) else p_WT)
+def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:
+    """Returns a position of the tool as a vector, for kinds whose n is fixed."""
+    CheckVector("start", p_WT, num_axes, "m")
+    return np.array(p_WT, dtype=float)

@@ -17,11 +17,7 @@ from teleop_drake.robots.inverse_kinematics import (
     SolveInverseKinematics,
     ToolRotation,
 )
-from teleop_drake.robots.robot_diagram import (
-    JointDrive,
-    MakeRobotDiagram,
-    ToolBodyName,
-)
+from teleop_drake.robots.robot_diagram import JointDrive, MakeRobotDiagram, ToolBodyName
 from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.posture_hold import PostureHold
 from teleop_drake.validation import (
@@ -77,55 +73,38 @@ class DrivenArmConfig(PlantRobotConfig):
     hold_damping_ratio: float = Number(1.0, minimum=0, maximum=100)
 
     def Check(self, path: str) -> None:
-        """Checks every field; loads the plant and poses it.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field, loads the plant and poses it."""
         with Within(path):
             CheckChoice("hold", self.hold, HOLDS)
             self.CheckNumbers()
-            CheckNumber(
-                "payload_error", self.payload_error, "kg", minimum=-self.payload
-            )
-            if self.payload_error and not self.gravity_compensation:
-                Refuse("payload_error", self.payload_error, "0, as nothing compensates")
+            error, payload = self.payload_error, self.payload
+            CheckNumber("payload_error", error, "kg", minimum=-payload)
+            if error and not self.gravity_compensation:
+                Refuse("payload_error", error, "0, as nothing compensates")
         super().Check(path)
 
     @abstractmethod
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
-        """Returns the plant with a payload; see LoadPlant.
-
-        Args:
-            gravity: Acceleration of gravity along the world's axes, m/s^2 (1 to 3).
-            payload: Mass at the tool in kg.
+        """Returns the plant with gravity in m/s^2 (1 to 3) and a payload in kg.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
         """
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns the plant; see PlantRobotConfig.LoadPlant.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Returns the plant; see PlantRobotConfig.LoadPlant."""
         return self.LoadModel(self._Gravity(gravity), self.payload)
 
     def _Gravity(self, gravity: ArrayLike | None) -> ArrayLike:
         if gravity is not None:
             return gravity
         if self.gravity is None:
-            return np.array(self.default_gravity)
+            return self.default_gravity
         CheckVector("gravity", self.gravity, 3, "m/s^2")
         return self.gravity
 
     def Posture(self, plant: MultibodyPlant) -> Array:
-        """Returns the q near which joint positions are looked for (nq).
-
-        Raises:
-            ScenarioError: If the posture does not fit the plant.
-        """
+        """Returns the q near which joint positions are looked for (nq)."""
         if self.posture is None:
             return super().Posture(plant)
         CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
@@ -135,9 +114,6 @@ class DrivenArmConfig(PlantRobotConfig):
         """Returns the q with the tool at a point that is nearest to the posture.
 
         If the orientation is held, the tool is turned as it is at the posture.
-
-        Raises:
-            ScenarioError: If the robot does not reach it, or is singular there.
         """
         plant = self.LoadPlant()
         posture, nv = self.Posture(plant), plant.num_velocities()
@@ -150,11 +126,7 @@ class DrivenArmConfig(PlantRobotConfig):
         return SolveInverseKinematics(plant, p_WT, posture, R_WT)
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
-        """Makes the block; see robot_diagram.MakeRobotDiagram.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
+        """Makes the block; see robot_diagram.MakeRobotDiagram."""
         plant, q = self.LoadPlant(gravity), self.JointPositions(self.start)
         return MakeRobotDiagram(
             plant=plant,
@@ -194,9 +166,7 @@ def AddPayload(plant: MultibodyPlant, mass: float) -> None:
     """Welds a point mass to the tool of a plant that is not finalized."""
     if mass == 0:
         return
-    tool, inertia = (
-        plant.GetFrameByName(TOOL),
-        SpatialInertia(mass, np.zeros(3), UnitInertia(0, 0, 0)),
-    )
+    tool = plant.GetFrameByName(TOOL)
+    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia(0, 0, 0))
     body = plant.AddRigidBody("payload", tool.model_instance(), inertia)
     plant.WeldFrames(tool, body.body_frame())

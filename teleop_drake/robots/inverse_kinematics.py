@@ -74,33 +74,28 @@ def SolveInverseKinematics(
         ScenarioError: If the tool does not come there, with how near it comes, or if
             the plant is singular there. The message calls the point `start`.
     """
-    p, posture = np.array(p_WT, dtype=float), np.array(posture, dtype=float)
-    context = plant.CreateDefaultContext()
-    for guess in _Guesses(posture):
-        q, is_solved = _Solve(plant, p, posture, guess, nearest=False)
-        if not is_solved:
-            continue
-        q = _Polish(plant, context, p, R_WT, q)
-        if _IsThere(plant, context, p, R_WT, q):
+    target = _Target(plant, np.array(p_WT, dtype=float), R_WT)
+    p, posture = target.p, np.array(posture, dtype=float)
+    rng = np.random.default_rng(0)
+    guesses = [
+        posture + scale * rng.uniform(-1, 1, posture.shape)
+        for scale in np.linspace(0.0, 2.0, _NUM_GUESSES)
+    ]
+    for guess in guesses:
+        q, is_solved = target.Solve(posture, guess)
+        if is_solved and target.IsReached(q := target.Polish(q)):
             break
     else:
-        distance = min(
-            float(np.linalg.norm(_ToolPosition(plant, context, q)[: p.size] - p))
-            for guess in _Guesses(posture)
-            for q, _ in [_Solve(plant, p, posture, guess, nearest=True)]
-        )
+        found = (target.Solve(None, guess)[0] for guess in guesses)
+        distance = min(np.linalg.norm(target.Error(q)[: p.size]) for q in found)
         if distance < _TOLERANCE:
             Refuse("start", p, "in reach of the tool as it is turned at the posture")
-        Refuse(
-            "start",
-            p,
-            f"in reach of the tool, which comes no nearer than {distance:.3g} m",
-        )
-    plant.SetPositions(context, q)
-    J = _Jacobian(plant, context, p.size, R_WT)
+        allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
+        Refuse("start", p, allowed)
+    J = target.Jacobian(q)
     values = np.linalg.svd(J, compute_uv=False)
-    if len(values) < len(J) or not values[-1] > _MINIMUM_CONDITION * values[0]:
-        smallest = values[-1] if len(values) == len(J) else 0.0
+    smallest = values[-1] if len(values) == len(J) else 0.0
+    if not smallest > _MINIMUM_CONDITION * values[0]:
         Refuse(
             "start",
             p,
@@ -111,90 +106,76 @@ def SolveInverseKinematics(
     return q
 
 
-def _Guesses(posture: Array) -> list[Array]:
-    rng = np.random.default_rng(0)
-    scales = np.linspace(0.0, 2.0, _NUM_GUESSES)
-    return [posture + scale * rng.uniform(-1, 1, posture.shape) for scale in scales]
+class _Target:
+    """A point, and maybe a rotation, that the tool of a plant has to have."""
 
+    def __init__(self, plant: MultibodyPlant, p: Array, R: Array | None):
+        self.p = p
+        self._plant, self._R = plant, R
+        self._context = plant.CreateDefaultContext()
+        self._tool = plant.GetFrameByName(TOOL)
 
-def _Solve(
-    plant: MultibodyPlant, p: Array, posture: Array, guess: Array, *, nearest: bool
-) -> tuple[Array, bool]:
-    """Returns the solver's q, and whether it calls that a solution.
+    def Solve(self, posture: Array | None, guess: Array) -> tuple[Array, bool]:
+        """Returns the solver's q with the tool at the point, near a posture.
 
-    Args:
-        p: The point (n).
-        nearest: Whether to come as near to the point as possible, instead of to it.
-    """
-    problem = InverseKinematics(plant)
-    tool, world, origin = plant.GetFrameByName(TOOL), plant.world_frame(), np.zeros(3)
-    point = np.append(p, np.zeros(3 - p.size))
-    if nearest:
-        C = np.diag([1.0] * p.size + [0.0] * (3 - p.size))
-        problem.AddPositionCost(world, point, tool, origin, C)
-    else:
-        free = np.append(np.zeros(p.size), np.full(3 - p.size, np.inf))
-        problem.AddPositionConstraint(tool, origin, world, point - free, point + free)
-        problem.get_mutable_prog().AddQuadraticErrorCost(
-            np.eye(posture.size), posture, problem.q()
+        Without a posture it is the q with the tool as near to the point as possible.
+        Also told is whether the solver calls it a solution.
+        """
+        problem = InverseKinematics(self._plant)
+        program, world = problem.get_mutable_prog(), self._plant.world_frame()
+        n, origin = self.p.size, np.zeros(3)
+        point = np.append(self.p, np.zeros(3 - n))
+        if posture is None:
+            C = np.diag([1.0] * n + [0.0] * (3 - n))
+            problem.AddPositionCost(world, point, self._tool, origin, C)
+        else:
+            free = np.append(np.zeros(n), np.full(3 - n, np.inf))
+            problem.AddPositionConstraint(
+                self._tool, origin, world, point - free, point + free
+            )
+            program.AddQuadraticErrorCost(np.eye(posture.size), posture, problem.q())
+        program.SetInitialGuess(problem.q(), guess)
+        result = Solve(program)
+        return np.array(result.GetSolution(problem.q())), result.is_success()
+
+    def Jacobian(self, q: Array) -> Array:
+        """Returns ToolJacobian(), and below it that of w_WT if a rotation is asked."""
+        self._plant.SetPositions(self._context, q)
+        J = ToolJacobian(self._plant, self._context, self.p.size)
+        if self._R is None:
+            return J
+        world = self._plant.world_frame()
+        Jw = self._plant.CalcJacobianAngularVelocity(
+            self._context, JacobianWrtVariable.kV, self._tool, world, world
         )
-    problem.get_mutable_prog().SetInitialGuess(problem.q(), guess)
-    result = Solve(problem.prog())
-    return np.array(result.GetSolution(problem.q())), result.is_success()
+        return np.vstack([J, Jw])
 
+    def Error(self, q: Array) -> Array:
+        """Returns what is missing to the point in m, and to the rotation in rad."""
+        self._plant.SetPositions(self._context, q)
+        pose = self._tool.CalcPoseInWorld(self._context)
+        error: Array = self.p - pose.translation()[: self.p.size]
+        if self._R is None:
+            return error
+        turn = RotationMatrix(self._R @ pose.rotation().matrix().T).ToAngleAxis()
+        return np.append(error, turn.angle() * turn.axis())
 
-def _ToolPosition(plant: MultibodyPlant, context: Context, q: Array) -> Array:
-    plant.SetPositions(context, q)
-    frame = plant.GetFrameByName(TOOL)
-    return np.array(frame.CalcPoseInWorld(context).translation())
+    def IsReached(self, q: Array) -> bool:
+        """Returns whether the tool is there, and the joints are within their limits."""
+        lower = self._plant.GetPositionLowerLimits()
+        upper = self._plant.GetPositionUpperLimits()
+        # Without a rotation the solver has seen to the limits.
+        is_within = self._R is None or bool(((lower <= q) & (q <= upper)).all())
+        return is_within and bool(np.linalg.norm(self.Error(q)) < _TOLERANCE)
 
-
-def _Jacobian(
-    plant: MultibodyPlant, context: Context, num_axes: int, R_WT: Array | None
-) -> Array:
-    """Returns ToolJacobian(), and below it that of w_WT where a rotation is asked."""
-    J = ToolJacobian(plant, context, num_axes)
-    if R_WT is None:
-        return J
-    world = plant.world_frame()
-    Jw = plant.CalcJacobianAngularVelocity(
-        context, JacobianWrtVariable.kV, plant.GetFrameByName(TOOL), world, world
-    )
-    return np.vstack([J, Jw])
-
-
-def _Error(
-    plant: MultibodyPlant, context: Context, p: Array, R_WT: Array | None, q: Array
-) -> Array:
-    """Returns what is missing to the point in m, and to the rotation in rad."""
-    error: Array = p - _ToolPosition(plant, context, q)[: p.size]
-    if R_WT is None:
-        return error
-    frame = plant.GetFrameByName(TOOL)
-    R = frame.CalcPoseInWorld(context).rotation().matrix()
-    turn = RotationMatrix(R_WT @ R.T).ToAngleAxis()
-    return np.append(error, turn.angle() * turn.axis())
-
-
-def _IsThere(
-    plant: MultibodyPlant, context: Context, p: Array, R_WT: Array | None, q: Array
-) -> bool:
-    error = _Error(plant, context, p, R_WT, q)
-    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    is_within = bool(((lower <= q) & (q <= upper)).all()) or R_WT is None
-    return is_within and bool(np.linalg.norm(error) < _TOLERANCE)
-
-
-def _Polish(
-    plant: MultibodyPlant, context: Context, p: Array, R_WT: Array | None, q: Array
-) -> Array:
-    for _ in range(3 if R_WT is None else _MOST_STEPS):
-        error = _Error(plant, context, p, R_WT, q)
-        step = np.linalg.pinv(_Jacobian(plant, context, p.size, R_WT)) @ error
-        longest = float(np.abs(step).max())
-        if R_WT is not None and longest > _LONGEST_STEP:
-            step *= _LONGEST_STEP / longest
-        q = q + step
-        if longest < _SHORTEST_STEP:
-            break
-    return q
+    def Polish(self, q: Array) -> Array:
+        """Returns q after some steps of Newton's method."""
+        for _ in range(3 if self._R is None else _MOST_STEPS):
+            step = np.linalg.pinv(self.Jacobian(q)) @ self.Error(q)
+            longest = float(np.abs(step).max())
+            if self._R is not None and longest > _LONGEST_STEP:
+                step *= _LONGEST_STEP / longest
+            q = q + step
+            if longest < _SHORTEST_STEP:
+                break
+        return q

@@ -44,11 +44,7 @@ class Puma560Config(DrivenArmConfig):
     """
 
     kind = "puma560"
-    default_gravity: ClassVar[tuple[float, float, float]] = (
-        0.0,
-        0.0,
-        -_STANDARD_GRAVITY,
-    )
+    default_gravity: ClassVar[tuple[float, float, float]] = (0, 0, -_STANDARD_GRAVITY)
 
     # The joint positions near which those at the start lie, rad, 6 entries.
     posture: np.ndarray | None = field(default_factory=_Nominal)
@@ -79,12 +75,8 @@ class Puma560Config(DrivenArmConfig):
     def _AddFriction(self, drive: JointDrive, plant: MultibodyPlant) -> None:
         if self.friction == 0:
             return
-        ratios = np.array(
-            [
-                abs(plant.get_joint_actuator(i).default_gear_ratio())
-                for i in plant.GetJointActuatorIndices()
-            ]
-        )
+        motors = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        ratios = np.array([abs(motor.default_gear_ratio()) for motor in motors])
         drive.friction = JointFriction(
             forward=self.friction * ratios * _COULOMB_FORWARD,
             backward=self.friction * ratios * _COULOMB_BACKWARD,

@@ -1,14 +1,13 @@
 """The thesis's robot on one axis."""
 
-import math
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.robots.base import Array, CheckStart, PlantRobotConfig
+from teleop_drake.robots.base import Array, PlantRobotConfig, PointOf
 from teleop_drake.robots.model_file import LoadModel, ReadModel
-from teleop_drake.validation import ScenarioError, Within
+from teleop_drake.validation import Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -18,34 +17,13 @@ class SliderConfig(PlantRobotConfig):
     kind = "slider"
 
     # Mass, kg, > 0. Null keeps the model's own.
-    mass: float | None = None
+    mass: float | None = Number(None, "kg", above=0)
     # Viscous damping of the rail, N s/m, >= 0. Null keeps the model's own.
-    damping: float | None = None
-
-    def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        with Within(path):
-            self._CheckOverrides()
-            self.JointPositions(self.start)
-
-    def _CheckOverrides(self) -> None:
-        mass, damping = self.mass, self.damping
-        if mass is not None and not 0 < mass < math.inf:
-            raise ScenarioError(f"mass: {mass!r} must be finite and > 0 kg")
-        if damping is not None and not 0 <= damping < math.inf:
-            raise ScenarioError(f"damping: {damping!r} must be finite and >= 0 N s/m")
+    damping: float | None = Number(None, "N s/m", minimum=0)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns the plant; see PlantRobotConfig.LoadPlant.
-
-        Raises:
-            ScenarioError: If a parameter is not allowed.
-        """
-        self._CheckOverrides()
+        """Returns the plant; see PlantRobotConfig.LoadPlant."""
+        self.CheckNumbers()
         model = ReadModel(self.kind)
         # Overrides go into the model's text, and so into every context of the plant.
         for value, path in (
@@ -59,9 +37,5 @@ class SliderConfig(PlantRobotConfig):
         return LoadModel(model, gravity)
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
-        """Returns the position of the carriage, which is the tool's.
-
-        Raises:
-            ScenarioError: If it is not a finite number.
-        """
-        return CheckStart(self, 1, p_WT)
+        """Returns the position of the carriage, which is the tool's."""
+        return PointOf(p_WT, 1)

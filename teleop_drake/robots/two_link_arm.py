@@ -1,4 +1,13 @@
-"""The thesis's planar arm."""
+"""The thesis's planar arm.
+
+Its model file has the masses, lengths and inertias of Appendix A, of which Drake makes
+
+    M(q) (A.1, A.2), C(q, q') (A.3, A.4), G(q) (A.5, A.6), J(q) (A.7, A.8),
+    p_WT(q) (A.13);
+
+c21 of (A.4) is misprinted in the thesis; see thesis/errata. The angles of a point,
+(A.14), stand here.
+"""
 
 import functools
 import math
@@ -9,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.robots.base import Array, CheckStart, PlantRobotConfig, ShowPoint
+from teleop_drake.robots.base import Array, PlantRobotConfig, PointOf
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.robots.model_file import LoadModel, ReadModel
-from teleop_drake.validation import ScenarioError, Within
+from teleop_drake.validation import CheckChoice, Refuse
 
 # Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow
 # at y < 0.
@@ -25,22 +34,13 @@ _MINIMUM_ELBOW_SINE = 0.05
 
 @dataclass(kw_only=True, eq=False)
 class TwoLinkArmConfig(PlantRobotConfig):
-    """Two equal links in the horizontal plane (thesis eq. 2.13 and Appendix A)."""
+    """Two equal links in the horizontal plane (thesis eq. 2.13; Appendix A)."""
 
     kind = "two_link_arm"
     is_frictionless: ClassVar[bool] = True
 
     # up (y > 0) or down (y < 0) at the start pose.
     elbow: str | None = None
-
-    def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        with Within(path):
-            self.JointPositions(self.start)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant."""
@@ -49,17 +49,11 @@ class TwoLinkArmConfig(PlantRobotConfig):
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the joint angles that put the tool at a point, (A.14).
 
-        Raises:
-            ScenarioError: If the point is out of reach, or a field is wrong. The arm
-                keeps |sin(q2)| >= 0.05, away from its singular poses, stretched and
-                folded.
+        The arm keeps |sin(q2)| >= 0.05, away from its singular poses, stretched and
+        folded.
         """
-        p = CheckStart(self, 2, p_WT)
-        if self.elbow not in _ELBOW_SIGNS:
-            allowed = " or ".join(_ELBOW_SIGNS)
-            raise ScenarioError(
-                f"elbow: {self.elbow!r} must be {allowed} for {self.kind}"
-            )
+        p = PointOf(p_WT, 2)
+        CheckChoice("elbow", self.elbow, _ELBOW_SIGNS)
         L1, L3 = _LinkLengths()
         cosine_limit = math.sqrt(1 - _MINIMUM_ELBOW_SINE**2)
         reach = math.hypot(*p)
@@ -68,12 +62,10 @@ class TwoLinkArmConfig(PlantRobotConfig):
             for sign in (-1, 1)
         )
         if not nearest <= reach <= farthest:
-            raise ScenarioError(
-                f"start: {ShowPoint(p_WT)} is {reach:.6g} m from the shoulder of "
-                f"{self.kind}; allowed is {nearest:.6g} to {farthest:.6g} m"
-            )
+            allowed = f"{nearest:.6g} to {farthest:.6g} m from the shoulder"
+            Refuse("start", p, f"{allowed}, not {reach:.6g} m")
         c2 = (reach**2 - L1**2 - L3**2) / (2 * L1 * L3)
-        s2 = _ELBOW_SIGNS[self.elbow] * math.sqrt(1 - c2**2)
+        s2 = _ELBOW_SIGNS[str(self.elbow)] * math.sqrt(1 - c2**2)
         q1 = math.atan2(p[1], p[0]) - math.atan2(L3 * s2, L1 + L3 * c2)
         return np.array([q1, math.atan2(s2, c2)])
 

@@ -176,7 +176,7 @@ class TrajectoryConfig(FixedFields):
             try:
                 robot.JointPositions(self.centre + share * self.amplitude)
             except ScenarioError as e:
-                reason = str(e).removeprefix("start: ")
+                reason = str(e).removeprefix("start = ")
                 raise ScenarioError(
                     f"trajectory.amplitude = {Show(self.amplitude)}: must keep the "
                     f"trajectory in reach ({reason})"

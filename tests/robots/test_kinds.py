@@ -17,5 +17,5 @@ def test_unknown_model(model, hint):
 
 
 def test_a_bad_field_has_its_path():
-    with pytest.raises(ScenarioError, match=r"^robot\.mass: -1 must be"):
+    with pytest.raises(ScenarioError, match=r"^robot\.mass = -1: must be"):
         MakeRobot(model="slider", start=[0.0], mass=-1)

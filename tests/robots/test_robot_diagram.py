@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from forced_robot import context_with_forces
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
@@ -9,13 +10,6 @@ from teleop_drake.robots import SliderConfig, TwoLinkArmConfig
 SLIDER = SliderConfig(start=[0.25])
 ARM = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")
 ROBOTS = pytest.mark.parametrize("config", [SLIDER, ARM], ids=["slider", "arm"])
-
-
-def context_with_forces(robot, F_c, F_e):
-    context = robot.CreateDefaultContext()
-    robot.GetInputPort("control_force").FixValue(context, F_c)
-    robot.GetInputPort("environment_force").FixValue(context, F_e)
-    return context
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """The Puma 560 pushes its needle through tissue on to bone."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -20,38 +19,13 @@ NAME = "puma560_insertion"
 DOCS = Path(teleop_drake.__file__).parent / "docs"
 
 
-def test_both_engines_run_it():
-    scenario = LoadScenario(NAME, {"controller.kind": "direct_force", "duration": 0.3})
-    ours, drakes = (simulate(scenario, engine=e) for e in ("compiled", "drake"))
-    for name in ("tool_position", "joint_position", "joint_torque"):
-        np.testing.assert_allclose(ours[name][-1], drakes[name][-1], atol=1e-7)
-
-
-@pytest.fixture(scope="module")
-def runs():
-    kinds = ("direct_force", "adaptive_backstepping")
-    scenarios = [LoadScenario(NAME, {"controller.kind": kind}) for kind in kinds]
-    return [simulate(scenario, engine="compiled") for scenario in scenarios]
-
-
-def test_it_settles_as_soon_as_the_page_says(runs):
-    times = [RunMetrics(run)["collision"]["settling_time"] for run in runs]
-    page = (DOCS / "robots.md").read_text()
-    first, second = (f"{time:.2f} s under" for time in times)
-    assert re.search(rf"settles within {first} direct force and\s+{second} the", page)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settling", "peak"),
     [
         (NAME, 0.706, 3.7427),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ("puma560_needle_insertion", 1.10, 7.5349),
-                ("puma560_wall_sliding", 2.41, 7.5864),
-            )
-        ),
+        ("puma560_needle_insertion", 1.10, 7.5349),
+        ("puma560_wall_sliding", 2.41, 7.5864),
     ],
 )
 def test_stiff_walls_leave_psi_above_its_limit(name, settling, peak):
@@ -68,13 +42,14 @@ def test_stiff_walls_leave_psi_above_its_limit(name, settling, peak):
         assert least > 5 * scenario.controller.minimum_psi
 
 
-def test_the_needle_keeps_its_direction(runs):
-    """To within a degree, though the law moves its tip only."""
-    plant = runs[0].scenario.robot.LoadPlant()
-    for run in runs:
-        first, *others = (ToolRotation(plant, q) for q in run["joint_position"][::10])
-        for R in others:
-            assert RotationMatrix(first.T @ R).ToAngleAxis().angle() < np.radians(1)
+def test_the_needle_keeps_its_direction():
+    """To within a degree, though the law moves its tip only, also on the bone."""
+    scenario = LoadScenario(NAME, {"duration": 4.5})
+    run, plant = simulate(scenario, engine="compiled"), scenario.robot.LoadPlant()
+    assert RunMetrics(run)["collision"]["peak_force"] > 4
+    first, *others = (ToolRotation(plant, q) for q in run["joint_position"][::10])
+    for R in others:
+        assert RotationMatrix(first.T @ R).ToAngleAxis().angle() < np.radians(1)
 
 
 def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
@@ -87,7 +62,7 @@ def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
         "environment.layers": [],
         "controller.kind": "direct_force",
         "robot.hold_frequency": 2.0,
-        "duration": 6.0,
+        "duration": 2.5,
     }
     run = simulate(LoadScenario(NAME, changes), engine="compiled")
     assert run.termination == "completed"
