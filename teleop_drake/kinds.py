@@ -88,37 +88,28 @@ class KindTable(Generic[_T]):
         return tuple(self._kinds.values())
 
     def Find(self, name: Any, path: str) -> type[_T]:
-        """Returns a kind by its name.
+        """Returns a kind by its name, or refuses it.
 
         Args:
             name: One of `names`, `module:Class`, or the name of an entry point.
             path: The field that names it, for messages.
-
-        Raises:
-            ScenarioError: If there is no such kind, or it is none of this seam.
         """
         if isinstance(name, str):
             if name in self._kinds:
                 return self._kinds[name]
-            if ":" in name:
-                return self._CheckBase(ImportOwn(name, path), name, path)
-            for entry in metadata.entry_points(group=ENTRY_POINT_GROUP, name=name):
-                return self._CheckBase(ImportOwn(entry.value, path), name, path)
+            entries = metadata.entry_points(group=ENTRY_POINT_GROUP, name=name)
+            places = [name] if ":" in name else [entry.value for entry in entries]
+            if places:
+                kind = ImportOwn(places[0], path)
+                if not (
+                    isinstance(kind, type)
+                    and issubclass(kind, self.base)
+                    and dataclasses.is_dataclass(kind)
+                ):
+                    base = f"{self.base.__module__}.{self.base.__qualname__}"
+                    Refuse(path, name, f"a dataclass that derives from {base}")
+                return cast(type[_T], kind)
         Refuse(path, name, f"{Choices(name, self._kinds)}, or module:Class of your own")
-
-    def _CheckBase(self, kind: Any, name: str, path: str) -> type[_T]:
-        if not (
-            isinstance(kind, type)
-            and issubclass(kind, self.base)
-            and dataclasses.is_dataclass(kind)
-        ):
-            Refuse(
-                path,
-                name,
-                f"a dataclass that derives from {self.base.__module__}."
-                f"{self.base.__qualname__}",
-            )
-        return cast(type[_T], kind)
 
 
 def ImportOwn(place: str, path: str) -> Any:

@@ -24,32 +24,13 @@ class ScenarioError(ValueError):
     """Bad input. Its text is one line: the field, its value and what is allowed."""
 
 
-def Number(
-    default: float | None,
-    unit: str = "",
-    *,
-    above: float | None = None,
-    minimum: float | None = None,
-    maximum: float | None = None,
-) -> Any:
-    """Returns a field of a config that has limits; FixedFields.CheckNumbers() holds it.
-
-    Args:
-        default: Its default.
-        unit: Its unit, for the message.
-        above: Lower bound that is not allowed itself.
-    """
-    limits = {"unit": unit, "above": above, "minimum": minimum, "maximum": maximum}
-    return field(default=default, metadata={_NUMBER: limits})
+def Number(default: float | None, unit: str = "", **bounds: float) -> Any:
+    """Returns a field with a unit and the bounds of CheckNumber; see FixedFields."""
+    return field(default=default, metadata={_NUMBER: {"unit": unit, **bounds}})
 
 
 def GainField(default: float | None, *, may_be_zero: bool = False) -> Any:
-    """Returns a field of a config that is a gain; FixedFields.CheckGains() holds it.
-
-    Args:
-        default: Its default.
-        may_be_zero: Whether the matrix may be semidefinite; else it is definite.
-    """
+    """Returns a field that is a gain, as CheckGain has it; see FixedFields."""
     return field(default=default, metadata={_GAIN: {"may_be_zero": may_be_zero}})
 
 
@@ -63,21 +44,13 @@ class FixedFields:
     """
 
     def CheckNumbers(self, path: str = "") -> None:
-        """Checks every field of Number(); null is allowed where its type has it.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field of Number(); null is allowed where its type has it."""
         for name, value, may_be_null, limits in self._FieldsOf(_NUMBER):
             if value is not None or not may_be_null:
                 CheckNumber(f"{path}.{name}" if path else name, value, **limits)
 
     def CheckGains(self, path: str, num_axes: int) -> None:
-        """Checks every field of GainField(); null is allowed where its type has it.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field of GainField(); null is allowed where its type has it."""
         for name, value, may_be_null, sign in self._FieldsOf(_GAIN):
             place = f"{path}.{name}"
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
@@ -94,11 +67,7 @@ class FixedFields:
         return [(name, getattr(self, name), *what) for name, *what in sorts]
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Sets a field.
-
-        Raises:
-            AttributeError: If there is no such field.
-        """
+        """Sets a field, or raises an AttributeError if there is no such field."""
         if not name.startswith("_") and not hasattr(type(self), name):
             known = [x.name for x in fields(self) if x.init]  # type: ignore[arg-type]
             if name not in known:
@@ -145,21 +114,13 @@ def Show(value: Any) -> str:
 
 
 def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
-    """Raises a ScenarioError.
-
-    Args:
-        allowed: What it must be, after "must be".
-    """
+    """Raises a ScenarioError that ends in "must be" and what is allowed."""
     raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
 
 
 @contextlib.contextmanager
 def Within(path: str) -> Iterator[None]:
-    """Puts the path of a config before the fields that are refused inside of it.
-
-    Raises:
-        ScenarioError: With the path, if one is raised without it.
-    """
+    """Puts the path of a config before the fields that are refused inside of it."""
     try:
         yield
     except ScenarioError as e:
@@ -186,43 +147,26 @@ def CheckNumber(
     value: Any,
     unit: str = "",
     *,
-    above: float | None = None,
-    minimum: float | None = None,
-    maximum: float | None = None,
+    above: float = -math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
 ) -> None:
     """Refuses what is not finite or not within the bounds; takes None for missing.
 
     Args:
         unit: Its unit, for the message.
         above: Lower bound that is not allowed itself.
-
-    Raises:
-        ScenarioError: If it is refused.
     """
-    bounds = []
-    if above is not None:
-        bounds.append(f"> {above:g}")
-    if minimum is not None:
-        bounds.append(f">= {minimum:g}")
-    if maximum is not None:
-        bounds.append(f"<= {maximum:g}")
-    allowed = ["a finite number", " and ".join(bounds), f"({unit})" if unit else ""]
-    if (
-        value is None
-        or not math.isfinite(value)
-        or (above is not None and value <= above)
-        or (minimum is not None and value < minimum)
-        or (maximum is not None and value > maximum)
-    ):
+    is_finite = value is not None and math.isfinite(value)
+    if not is_finite or value <= above or not minimum <= value <= maximum:
+        bounds = ((">", above), (">=", minimum), ("<=", maximum))
+        shown = " and ".join(f"{sign} {x:g}" for sign, x in bounds if math.isfinite(x))
+        allowed = ["a finite number", shown, f"({unit})" if unit else ""]
         Refuse(path, value, " ".join(filter(None, allowed)))
 
 
 def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
-    """Refuses what is not a vector of finite numbers; takes None for missing.
-
-    Raises:
-        ScenarioError: If it is refused.
-    """
+    """Refuses what is not a vector of finite numbers; takes None for missing."""
     if value is None or np.shape(value) != (size,) or not np.all(np.isfinite(value)):
         entries = "1 finite number" if size == 1 else f"{size} finite numbers"
         Refuse(path, value, f"a list of {entries} ({unit})")
@@ -247,9 +191,6 @@ def CheckGain(
     Args:
         may_be_zero: Whether the matrix may be semidefinite; else it is definite.
         may_be_null: Whether None is allowed, of which zeros are returned.
-
-    Raises:
-        ScenarioError: If it is refused.
     """
     n = num_axes
     if value is None and may_be_null:
@@ -266,7 +207,6 @@ def CheckGain(
             least = np.linalg.eigvalsh(matrix)[0]
             if least > 0 or (may_be_zero and least >= 0):
                 return matrix
-    sign = "not negative" if may_be_zero else "positive"
-    kind = "semidefinite" if may_be_zero else "definite"
-    matrix_kind = f"symmetric positive {kind} {n} x {n} matrix"
+    sign, kind = ("not negative", "semi") if may_be_zero else ("positive", "")
+    matrix_kind = f"symmetric positive {kind}definite {n} x {n} matrix"
     Refuse(path, value, f"{'null, ' * may_be_null}{sign}, or a {matrix_kind}")
