@@ -2,7 +2,7 @@
 
 Every number of the thesis's one-axis task stands below, next to the block it goes into.
 Run `python diagrams/one_dof_by_hand.py`: it draws the diagram beside this file (or into
-the file given as an argument) and simulates the first five seconds.
+the file given as an argument) and simulates the first two seconds.
 """
 
 import math
@@ -167,12 +167,12 @@ def main(picture: Path) -> None:
             max_step_size=0.05,
         ),
     )
-    simulator.AdvanceTo(5.0)
+    simulator.AdvanceTo(2.0)
     robot = diagram.GetSubsystemByName("robot")
     velocity = robot.GetOutputPort("tool_velocity").Eval(
         robot.GetMyContextFromRoot(simulator.get_context())
     )
-    print(f"tool velocity after 5 s: {1000 * velocity[0]:.4f} mm/s (commanded: 1)")
+    print(f"tool velocity after 2 s: {1000 * velocity[0]:.4f} mm/s (commanded: 1)")
 
 
 if __name__ == "__main__":

@@ -88,8 +88,8 @@ def test_the_committed_picture_shows_what_the_script_builds(run, script):
 
 def test_the_loop_by_hand_is_the_loop_of_the_scenario(run):
     _, lines = run(DIRECTORY / "one_dof_by_hand.py")
-    printed = float(re.fullmatch(r"tool velocity after 5 s: (\S+) mm/s .*", *lines)[1])
-    recording = simulate(LoadScenario("one_dof", {"duration": 5.0}))
+    printed = float(re.fullmatch(r"tool velocity after 2 s: (\S+) mm/s .*", *lines)[1])
+    recording = simulate(LoadScenario("one_dof", {"duration": 2.0}))
     expected = 1000 * recording.signals["tool_velocity"][-1, 0]
     assert printed == pytest.approx(expected, abs=1e-4)
 
@@ -139,7 +139,7 @@ def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):
     _, lines = run(DIRECTORY / "own_architecture.py")
     own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
     assert direct == pytest.approx(0.472, rel=0.02)
-    overrides = ["controller.kind=wave_variables", "duration=12.0"]
+    overrides = ["controller.kind=wave_variables", "duration=9.0"]
     overrides.append("controller.wave_variables.impedance=1.0")
     metrics = RunMetrics(simulate(LoadScenario("one_dof", overrides), engine="auto"))
     expected = 1000 * metrics["puncture"]["velocity_overshoot"]

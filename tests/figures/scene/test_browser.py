@@ -13,16 +13,11 @@ from scene_recordings import MakeRecording
 
 from teleop_drake.figures.scene import MakeReplay
 
-BROWSER = next(
-    filter(
-        None,
-        map(
-            shutil.which,
-            ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"),
-        ),
-    ),
-    None,
-)
+# The page is opened once for all that is asked of it.
+pytestmark = pytest.mark.xdist_group("browser")
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
 
 # Before everything else in the page: time goes by frame, as the test says, and it is
 # known when all objects have arrived.
@@ -55,7 +50,7 @@ LOOK = """
       tip: node(run + "/robot/tip").object.position.x,
       hand: node(run + "/hand").object.position.x,
       lag: document.querySelector(".lag").textContent,
-      picture: viewer.capture_image(320, 200),
+      picture: viewer.capture_image(160, 100),
     };
   });
   const play = document.getElementById("play");
@@ -99,7 +94,7 @@ def seen(tmp_path_factory):
     page = tmp_path_factory.mktemp("page") / "scene.html"
     text = replay.html.replace("<body>", "<body>" + CLOCK, 1)
     page.write_text(text, encoding="utf-8")
-    browser = module.Browser(page, (760, 360))
+    browser = module.Browser(page, (500, 200))
     try:
         assert browser.Evaluate(ARRIVED) == "0.000 s"
         return browser.Evaluate(LOOK)
