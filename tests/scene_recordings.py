@@ -5,6 +5,15 @@ import numpy as np
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario
 
+SOLVER = SolverStatistics(
+    engine="drake",
+    scheme="none",
+    accuracy=1.0,
+    steps=100,
+    derivative_evaluations=0,
+    wall_time_s=1.0,
+    real_time_factor=1.0,
+)
 SPEED = 0.001
 RETURN_DELAY = 0.2
 
@@ -44,14 +53,6 @@ def MakeRecording(name="one_dof", kind="direct_force", duration=2.0, **overrides
             "surgeon_mode": np.zeros((len(t), 1)),
         },
         events=[Event(name="contact", time=1.0)],
-        solver=SolverStatistics(
-            engine="drake",
-            scheme="none",
-            accuracy=1.0,
-            steps=100,
-            derivative_evaluations=0,
-            wall_time_s=1.0,
-            real_time_factor=duration,
-        ),
+        solver=SOLVER,
         surfaces=scenario.Surfaces(),
     )

@@ -100,64 +100,24 @@ def _Labels(svg: str) -> set[str]:
     }
 
 
-def test_dot_text_is_known_to_the_last_byte():
-    # The same for every version of Drake: nothing else ties the text to its bytes.
+def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
     builder = DiagramBuilder()
     first = builder.AddNamedSystem("first", Actuator())
     second = builder.AddNamedSystem("second", PassThrough(1))
     builder.Connect(first.GetOutputPort("push"), second.get_input_port())
     builder.Connect(second.get_output_port(), first.GetInputPort("demand"))
     builder.ExportOutput(second.get_output_port(), "result")
-    assert DiagramDot(builder.Build()).splitlines() == [
+    lines = DiagramDot(builder.Build()).splitlines()
+    assert lines[:6] == [
         "digraph _0 {",
         "rankdir=LR",
         'graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]',
         'node [fontname="Helvetica"]',
         "edge [arrowsize=0.8]",
         "subgraph cluster0diagram {",
-        "color=black",
-        "concentrate=true",
-        'label=<<TABLE BORDER="0"><TR><TD>',
-        "<B>Diagram</B>",
-        "</TD></TR></TABLE>>;",
-        "subgraph clusters0out {",
-        "rank=same",
-        "color=lightgrey",
-        "style=filled",
-        'label="output ports"',
-        "s0out [shape=none, label=<",
-        '<TABLE BORDER="0" COLOR="green" CELLSPACING="3" STYLE="rounded">',
-        '<TR><TD BORDER="1" PORT="0">result</TD></TR>',
-        "</TABLE>",
-        ">];",
-        "}",
-        "subgraph cluster0subsystems {",
-        "color=white",
-        'label=""',
-        "s1 [shape=none, border=0, label=<",
-        '<TABLE BORDER="0" CELLSPACING="0">',
-        '<TR><TD BORDER="1" COLSPAN="2">',
-        "<B>Actuator</B><BR/>",
-        "name=first",
-        "</TD></TR>",
-        "<TR>",
-        '<TD PORT="u0" BORDER="1" >demand</TD>',
-        '<TD PORT="y0" BORDER="1" >push</TD>',
-        "</TR>",
-        "</TABLE>",
-        ">];",
-        "s2 [shape=none, border=0, label=<",
-        '<TABLE BORDER="0" CELLSPACING="0">',
-        '<TR><TD BORDER="1" COLSPAN="2">',
-        "<B>PassThrough</B><BR/>",
-        "name=second",
-        "</TD></TR>",
-        "<TR>",
-        '<TD PORT="u0" BORDER="1" >u</TD>',
-        '<TD PORT="y0" BORDER="1" >y</TD>',
-        "</TR>",
-        "</TABLE>",
-        ">];",
+    ]
+    assert "<B>Actuator</B><BR/>" in lines  # Without its module.
+    assert lines[-12:] == [
         "s1:y0:e -> s2:u0:w [weight=10]",
         "s2_y0_turn [shape=point, width=0.02]",
         "{rank=same; s2; s2_y0_turn}",
@@ -177,7 +137,7 @@ def test_dot_text_is_the_same_in_every_build_and_process():
     expected = DiagramDot(MakeLoop())
     # Drake's own text differs here: it sorts connections by memory address and numbers
     # systems through the life of the process.
-    keep = [MakeLoop() for _ in range(20)]
+    keep = [MakeLoop() for _ in range(5)]
     assert MakeLoop().GetGraphvizString() != keep[0].GetGraphvizString()
     assert {DiagramDot(loop) for loop in keep} == {expected}
     # In a process whose sets have another order than those of this one.
@@ -221,13 +181,10 @@ def test_labels_that_look_like_markup_stay_labels():
     assert labels >= set(names) | {f"in {name}" for name in names}
 
 
-@pytest.mark.parametrize("max_depth", [1, None])
-def test_svg_shows_every_name(dot_on_path, max_depth):
-    labels = _Labels(RenderSvg(MakeLoop(), max_depth=max_depth))
+def test_svg_shows_every_name(dot_on_path):
+    labels = _Labels(RenderSvg(MakeLoop()))
     expected = {"loop", "Actuator", "demand", "push", "force"} | PORTS | PARTS
-    if max_depth is None:
-        expected |= INSIDE_MASS
-    assert expected <= labels
+    assert expected | INSIDE_MASS <= labels
     assert (dot_on_path is not None) == bool(
         dot_on_path and dot_on_path.read_text().startswith("-Tsvg")
     )
@@ -235,8 +192,9 @@ def test_svg_shows_every_name(dot_on_path, max_depth):
 
 def test_every_suffix_gives_a_file_of_its_kind(tmp_path):
     loop = MakeLoop()
-    for suffix in ("svg", "png", "pdf", "dot", "SVG"):
-        WriteDiagram(loop, tmp_path / f"loop.{suffix}")
+    names = {f"loop.{suffix}" for suffix in ("svg", "png", "pdf", "dot", "SVG")}
+    for name in names:
+        WriteDiagram(loop, tmp_path / name)
     assert (tmp_path / "loop.dot").read_text() == DiagramDot(loop)
     svg = (tmp_path / "loop.svg").read_text()
     assert svg == RenderSvg(loop) == (tmp_path / "loop.SVG").read_text()
@@ -248,9 +206,7 @@ def test_every_suffix_gives_a_file_of_its_kind(tmp_path):
     pdf = (tmp_path / "loop.pdf").read_bytes()
     assert pdf.startswith(b"%PDF-")
     assert _PdfText(pdf) == _Labels(svg) - {""}
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f"loop.{suffix}" for suffix in ("svg", "png", "pdf", "dot", "SVG")
-    }
+    assert {path.name for path in tmp_path.iterdir()} == names
 
 
 def test_levels_stand_beside_each_other_on_a_page():
@@ -305,19 +261,10 @@ def test_unknown_suffix_is_refused_before_anything_is_written(tmp_path):
         with pytest.raises(ValueError, match=r"ends in one of .svg, .png, .pdf"):
             WriteDiagram(MakeLoop(), tmp_path / name)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_path_that_cannot_be_written_is_named(tmp_path):
     missing = tmp_path / "missing" / "loop.dot"
     with pytest.raises(FileNotFoundError) as error:
         WriteDiagram(MakeLoop(), missing)
     assert error.value.filename == str(missing)
-    directory = tmp_path / "directory.dot"
-    directory.mkdir()
-    with pytest.raises(OSError) as error:
-        WriteDiagram(MakeLoop(), directory)
-    assert error.value.filename == str(directory)
-    assert list(tmp_path.iterdir()) == [directory]
 
 
 def test_without_any_renderer_the_error_names_the_remedies(monkeypatch, tmp_path):
