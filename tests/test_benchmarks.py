@@ -25,7 +25,7 @@ def _WithoutCollecting(monkeypatch):
 
 @pytest.mark.parametrize(
     "name",
-    Slow(["startup", "comparison", "delays"]),
+    Slow(["evaluation", "comparison", "delays", "startup"]),
 )
 def test_quick_tables_have_finite_numbers(name):
     tables = Measure([name], Options(quick=True))
@@ -101,7 +101,7 @@ def test_channels_agree_with_their_oracle(controller, kind):
     oracle = ChannelOracle(scenario)
     assert len(oracle.jumps) >= 2
     assert math.isfinite(oracle.perceived)
-    recording = simulate(scenario, engine="drake")
+    recording = simulate(scenario, engine="compiled")
     signals = {name: recording[name] for name in accuracy.SIGNALS}
     if kind != "variable" and controller == "direct_force":
         del signals["control_force"]

@@ -24,7 +24,7 @@ from pathlib import Path
 from benchmarks.options import Options
 from benchmarks.tables import Table
 
-BENCHMARKS = ("comparison", "delays", "startup")
+BENCHMARKS = ("comparison", "evaluation", "delays", "startup")
 
 
 def Measure(names: list[str], options: Options) -> list[Table]:

@@ -94,7 +94,7 @@ def test_list(capsys):
     for name in ScenarioNames():
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert LoadScenario(name).description in line
-    assert "Studies\n  league, sensitivity, tolerance\n" in out
+    assert "Studies\n  league, sample_period, sensitivity, tolerance\n" in out
     assert "direct_force, adaptive_backstepping, network_tracking" in out
     assert ", ".join(ARCHITECTURES[2:]) in out
     assert "slider, two_link_arm" in out

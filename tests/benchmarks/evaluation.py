@@ -1,0 +1,57 @@
+"""One evaluation of the derivatives, by whatever evaluates them."""
+
+from benchmarks import straightforward
+from benchmarks.comparison import CASES, DELAY
+from benchmarks.contenders import Load
+from benchmarks.options import Options
+from benchmarks.tables import Table
+from benchmarks.timing import Alternate
+
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.simulation import MakeDiagram
+
+
+def Measure(options: Options) -> list[Table]:
+    num_calls = 100 if options.quick else 2000
+    table = Table(
+        name="evaluation",
+        title=f"One evaluation of the derivatives, {DELAY:g} s each way",
+        note="CPU time of one of many, medians of alternating loops; the compiled ones "
+        "have steps of 0.1 ms between them. The straightforward blocks are 1.",
+    )
+    for (task, controller), title in CASES.items():
+        scenario = Load(task, controller, DELAY)
+        plain, _ = straightforward.MakeDiagram(
+            scenario, lambda delay, value: straightforward.Delay(delay, value, 0.01)
+        )
+        ours = MakeDiagram(scenario)
+        run = CompiledRun(
+            ours, ours.CreateDefaultContext(), end=1e3, accuracy=1.0, max_step=1e-4
+        )
+        run.Advance(1e-3)  # Compiles.
+        calls = {
+            "straightforward": lambda plain=plain: _InDrake(plain, num_calls),
+            "package, in Drake": lambda ours=ours: _InDrake(ours, num_calls),
+            "package, compiled": lambda run=run: _Compiled(run, num_calls),
+        }
+        measured = Alternate(calls, options.repeats)
+        cost = {name: x.cpu / x.value for name, x in measured.items()}
+        for name, seconds in cost.items():
+            ratio = seconds / cost["straightforward"]
+            table.Add(case=title, contender=name, us=1e6 * seconds, ratio=ratio)
+    return [table]
+
+
+def _InDrake(diagram, num_calls: int) -> int:
+    context = diagram.CreateDefaultContext()
+    for k in range(num_calls):
+        context.SetTime(1e-4 * k)  # So that nothing is cached.
+        context.get_mutable_continuous_state_vector()
+        diagram.EvalTimeDerivatives(context)
+    return num_calls
+
+
+def _Compiled(run: CompiledRun, num_calls: int) -> int:
+    before, start = run.num_evaluations, run.time
+    run.Advance(start + 1e-3 * num_calls)
+    return run.num_evaluations - before
