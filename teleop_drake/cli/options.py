@@ -260,38 +260,32 @@ def AddEngineOption(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def Load(args: argparse.Namespace, *more: str) -> "AnyScenario":
+def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScenario":
     """Returns the scenario with all overrides of the command line.
 
+    Args:
+        is_run: Whether it is going to be simulated.
+
     Raises:
-        BadInput: If the scenario is not valid.
+        BadInput: If the scenario is not valid, or would take too long to simulate.
     """
-    from teleop_drake.scenario import LoadScenario
+    from teleop_drake.scenario import CheckSteps, LoadScenario
     from teleop_drake.tasks import TaskOf
 
     try:
         scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
         # Loading checks each parameter, but not what derives from others.
         TaskOf(scenario).Check(scenario)
+        if is_run:
+            CheckSteps(scenario)
     except ValueError as e:  # ScenarioError is one.
         raise BadInput(e) from None
     return scenario
 
 
 def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
-    """Returns the scenario as Load does, if it can be simulated in acceptable time.
-
-    Raises:
-        BadInput: If the scenario is not valid, or would take too long.
-    """
-    from teleop_drake.scenario import CheckSteps
-
-    scenario = Load(args, *more)
-    try:
-        CheckSteps(scenario)
-    except ValueError as e:
-        raise BadInput(e) from None
-    return scenario
+    """Returns the scenario as Load does, if it can be simulated in acceptable time."""
+    return Load(args, *more, is_run=True)
 
 
 def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:

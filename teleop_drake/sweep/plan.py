@@ -1,6 +1,5 @@
 """The plan of a sweep: its grid, checked before anything runs."""
 
-import contextlib
 import hashlib
 import itertools
 import json
@@ -226,34 +225,26 @@ def _HashFiles(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
     """Returns whether any run may depend on a seed."""
+    ways = ALIASES["channel"]
+    kinds = {"channel", *ways, *(f"{way}.kind" for way in ways)}
     channels = TaskOf(scenario).Channels(scenario).values()
-    return any(channel.draws_random_numbers for channel in channels) or any(
-        key in _CHANNEL_KINDS for key in axes
-    )
-
-
-_CHANNEL_KINDS = [
-    path
-    for channel in ("forward_channel", "return_channel")
-    for path in (channel, f"{channel}.kind")
-]
+    return not kinds.isdisjoint(axes) or any(x.draws_random_numbers for x in channels)
 
 
 def _CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
     if isinstance(values, str):
         raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
-    plain = [_ToPlain(value) for value in values]
-    if not plain:
-        raise SweepError(f"grid.{key} = []: must have at least one value")
     try:
-        json.dumps(plain, allow_nan=False)
-    except (TypeError, ValueError):
+        plain: list[Any] = _ToPlain(list(values), allow_nan=False)
+    except ValueError:
         raise SweepError(
             f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
             "dicts only"
         ) from None
+    if not plain:
+        raise SweepError(f"grid.{key} = []: must have at least one value")
     # 1 and 1.0 are one value, 1 and true are two.
-    texts = [json.dumps(_WithFloats(value)) for value in plain]
+    texts = [json.dumps(x) for x in json.loads(json.dumps(plain), parse_int=float)]
     text, count = Counter(texts).most_common(1)[0]
     if count > 1:
         text = json.dumps(plain[texts.index(text)])
@@ -323,27 +314,17 @@ def _CheckValues(
     return first_valid if first_valid is not None else load(overrides)
 
 
-def _ToPlain(value: Any) -> Any:
-    """Returns a value without numpy, as JSON would give it back."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_ToPlain(item) for item in value]
-    if isinstance(value, Mapping):
-        return {str(key): _ToPlain(item) for key, item in value.items()}
-    return value
+def _ToPlain(value: Any, **options: Any) -> Any:
+    """Returns a value without numpy, as JSON gives it back.
 
-
-def _WithFloats(value: Any) -> Any:
-    """Returns a plain value whose numbers are floats, as far as they can be."""
-    if isinstance(value, list):
-        return [_WithFloats(item) for item in value]
-    if isinstance(value, dict):
-        return {key: _WithFloats(item) for key, item in value.items()}
-    if isinstance(value, int) and not isinstance(value, bool):
-        with contextlib.suppress(OverflowError):
-            return float(value)
-    return value
+    Raises:
+        ValueError: If it cannot.
+    """
+    try:
+        text = json.dumps(value, default=lambda x: x.tolist(), **options)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(str(error)) from None
+    return json.loads(text)
 
 
 def _Override(path: str, value: Any) -> str:

@@ -11,20 +11,12 @@ from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.tasks import TaskOf
 
 CHANNEL_METRICS = {
-    "sent": "",
-    "received": "",
-    "lost": "",
-    "loss_rate": "",
-    "reordered": "",
-    "late": "",
-    "delay_mean": "s",
-    "delay_minimum": "s",
-    "delay_median": "s",
-    "delay_p95": "s",
-    "delay_p99": "s",
-    "delay_maximum": "s",
-    "age_mean": "s",
-    "age_maximum": "s",
+    **dict.fromkeys(("sent", "received", "lost", "loss_rate", "reordered", "late"), ""),
+    **{
+        f"delay_{name}": "s"
+        for name in ("mean", "minimum", "median", "p95", "p99", "maximum")
+    },
+    **{"age_mean": "s", "age_maximum": "s"},
 }
 """What becomes of the packets of a network channel, see PacketStatistics. In a table
 the names begin with that of the channel, as in `forward_channel.age_mean`."""

@@ -5,24 +5,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.options import (
-    AddEngineOption,
-    AddFigureOptions,
-    AddGridOptions,
-    AddHtmlOption,
-    AddRunOptions,
-    AddScenarioOptions,
-    CheckSignals,
-    ControllersOf,
-    FigureOptionsOf,
-    FormatsOf,
-    GridOf,
-    Load,
-    LoadToRun,
-    OverridesOf,
-)
-from teleop_drake.cli.output import CheckHtml, CheckJson, PrepareFolder, WriteJson
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import Headline, SeedsTable, Table
 
@@ -37,12 +21,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "VALUES are START:STOP:COUNT or A,B,... in YAML. Values that are varied are "
         "those of the scenario's own controller, or with --controllers of each."
     )
-    AddScenarioOptions(parser, has_controller=False)
-    AddGridOptions(parser)
-    AddEngineOption(parser)
-    AddFigureOptions(parser)
-    AddHtmlOption(parser)
-    AddRunOptions(
+    options.AddScenarioOptions(parser, has_controller=False)
+    options.AddGridOptions(parser)
+    options.AddEngineOption(parser)
+    options.AddFigureOptions(parser)
+    options.AddHtmlOption(parser)
+    options.AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
         "and nothing else there",
@@ -57,14 +41,14 @@ def Execute(args: argparse.Namespace) -> int:
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
-    controllers = list(TaskOf(Load(args)).controllers)
+    controllers = list(TaskOf(options.Load(args)).controllers)
     if not controllers:
         raise BadInput(
             f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
             "controllers; tracking has one only"
         )
     if args.controllers is not None:
-        controllers = ControllersOf(args.controllers)
+        controllers = options.ControllersOf(args.controllers)
     elif args.vary:
         controllers = []
     if args.seeds is not None:
@@ -73,17 +57,17 @@ def Execute(args: argparse.Namespace) -> int:
                 raise BadInput(f"--{option}: must be left out with --seeds")
         if args.seeds < 2:
             raise BadInput(f"--seeds = {args.seeds}: must be 2 or more")
-    CheckJson(args.json)
-    CheckHtml(args.html)
+    output.CheckJson(args.json)
+    output.CheckHtml(args.html)
     overrides = [  # The controllers that are compared replace a given one.
         text
-        for text in OverridesOf(args)
+        for text in options.OverridesOf(args)
         if not controllers or text.partition("=")[0].strip() != "controller.kind"
     ]
     try:
         plan = PlanSweep(
             args.scenario,
-            GridOf(args, controllers),
+            options.GridOf(args, controllers),
             overrides=overrides,
             engine=args.engine,
         )
@@ -98,13 +82,15 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates each point of the grid once and puts the runs side by side."""
     from teleop_drake.sweep.plan import PointOverrides
 
-    formats, options = FormatsOf(args), FigureOptionsOf(args)
+    formats, drawing = options.FormatsOf(args), options.FigureOptionsOf(args)
     names = _Names(plan)
-    scenarios = [LoadToRun(args, *PointOverrides(point)) for point in plan.points]
+    scenarios = [
+        options.LoadToRun(args, *PointOverrides(point)) for point in plan.points
+    ]
     for scenario in scenarios:
-        CheckSignals(args, scenario)
+        options.CheckSignals(args, scenario)
     name = scenarios[0].name
-    paths = PrepareFolder(
+    paths = output.PrepareFolder(
         args.out,
         *(f"{name}_comparison.{suffix}" for suffix in formats),
         *(f"{name}_{stem}.npz" for stem in names),
@@ -125,7 +111,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     records = [RunSummary(recording) for recording in recordings.values()]
     shown = {label.replace("_", " "): x for label, x in recordings.items()}
     try:
-        figure = PlotComparison(shown, **options)
+        figure = PlotComparison(shown, **drawing)
     except (KeyError, ValueError) as e:
         raise BadInput(e) from None
     for path in figure_paths:
@@ -135,7 +121,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
 
         MakeReplay(shown).Save(args.html)
     if args.json is not None:
-        WriteJson(args.json, records)
+        output.WriteJson(args.json, records)
     if args.json != "-":
         for recording in recordings.values():
             print(Headline(recording))
@@ -175,8 +161,8 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
 def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates the scenario with each controller over the same seeds."""
     stem = f"{plan.scenario.name}_seeds"
-    figure_paths = PrepareFolder(
-        args.out, *(f"{stem}.{suffix}" for suffix in FormatsOf(args))
+    figure_paths = output.PrepareFolder(
+        args.out, *(f"{stem}.{suffix}" for suffix in options.FormatsOf(args))
     )
 
     from teleop_drake.figures.runs import SaveFigure
@@ -191,7 +177,7 @@ def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
         SaveFigure(figure, path)
     tables = WriteTables(result, Path(args.out), f"{stem}_")
     if args.json is not None:
-        WriteJson(args.json, result.records)
+        output.WriteJson(args.json, result.records)
     if args.json != "-":
         print(SeedsTable(result, metrics))
         print("Written:", ", ".join(map(str, [*figure_paths, *tables])))

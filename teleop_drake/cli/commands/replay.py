@@ -4,14 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.options import (
-    OVERRIDES,
-    AddEngineOption,
-    AddScenarioOptions,
-    ControllersOf,
-    LoadToRun,
-)
 from teleop_drake.cli.output import CheckHtml
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.server import PageServer, PortOf
@@ -24,7 +18,7 @@ _SUFFIX = ".npz"
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    AddScenarioOptions(parser)
+    options.AddScenarioOptions(parser)
     parser.add_argument(
         "more",
         nargs="*",
@@ -38,7 +32,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="simulate with each of these controllers and show them one below the "
         "other; `all`: every architecture",
     )
-    AddEngineOption(parser)
+    options.AddEngineOption(parser)
     parser.add_argument(
         "--out",
         metavar="FILE.html",
@@ -108,15 +102,17 @@ def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
             f"FILE.npz = {args.more[0]!r}: must be left out after a scenario"
         )
     if args.controllers is None:
-        scenarios = [LoadToRun(args)]
+        scenarios = [options.LoadToRun(args)]
     else:
         if args.controller is not None:
             raise BadInput(
                 f"--controller = {args.controller!r}: must be left out with "
                 "--controllers"
             )
-        kinds = ControllersOf(args.controllers)
-        scenarios = [LoadToRun(args, f"controller.kind={kind}") for kind in kinds]
+        kinds = options.ControllersOf(args.controllers)
+        scenarios = [
+            options.LoadToRun(args, f"controller.kind={kind}") for kind in kinds
+        ]
     recordings: dict[str, Recording] = {}
     for scenario in scenarios:
         recording = Simulate(scenario, args.quiet, args.engine)
@@ -130,7 +126,7 @@ def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
     """Returns recordings by their controllers, or by their files where these agree."""
     from teleop_drake.recording import LoadRecording
 
-    for option in (*OVERRIDES, "controllers", "set"):
+    for option in (*options.OVERRIDES, "controllers", "set"):
         value = getattr(args, option, None)
         if value:
             name = "--" + option.replace("_", "-")

@@ -5,26 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.options import (
-    AddEngineOption,
-    AddFigureOptions,
-    AddHtmlOption,
-    AddRunOptions,
-    AddScenarioOptions,
-    CheckSignals,
-    FigureOptionsOf,
-    FormatsOf,
-    LoadToRun,
-)
-from teleop_drake.cli.output import (
-    CheckHtml,
-    CheckJson,
-    PrepareFolder,
-    ToJson,
-    WriteJson,
-    WriteText,
-)
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
 
@@ -34,11 +16,11 @@ if TYPE_CHECKING:
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    AddScenarioOptions(parser)
-    AddEngineOption(parser)
-    AddFigureOptions(parser)
-    AddHtmlOption(parser)
-    AddRunOptions(
+    options.AddScenarioOptions(parser)
+    options.AddEngineOption(parser)
+    options.AddFigureOptions(parser)
+    options.AddHtmlOption(parser)
+    options.AddRunOptions(
         parser,
         json_help="write the metrics as JSON; `-`: to stdout, and nothing else there",
         out_help="write recording (.npz), figures and metrics (.json) there",
@@ -48,13 +30,13 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario, writes and prints what comes out."""
-    scenario = LoadToRun(args)
-    CheckSignals(args, scenario)
+    scenario = options.LoadToRun(args)
+    options.CheckSignals(args, scenario)
     stem = f"{scenario.name}_{scenario.controller.kind}"
-    CheckJson(args.json)
-    CheckHtml(args.html)
-    formats, options = FormatsOf(args), FigureOptionsOf(args)
-    recording_path, summary_path, *figure_paths = PrepareFolder(
+    output.CheckJson(args.json)
+    output.CheckHtml(args.html)
+    formats, drawing = options.FormatsOf(args), options.FigureOptionsOf(args)
+    recording_path, summary_path, *figure_paths = output.PrepareFolder(
         args.out,
         *(f"{stem}.npz", f"{stem}.json"),
         *(f"{stem}.{suffix}" for suffix in formats),
@@ -67,14 +49,14 @@ def Execute(args: argparse.Namespace) -> int:
     written = []
     if args.out is not None:
         recording.Save(recording_path)
-        WriteText(summary_path, ToJson(record))
+        output.WriteText(summary_path, output.ToJson(record))
         written = [recording_path, *figure_paths, summary_path]
-        written += _Draw(recording, figure_paths, options)
+        written += _Draw(recording, figure_paths, drawing)
     if args.html is not None:
         recording.Animate().Save(args.html)
         written.append(args.html)
     if args.json is not None:
-        WriteJson(args.json, record)
+        output.WriteJson(args.json, record)
     if args.json != "-":
         print(Headline(recording))
         print(Table({record["controller"]: recording}, [record]))
@@ -84,7 +66,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _Draw(
-    recording: "Recording", paths: Sequence[Path], options: Mapping[str, Any]
+    recording: "Recording", paths: Sequence[Path], drawing: Mapping[str, Any]
 ) -> list[Path]:
     """Draws a run, and its networks if it has any.
 
@@ -98,14 +80,14 @@ def _Draw(
     from teleop_drake.figures.runs import PlotRun, SaveFigure
 
     try:
-        figure = PlotRun(recording, **options)
+        figure = PlotRun(recording, **drawing)
     except (KeyError, ValueError) as e:
         raise BadInput(e) from None
     for path in paths:
         SaveFigure(figure, path)
     if not HasNetwork(recording):
         return []
-    network = PlotNetwork(recording, columns=options["columns"])
+    network = PlotNetwork(recording, columns=drawing["columns"])
     network_paths = [path.with_stem(f"{path.stem}_network") for path in paths]
     for path in network_paths:
         SaveFigure(network, path)

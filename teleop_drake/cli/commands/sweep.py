@@ -7,19 +7,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import DONE, FAILED, INTERRUPTED, BadInput, Fail
-from teleop_drake.cli.options import (
-    OVERRIDES,
-    AddEngineOption,
-    AddFormatOption,
-    AddGridOptions,
-    AddRunOptions,
-    AddScenarioOptions,
-    ChannelOverrides,
-    ControllersOf,
-    FormatsOf,
-    GridOf,
-)
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import SeedsTable
@@ -41,8 +30,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "overrides, engine and metrics. It takes none of the options for these, and "
         "has a folder for each scenario."
     )
-    AddScenarioOptions(parser, has_controller=False, is_sweep=True)
-    AddGridOptions(parser)
+    options.AddScenarioOptions(parser, has_controller=False, is_sweep=True)
+    options.AddGridOptions(parser)
     parser.add_argument(
         "--metrics",
         metavar="A,B,...",
@@ -81,9 +70,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="do only what is missing in --out"
     )
-    AddEngineOption(parser)
-    AddFormatOption(parser)
-    AddRunOptions(
+    options.AddEngineOption(parser)
+    options.AddFormatOption(parser)
+    options.AddRunOptions(
         parser,
         json_help="write a list with the records of all runs as JSON; `-`: to stdout, "
         "and nothing else there",
@@ -107,7 +96,7 @@ def Execute(args: argparse.Namespace) -> int:
 
     _CheckOptions(args)
     CheckJson(args.json)
-    formats = FormatsOf(args)
+    formats = options.FormatsOf(args)
     num_finished = num_runs = 0
 
     def Notice(text: str) -> None:
@@ -210,10 +199,10 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
-    overrides = ChannelOverrides(args)
+    overrides = options.ChannelOverrides(args)
     for option in ("duration", "accuracy"):
         if getattr(args, option) is not None:
-            overrides.append(f"{OVERRIDES[option][0]}={getattr(args, option)}")
+            overrides.append(f"{options.OVERRIDES[option][0]}={getattr(args, option)}")
     delays = [
         (key, getattr(args, key))
         for key in ("delay", "forward_delay", "return_delay")
@@ -222,7 +211,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     given = {item.partition("=")[0].strip() for item in [*args.vary, *args.set]}
     controllers: list[str] = []
     if args.controllers is not None:
-        controllers = ControllersOf(args.controllers)
+        controllers = options.ControllersOf(args.controllers)
     elif not given & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
@@ -230,7 +219,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
             controllers = list(CONTROLLERS)
     return PlanSweep(
         args.scenario,
-        GridOf(args, controllers, *delays),
+        options.GridOf(args, controllers, *delays),
         overrides=[*overrides, *args.set],
         engine=args.engine,
     )
