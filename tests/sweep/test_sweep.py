@@ -49,8 +49,8 @@ from teleop_drake.tasks.metrics import RunSummary
 # They use the same worker processes.
 pytestmark = pytest.mark.xdist_group("sweep")
 
-SHORT = {"duration": 0.2, "simulator.accuracy": 1e-5}
-OPTIONS = ["--duration", "0.2", "--accuracy", "1e-5", "--engine", "drake"]
+SHORT = {"duration": 0.02, "simulator.accuracy": 1e-5}
+OPTIONS = ["--duration", "0.02", "--accuracy", "1e-5", "--engine", "drake"]
 
 # What can run so soon is not worth compiling.
 Sweep, PlanSweep = (
@@ -164,39 +164,34 @@ def test_a_file_with_a_trace_can_be_swept(threads):
 
 
 def test_tracking_can_be_swept(threads):
-    result = Sweep(
-        "network_tracking_linear",
-        {"disturbance.gain": [1.0, 2.0]},
-        overrides=SHORT,
-        executor=threads,
-    )
+    grid = {"disturbance.gain": [1.0, 2.0]}
+    name = "network_tracking_linear"
+    result = Sweep(name, grid, overrides=SHORT, executor=threads)
     names = list(MetricUnits(result.scenario))
     assert set(FlattenMetrics(result.records[0]["metrics"])) == set(names)
-    assert PlotSweep(result, "rms_error.x").axes[0].get_xlabel() == "disturbance gain"
     with pytest.raises(ScenarioError, match="forward_channel"):
-        PlanSweep("network_tracking_linear", {"delay": [0.1]})
+        PlanSweep(name, {"delay": [0.1]})
 
 
 def test_the_packets_of_network_channels_can_be_swept(threads):
+    channel = {"kind": "network", "delay": 0.1, "sample_period": 0.01}
+    jitter = [{"kind": "gamma", "std": std} for std in (0.005, 0.02)]
     result = Sweep(
         "one_dof",
-        {"forward_channel.jitter.std": [0.005, 0.02]},
-        overrides={
-            **SHORT,
-            "duration": 1.0,
-            "forward_channel.kind": "network",
-            "forward_channel.sample_period": 0.01,
-            "forward_channel.jitter.kind": "gamma",
-        },
+        {"channel": [channel | {"jitter": x} for x in jitter], "seed": [0, 1]},
+        overrides={**SHORT, "duration": 1.0},
+        engine="auto",
         executor=threads,
     )
-    spread = result.Values("forward_channel.delay_p95") - result.Values(
-        "forward_channel.delay_minimum"
-    )
-    assert 0 < spread[0] < spread[1]
+    ends = [result.Values(f"forward_channel.delay_{x}") for x in ("p95", "minimum")]
+    spread = ends[0] - ends[1]
+    assert (spread[0] > 0).all() and (spread[0] < spread[1]).all()
+    assert len(set(result.Values("velocity_rms_error.x").ravel())) == 4
+    for record in result.records:
+        assert record["forward_delay"] == record["return_delay"] == 0.1
     assert result.Table()[1]["forward_channel.age_mean"] > 0.05
-    axes = PlotSweep(result, "forward_channel.age_mean").axes[0]
-    assert "age mean" in axes.get_ylabel()
+    # Where the kind of channel varies, some runs depend on a seed.
+    PlanSweep("one_dof", {"forward_channel.kind": ["transport"], "seed": [0, 1]})
 
 
 def test_all_scalar_metrics_have_names():
@@ -249,7 +244,6 @@ def test_bad_grids(grid, message):
     ("first", "second"),
     [
         ("layers.bone.stiffness", "layers.2.stiffness"),
-        ("layers.02.stiffness", "layers.2.stiffness"),
         ("layers.2.stiffness", "layers.bone"),
     ],
 )
@@ -266,13 +260,6 @@ def test_two_names_of_a_field_are_refused(first, second):
 
 
 def test_two_names_of_a_field_that_is_set_are_refused():
-    message = "must leave environment.layers.bone.stiffness alone, overrides sets it"
-    with pytest.raises(SweepError, match=message):
-        PlanSweep(
-            "one_dof",
-            {"environment.layers.2.stiffness": [100.0, 200.0]},
-            overrides={"environment.layers.bone.stiffness": 300.0},
-        )
     message = "grid.return_delay: must leave return_channel.delay alone, overrides sets"
     with pytest.raises(SweepError, match=message):
         PlanSweep("one_dof", {"return_delay": [0.1, 0.2]}, overrides={"delay": 0.3})
@@ -386,7 +373,7 @@ def test_files(threads):
 
 def test_resume_does_only_the_rest(threads):
     grid = {"robot.mass": [1.0, 2.0, 3.0, 4.0]}
-    kwargs = {"overrides": SHORT, "executor": threads}
+    kwargs = {"overrides": SHORT, "executor": threads, "engine": "auto"}
     Sweep("one_dof", grid, out="whole", **kwargs)
     Sweep("one_dof", grid, out="torn", resume=True, **kwargs)
     expected = Files("whole")
@@ -465,15 +452,12 @@ def test_folders_that_are_refused(threads):
     Refused("out = 'file': must be a folder", out="file")
 
 
-@pytest.mark.parametrize("jobs", [0, -1])
-def test_bad_jobs(jobs):
-    with pytest.raises(SweepError, match=f"jobs = {jobs}: must be 1 or more"):
-        Sweep("one_dof", {"robot.mass": [1.0]}, jobs=jobs)
-
-
-def test_jobs_are_those_of_the_executor(threads):
+def test_bad_jobs(threads):
+    grid = {"robot.mass": [1.0]}
+    with pytest.raises(SweepError, match="jobs = 0: must be 1 or more"):
+        Sweep("one_dof", grid, jobs=0)
     with pytest.raises(SweepError, match="jobs = 1: must be None"):
-        Sweep("one_dof", {"robot.mass": [1.0]}, jobs=1, executor=threads)
+        Sweep("one_dof", grid, jobs=1, executor=threads)
 
 
 # The command.
@@ -482,10 +466,13 @@ def test_jobs_are_those_of_the_executor(threads):
 COMMAND = [sys.executable, "-m", "teleop_drake", "sweep", "one_dof", *OPTIONS]
 
 
-def Start(*options):
+def Start(*options, duration="0.2"):
     """Starts a sweep in a process of its own, and waits for some runs."""
     process = subprocess.Popen(
-        [*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*COMMAND, "--duration", duration, *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     file = Path("out/runs.jsonl")
     deadline = time.monotonic() + 600  # Of a machine that does not get there.
@@ -531,8 +518,9 @@ def test_kill_and_resume():
 
     with open("out/runs.jsonl", "ab") as file:
         file.write(b'{"run": 23, "varied": {"contr')
-    assert main(["sweep", "one_dof", *OPTIONS, *options, "out", "--resume"]) == 0
-    assert main(["sweep", "one_dof", *OPTIONS, *options, "whole"]) == 0
+    sweep = ["sweep", "one_dof", *OPTIONS, "--duration", "0.2", *options]
+    assert main([*sweep, "out", "--resume"]) == 0
+    assert main([*sweep, "whole"]) == 0
     assert Files("out") == Files("whole")
     assert {"runs.csv", "metrics.png"} <= set(Files("whole"))
     assert set(finished) <= set(Files("whole")["runs.jsonl"].splitlines())
@@ -552,7 +540,7 @@ def test_ctrl_c_keeps_what_is_finished():
     )
 
 
-def test_command(capsys, monkeypatch):
+def test_command(capsys, monkeypatch, in_this_process, unrendered):
     options = ["--vary", "environment.layers.tissue.stiffness=0.01,0.02", "--json", "-"]
     command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--jobs", "1"]
     command.append("--quiet")  # On a slow machine there is progress to show.
@@ -668,21 +656,6 @@ def test_the_controllers_are_a_choice():
         "seed": [0, 1],
     }
     assert Axes(scenario="network_tracking_linear") == {}
-
-
-def test_seeds(threads):
-    overrides = SHORT | {
-        "forward_channel.kind": "network",
-        "forward_channel.sample_period": 0.005,
-        "forward_channel.loss": {"kind": "independent", "probability": 0.3},
-    }
-    grid = {"delay": [0.02, 0.03], "seed": [0, 1, 2]}
-    result = Sweep("one_dof", grid, overrides=overrides, executor=threads)
-    errors = result.Values("velocity_rms_error.x")
-    assert len(set(errors.ravel())) == 6
-    assert PlotSweep(result, "velocity_rms_error.x").axes[0].collections
-    # Where the kind of channel varies, some runs depend on it.
-    PlanSweep("one_dof", {"forward_channel.kind": ["transport"], "seed": [0, 1]})
 
 
 @pytest.mark.parametrize(
@@ -866,11 +839,11 @@ def test_more_that_varies():
 
 def test_words_that_look_like_a_formula(tmp_path):
     """Between dollars matplotlib reads a formula, and would fail when all is done."""
-    for value in (r"$\frac{$", "$", "a $b^$ c"):
-        texts = {"source": [value, "else"], "description": [value, "other"]}
-        result = MakeResult({"delay": [1, 2], **texts}, lambda **point: Outcome(1.0))
-        SaveFigure(PlotSweep(result, "collision.peak_force"), tmp_path / "a.png")
-        SaveFigure(PlotStability(result), tmp_path / "b.png")
+    value = r"$\frac{$ a $b^$ c"
+    texts = {"source": [value, "else"], "description": [value, "other"]}
+    result = MakeResult({"delay": [1, 2], **texts}, lambda **point: Outcome(1.0))
+    SaveFigure(PlotSweep(result, "collision.peak_force"), tmp_path / "a.png")
+    SaveFigure(PlotStability(result), tmp_path / "b.png")
 
 
 def test_words_instead_of_numbers():
