@@ -11,7 +11,7 @@ from pydrake.geometry import Box, Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from teleop_drake.driving.controls import FullSpeed
-from teleop_drake.figures.scene import MakeScene, Scene
+from teleop_drake.figures.scene import Scene
 from teleop_drake.figures.scene.scene import NewtonsOf
 from teleop_drake.figures.style import COLORS, GREY
 from teleop_drake.scenario import Scenario
@@ -51,7 +51,7 @@ class View:
 
     def Begin(self, scenario: Scenario) -> None:
         """Begins a segment."""
-        self._scene = MakeScene(scenario, self._meshcat)
+        self._scene = Scene(self._meshcat, scenario)
         self._past.clear()
         for name, z, unit in (("force", _FORCE_Z, "N"), ("speed", _SPEED_Z, "m/s")):
             path = f"{_PATH}/{name}"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from numpy.typing import NDArray
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform
@@ -104,9 +104,16 @@ class Actor:
         meshcat.SetTransform(path, RigidTransform(stage.Offset(run)))
         self._AddRobot("robot", 1.0)
         self._AddArrow("tool_force")
-        self._AddCommand()
+        # A thin upright bar, on both floors at once.
+        height = np.linalg.norm(stage.hand) + 0.06 * stage.width
+        bar, X = (
+            Cylinder(_COMMAND * stage.width, height),
+            AlongZ(stage.hand / 2, stage.up),
+        )
+        self._Add("command/bar", bar, COMMAND_COLOR, X=X)
         if has_operator:
             self._AddRobot("ghost", _GHOST_OPACITY)
+            meshcat.SetTransform(f"{path}/ghost", RigidTransform(stage.hand))
             self._AddArrow("hand_force")
             self._Add("hand", Sphere(_HAND_SIZE * stage.width), self._tint)
             for i in range(NUM_BEADS):
@@ -115,51 +122,40 @@ class Actor:
                 for i in range(self.num_dots):
                     self._Add(f"{lane}/{i}", Sphere(_DOT * stage.width), colour)
 
-    def _Add(self, name: str, shape: Shape, colour: str, opacity: float = 1.0) -> str:
+    def _Add(
+        self,
+        name: str,
+        shape: Shape,
+        colour: str,
+        opacity: float = 1.0,
+        X: RigidTransform | None = None,
+    ) -> None:
         path = f"{self.path}/{name}"
         self._meshcat.SetObject(path, shape, Rgba(*to_rgb(colour), opacity))
-        return path
+        if X is not None:
+            self._meshcat.SetTransform(path, X)
 
     def _AddRobot(self, name: str, opacity: float) -> None:
         """Adds a robot's shapes, in the run's colour where the model gives none."""
         for part in self._visuals.parts:
-            path = f"{self.path}/{name}/{part.body or 'world'}/{part.name}"
-            rgba = Rgba(*to_rgb(self._tint), opacity)
+            path = f"{name}/{part.body or 'world'}/{part.name}"
+            colour, own = self._tint, opacity
             if part.rgba is not None:
-                own = part.rgba
-                rgba = Rgba(own.r(), own.g(), own.b(), own.a() * opacity)
-            self._meshcat.SetObject(path, part.shape, rgba)
-            self._meshcat.SetTransform(path, part.X_BG)
-        tip = f"{name}/tip"
-        self._Add(tip, Sphere(_TOOL * self._stage.width), self._tint, opacity)
-        if name == "ghost":
-            self._meshcat.SetTransform(
-                f"{self.path}/{name}", RigidTransform(self._stage.hand)
-            )
+                colour = to_hex((part.rgba.r(), part.rgba.g(), part.rgba.b()))
+                own = part.rgba.a() * opacity
+            self._Add(path, part.shape, colour, own, part.X_BG)
+        tip = Sphere(_TOOL * self._stage.width)
+        self._Add(f"{name}/tip", tip, self._tint, opacity)
 
     def _AddArrow(self, name: str) -> None:
         width = self._stage.width
-        shaft = self._Add(
-            f"{name}/shaft/unit", Cylinder(_SHAFT * width, 1.0), FORCE_COLOR
-        )
-        self._meshcat.SetTransform(shaft, RigidTransform([0, 0, 0.5]))
+        shaft = Cylinder(_SHAFT * width, 1.0)
+        middle = RigidTransform([0, 0, 0.5])
+        self._Add(f"{name}/shaft/unit", shaft, FORCE_COLOR, X=middle)
         # Its point is at the cone's origin, and z leads to its base.
         head = MeshcatCone(2 * _HEAD * width, _HEAD * width, _HEAD * width)
-        self._Add(f"{name}/head/cone", head, FORCE_COLOR)
-        self._meshcat.SetTransform(
-            f"{self.path}/{name}/head/cone",
-            AlongZ(np.array([0.0, 0.0, 2 * _HEAD * width]), [0.0, 0.0, -1.0]),
-        )
-
-    def _AddCommand(self) -> None:
-        """Adds a thin upright bar, on both floors at once."""
-        stage = self._stage
-        height = np.linalg.norm(stage.hand) + 0.06 * stage.width
-        path = self._Add(
-            "command/bar", Cylinder(_COMMAND * stage.width, height), COMMAND_COLOR
-        )
-        middle = stage.hand / 2
-        self._meshcat.SetTransform(path, AlongZ(middle, stage.up))
+        X = AlongZ([0.0, 0.0, 2 * _HEAD * width], [0.0, 0.0, -1.0])
+        self._Add(f"{name}/head/cone", head, FORCE_COLOR, X=X)
 
     def Draw(self, pen: Pen, moment: Moment) -> None:
         """Draws an instant."""
@@ -205,10 +201,8 @@ class Actor:
         path = f"{self.path}/{name}"
         tail = tail + self._stage.up * (_ABOVE * width)
         # An arrow without length keeps its direction.
-        if length > 1e-3 * width:
-            pen.Place(path, AlongZ(tail, vector))
-        else:
-            pen.Place(path, AlongZ(tail, self._stage.forward))
+        is_seen = length > 1e-3 * width
+        pen.Place(path, AlongZ(tail, vector if is_seen else self._stage.forward))
         pen.Scale(f"{path}/shaft", [1.0, 1.0, max(length - head, 1e-6 * width)])
         pen.Move(f"{path}/head", np.array([0.0, 0.0, length - head]))
         pen.Scale(f"{path}/head", [max(head / (2 * _HEAD * width), 1e-6)] * 3)
@@ -236,8 +230,7 @@ class Actor:
             points: Where they are (3), m; of more than there are dots, the first ones.
         """
         for i in range(self.num_dots):
-            is_shown = i < len(points)
             path = f"{self.path}/{lane}/{i}"
-            pen.Show(path, is_shown)
-            if is_shown:
+            pen.Show(path, i < len(points))
+            if i < len(points):
                 pen.Move(path, points[i])

@@ -1,6 +1,7 @@
 """Pen of the scene: it draws now, or at an instant of an animation."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +28,20 @@ class Pen:
         """Gives an object its pose."""
         self._meshcat.SetTransform(path, X)
 
+    def _Set(self, path: str, name: str, value: list[float] | bool) -> None:
+        self._meshcat.SetProperty(path, name, value)
+
     def Move(self, path: str, p: Array) -> None:
         """Moves an object without turning it."""
-        self._meshcat.SetProperty(path, "position", p.tolist())
+        self._Set(path, "position", p.tolist())
 
     def Scale(self, path: str, factors: Sequence[float]) -> None:
         """Stretches an object along its own axes."""
-        self._meshcat.SetProperty(path, "scale", list(factors))
+        self._Set(path, "scale", list(factors))
 
     def Show(self, path: str, is_shown: bool) -> None:
         """Shows or hides an object."""
-        self._meshcat.SetProperty(path, "visible", is_shown)
+        self._Set(path, "visible", is_shown)
 
 
 class AnimationPen(Pen):
@@ -49,8 +53,7 @@ class AnimationPen(Pen):
     def __init__(self) -> None:
         self._frame = 0
         # By path and property: the values of the frames.
-        self._tracks: dict[tuple[str, str], dict[int, list[float]]] = {}
-        self._shown: dict[str, dict[int, bool]] = {}
+        self._tracks: dict[tuple[str, str], dict[int, Any]] = {}
 
     def At(self, time: float) -> "AnimationPen":
         """Chooses the instant of what follows."""
@@ -60,56 +63,32 @@ class AnimationPen(Pen):
     def Place(self, path: str, X: RigidTransform) -> None:
         """Gives an object its pose; see Pen."""
         q = X.rotation().ToQuaternion().wxyz()
-        track = self._Track(path, "pose")
-        if track:
+        if track := self._tracks.get((path, "pose")):
             # q and -q are the same rotation; half way between them is none.
             q = q if q @ next(reversed(track.values()))[3:] >= 0 else -q
-        track[self._frame] = [*X.translation(), *q]
+        self._Set(path, "pose", [*X.translation(), *q])
 
-    def Move(self, path: str, p: Array) -> None:
-        """Moves an object without turning it; see Pen."""
-        self._Track(path, "position")[self._frame] = p.tolist()
-
-    def Scale(self, path: str, factors: Sequence[float]) -> None:
-        """Stretches an object along its own axes; see Pen."""
-        self._Track(path, "scale")[self._frame] = list(factors)
-
-    def Show(self, path: str, is_shown: bool) -> None:
-        """Shows or hides an object; see Pen."""
-        self._shown.setdefault(path, {})[self._frame] = is_shown
-
-    def _Track(self, path: str, name: str) -> dict[int, list[float]]:
-        return self._tracks.setdefault((path, name), {})
+    def _Set(self, path: str, name: str, value: list[float] | bool) -> None:
+        self._tracks.setdefault((path, name), {})[self._frame] = value
 
     def MakeAnimation(self) -> MeshcatAnimation:
         """Returns what was written down."""
         animation = MeshcatAnimation(frames_per_second=FRAMES_PER_SECOND)
         for (path, name), track in self._tracks.items():
-            frames = np.array(sorted(track))
-            values = np.array([track[frame] for frame in frames])
-            write = _WriterOf(animation, path, name)
-            for i in NeededFrames(frames, values):
-                write(int(frames[i]), values[i].tolist())
-        for path, shown in self._shown.items():
-            for frame in sorted(shown):
-                animation.SetProperty(frame, path, "visible", shown[frame])
+            frames = sorted(track)
+            if name != "visible":
+                values = np.array([track[frame] for frame in frames])
+                needed = NeededFrames(np.array(frames), values)
+                frames = [frames[i] for i in needed]
+            for frame in frames:
+                value = track[frame]
+                if name == "pose":
+                    rotation = np.array(value[3:]) / np.linalg.norm(value[3:])
+                    X = RigidTransform(Quaternion(wxyz=rotation), value[:3])
+                    animation.SetTransform(frame, path, X)
+                else:
+                    animation.SetProperty(frame, path, name, value)
         return animation
-
-
-def _WriterOf(
-    animation: MeshcatAnimation, path: str, name: str
-) -> Callable[[int, list[float]], None]:
-    """Returns what writes a value into a frame."""
-
-    def WritePose(frame: int, value: list[float]) -> None:
-        rotation = np.array(value[3:]) / np.linalg.norm(value[3:])
-        X = RigidTransform(Quaternion(wxyz=rotation), value[:3])
-        animation.SetTransform(frame, path, X)
-
-    def WriteVector(frame: int, value: list[float]) -> None:
-        animation.SetProperty(frame, path, name, value)
-
-    return WritePose if name == "pose" else WriteVector
 
 
 def NeededFrames(frames: Array, values: Array) -> list[int]:

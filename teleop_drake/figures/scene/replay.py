@@ -1,31 +1,34 @@
-"""Recorded runs in the scene, as an animation: one below the other, in one time."""
+"""Recorded runs in the scene: as an animation, and as a page that plays them.
 
+The runs stand one below the other, in one time. The page has a player, and strips of
+what the signals say meanwhile.
+"""
+
+import html
+import json
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
+from teleop_drake.environments import CONTACT, PUNCTURE
+from teleop_drake.figures.scene import actor as drawing
+from teleop_drake.figures.scene import scene as live
+from teleop_drake.figures.scene.actor import Actor, Moment
 from teleop_drake.figures.scene.pen import FRAMES_PER_SECOND, AnimationPen
-from teleop_drake.figures.scene.scene import (
-    DotPeriod,
-    NewtonsOf,
-    OperatorSignals,
-    Opposite,
-)
-from teleop_drake.figures.scene.stage import (
-    SCENE,
-    DrawSlabs,
-    MakeStage,
-    SetUpView,
-    SlabLabels,
-    Stage,
-)
+from teleop_drake.figures.scene.scene import CHANNELS
+from teleop_drake.figures.scene.stage import SCENE, MakeStage, NameOf, Stage
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
+from teleop_drake.figures.style import GREY, RunColor, ScaleAndUnit
+from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
 
 Array = NDArray[np.float64]
@@ -46,8 +49,38 @@ _SHARE = 99.0
 # A packet that is lost goes this share of its way.
 _LOST_AT = 0.5
 
-CHANNELS = {"forward": "forward_channel", "return": "return_channel"}
-"""The lanes of the packets, and the fields of a scenario."""
+
+# Samples of the strips, per second and at most.
+_RATE, _MOST_SAMPLES = 200.0, 4000
+
+# Width of the strips in round trips, and at least, s.
+_ROUND_TRIPS, _SHORTEST_WINDOW = 8.0, 1.0
+
+# Slow motion begins so long before a puncture or a contact, and ends so long after it
+# has been felt, s. Of a run that bounces the first contacts are shown so.
+_SLOW_BEFORE, _SLOW_AFTER, _NUM_SLOW = 0.05, 0.15, 3
+
+# What the strips leave out at either end of the range of a signal, in percent.
+_RARE = 0.2
+
+# Of more runs than these, only the first one has all its labels.
+_MOST_NAMED = 3
+
+_FRAME_HEIGHT = 620  # pixels, in a notebook
+
+# The strips: a unit, and the lines: their name in a run's data, what the label says of
+# them, their dashes, and a colour if it is not that of the run.
+_STRIPS: dict[str, list[tuple[str, str, list[int], str | None]]] = {
+    "m/s": [
+        ("v", "velocity of the tool", [], None),
+        ("vf", "felt - -", [8, 6], None),
+        ("vd", "commanded ···", [3, 5], drawing.COMMAND_COLOR),
+    ],
+    "N": [
+        ("f", "force of the tool", [], None),
+        ("h", "of the operator - -", [8, 6], None),
+    ],
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +98,7 @@ class Act:
     name: str
     path: str
     recording: Recording
-    operator: OperatorSignals
+    operator: live.OperatorSignals
     visuals: RobotVisuals
 
     @property
@@ -78,14 +111,8 @@ class Act:
         return float(getattr(self.recording.scenario, CHANNELS[lane]).delay)
 
     def At(self, samples: Array, times: Array) -> Array:
-        """Returns samples (N, k) between those of the recording (M, k).
-
-        Args:
-            samples: At the recording's times.
-            times: Ascending or not, clamped to the span of the recording (M,).
-        """
-        known = self.recording.time
-        return np.stack([np.interp(times, known, x) for x in samples.T], -1)
+        """Returns samples (N, k) between those (M, k) at the recording's times."""
+        return live.Between(times, self.recording.time, samples)
 
 
 def AnimateRuns(
@@ -108,19 +135,16 @@ def AnimateRuns(
         ValueError: If there is none, or their numbers of axes differ.
     """
     CheckRecordings(recordings)
-    acts = []
-    for i, (name, recording) in enumerate(recordings.items()):
-        acts.append(
-            Act(
-                name=name,
-                path=f"{SCENE}/run_{i}",
-                recording=recording,
-                operator=OperatorSignals(
-                    recording.signals, recording["tool_position"].shape[1]
-                ),
-                visuals=RobotVisuals(recording.scenario.robot),
-            )
+    acts = [
+        Act(
+            name=name,
+            path=f"{SCENE}/run_{i}",
+            recording=run,
+            operator=live.FindOperator(run.signals, run["tool_position"].shape[1]),
+            visuals=RobotVisuals(run.scenario.robot),
         )
+        for i, (name, run) in enumerate(recordings.items())
+    ]
     first = acts[0]
     stage = MakeStage(
         first.visuals,
@@ -129,49 +153,34 @@ def AnimateRuns(
         num_runs=len(acts),
         has_operator=first.operator.felt is not None,
     )
-    SetUpView(meshcat, stage)
+    stage.SetUpView(meshcat)
     pen = AnimationPen()
     end = max(float(act.recording.time[-1]) for act in acts)
     newtons = _Newtons(acts)
     times = PictureTimes([act.recording for act in acts])
     for i, act in enumerate(acts):
-        _AnimateRun(meshcat, pen, stage, act, i, newtons, times, end)
+        flights = {lane: _Flights(act, lane) for lane in CHANNELS}
+        slots = [x.slot for flying in flights.values() for x in flying]
+        actor = Actor(
+            meshcat,
+            act.path,
+            run=i,
+            visuals=act.visuals,
+            stage=stage,
+            newtons=newtons,
+            num_dots=max(slots, default=-1) + 1,
+            has_operator=act.operator.felt is not None,
+        )
+        surfaces = act.recording.surfaces
+        stage.DrawSlabs(meshcat, f"{act.path}/environment", act.visuals, surfaces)
+        for name, p in stage.SlabLabels(act.visuals, surfaces).items():
+            meshcat.SetTransform(f"{act.path}/labels/{name}", RigidTransform(p))
+        for t, moment in zip(times, _Moments(act, times), strict=True):
+            actor.Draw(pen.At(float(t)), moment)
+        for lane, flying in flights.items():
+            _AnimateDots(pen, actor, act, lane, flying, end)
     meshcat.SetAnimation(pen.MakeAnimation())
     return acts, stage
-
-
-def _AnimateRun(
-    meshcat: Meshcat,
-    pen: AnimationPen,
-    stage: Stage,
-    act: Act,
-    run: int,
-    newtons: float,
-    times: Array,
-    end: float,
-) -> None:
-    has_operator = act.operator.felt is not None
-    flights = {lane: _Flights(act, lane) for lane in CHANNELS} if has_operator else {}
-    slots = {lane: _AssignSlots(x) for lane, x in flights.items()}
-    num_dots = max((max(x, default=-1) + 1 for x in slots.values()), default=0)
-    actor = Actor(
-        meshcat,
-        act.path,
-        run=run,
-        visuals=act.visuals,
-        stage=stage,
-        newtons=newtons,
-        num_dots=num_dots,
-        has_operator=has_operator,
-    )
-    surfaces = act.recording.surfaces
-    DrawSlabs(meshcat, f"{act.path}/environment", stage, act.visuals, surfaces)
-    for name, p in SlabLabels(stage, act.visuals, surfaces).items():
-        meshcat.SetTransform(f"{act.path}/labels/{name}", RigidTransform(p))
-    for t, moment in zip(times, _Moments(act, times), strict=True):
-        actor.Draw(pen.At(float(t)), moment)
-    for lane, flying in flights.items():
-        _AnimateDots(pen, actor, act, lane, flying, slots[lane], end)
 
 
 def _Newtons(acts: Sequence[Act]) -> float:
@@ -181,7 +190,7 @@ def _Newtons(acts: Sequence[Act]) -> float:
     sizes = [
         float(np.percentile(np.linalg.norm(force, axis=1), _SHARE)) for force in forces
     ]
-    return max(sizes) or NewtonsOf(acts[0].recording.scenario)
+    return max(sizes) or live.NewtonsOf(acts[0].recording.scenario)
 
 
 def PictureTimes(recordings: Sequence[Recording]) -> Array:
@@ -212,7 +221,7 @@ def _Moments(act: Act, times: Array) -> list[Moment]:
     elif operator.velocity is not None:
         samples["command"] = _CommandedPosition(act)
     if "environment_force" in recording.signals:
-        force = Opposite(recording["environment_force"])
+        force = live.Opposite(recording["environment_force"])
         assert force is not None
         samples["tool_force"] = force
     if operator.felt is not None:
@@ -220,9 +229,9 @@ def _Moments(act: Act, times: Array) -> list[Moment]:
         samples |= {"felt": operator.felt, "hand_force": operator.force}
     columns = {name: act.At(x, times) for name, x in samples.items()}
     if operator.felt is not None:
-        ages = np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * act.Delay("return")
+        ages = live.BeadAges(act.Delay("return"))
         past = act.At(recording["tool_position"], (times[:, None] - ages).ravel())
-        columns["past"] = past.reshape(len(times), NUM_BEADS, act.num_axes)
+        columns["past"] = past.reshape(len(times), len(ages), act.num_axes)
     return [
         Moment(**{name: x[i] for name, x in columns.items()}) for i in range(len(times))
     ]
@@ -239,11 +248,18 @@ def _CommandedPosition(act: Act) -> Array:
 
 @dataclass(frozen=True)
 class Flight:
-    """A packet on its way: when it was sent, and when it arrives or is lost, s."""
+    """A packet on its way.
+
+    Attributes:
+        sent, ends: When it was sent, and when it arrives or is lost, s.
+        is_lost: Whether it never arrives.
+        slot: The number of the dot that it is, one that is free by then.
+    """
 
     sent: float
     ends: float
     is_lost: bool
+    slot: int
 
 
 def _Flights(act: Act, lane: str) -> list[Flight]:
@@ -251,35 +267,23 @@ def _Flights(act: Act, lane: str) -> list[Flight]:
 
     A continuous channel has no packets; what it carries is drawn as if it had.
     """
+    if act.operator.felt is None or (delay := act.Delay(lane)) < live.SHORTEST_DELAY:
+        return []
     scenario = act.recording.scenario
     channel = getattr(scenario, CHANNELS[lane])
-    delay, end = act.Delay(lane), float(act.recording.time[-1])
-    if delay < 1e-3:
-        return []
-    period = DotPeriod(delay)
-    sent = np.arange(0.0, end, period)
+    sent = np.arange(0.0, float(act.recording.time[-1]), live.DotPeriod(delay))
     arrivals = channel.Arrivals(sent, scenario.duration, CHANNELS[lane])
     flights = []
+    free_from: list[float] = []
     for begin, arrival in zip(sent.tolist(), arrivals.tolist(), strict=True):
         is_lost = not np.isfinite(arrival)
-        stop = begin + _LOST_AT * delay if is_lost else arrival
         # Pictures are a millisecond apart.
-        flights.append(Flight(begin, max(stop, begin + 2e-3), is_lost))
+        ends = max(begin + _LOST_AT * delay if is_lost else arrival, begin + 2e-3)
+        free = [i for i, t in enumerate(free_from) if t + 5e-3 < begin]
+        slot = free[0] if free else len(free_from)
+        free_from[slot : slot + 1] = [ends]
+        flights.append(Flight(begin, ends, is_lost, slot))
     return flights
-
-
-def _AssignSlots(flights: Sequence[Flight]) -> list[int]:
-    """Returns for each packet a dot that is free by then."""
-    free_from: list[float] = []
-    slots = []
-    for flight in flights:
-        free = [i for i, t in enumerate(free_from) if t + 5e-3 < flight.sent]
-        if not free:
-            free = [len(free_from)]
-            free_from.append(0.0)
-        free_from[free[0]] = flight.ends
-        slots.append(free[0])
-    return slots
 
 
 def _AnimateDots(
@@ -288,21 +292,21 @@ def _AnimateDots(
     act: Act,
     lane: str,
     flights: Sequence[Flight],
-    slots: Sequence[int],
     end: float,
 ) -> None:
     """Lets each dot go from where its packet leaves to where it arrives."""
     tool = act.recording["tool_position"]
     source = act.operator.felt if lane == "forward" else tool
-    assert source is not None
+    if source is None:
+        return
     froms = act.At(source, np.array([flight.sent for flight in flights]))
     tos = act.At(tool, np.array([flight.ends for flight in flights]))
     for i in range(actor.num_dots):
         path = f"{actor.path}/{lane}/{i}"
         pen.At(0.0).Show(path, False)
         pen.At(end).Show(path, False)
-    for flight, slot, p, q in zip(flights, slots, froms, tos, strict=True):
-        path = f"{actor.path}/{lane}/{slot}"
+    for flight, p, q in zip(flights, froms, tos, strict=True):
+        path = f"{actor.path}/{lane}/{flight.slot}"
         begin, stop = actor.DotEnds(lane, p, q)
         if flight.is_lost:
             stop = begin + _LOST_AT * (stop - begin)
@@ -312,3 +316,248 @@ def _AnimateDots(
         pen.Move(path, begin)
         pen.At(ends).Move(path, begin + share * (stop - begin))
         pen.Show(path, False)
+
+
+class Replay:
+    """A page that plays runs: one file, which opens in any browser without a network.
+
+    A notebook shows it inline.
+    """
+
+    def __init__(self, title: str, text: str):
+        self.title = title
+        self.html = text
+
+    def __repr__(self) -> str:
+        return f"<Replay of {self.title}, {len(self.html) / 1e6:.1f} MB>"
+
+    def _repr_html_(self) -> str:
+        """Returns the page in a frame of its own."""
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" width="100%" '
+            f'height="{_FRAME_HEIGHT}" style="border: 0"></iframe>'
+        )
+
+    def Save(self, path: str | Path) -> None:
+        """Writes the page. It appears complete or not at all.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
+        with Replacing(path) as temporary:
+            temporary.write_text(self.html, encoding="utf-8")
+
+
+def MakeReplay(
+    recordings: Recording | Mapping[str, Recording], meshcat: Meshcat | None = None
+) -> Replay:
+    """Makes a page that plays runs, one below the other.
+
+    Args:
+        recordings: A run, or several by the names that the page gives them; of robots
+            with as many axes.
+        meshcat: What is drawn in, where it stays; None: one that is gone afterwards.
+
+    Raises:
+        ValueError: If there is none, or their numbers of axes differ.
+    """
+    if isinstance(recordings, Recording):
+        kind = recordings.scenario.controller.kind.replace("_", " ")
+        recordings = {kind: recordings}
+    if meshcat is None:  # Nobody is going to see where it listens.
+        logger = logging.getLogger("drake")
+        level = logger.level
+        logger.setLevel(logging.WARNING)
+        meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+        logger.setLevel(level)
+    acts, stage = AnimateRuns(recordings, meshcat)
+    data = _PageData(acts, stage)
+    player = resources.files(__package__) / "player.html"
+    # A slash in a string could end the script.
+    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    tail = f"<script>const replay = {text};</script>\n"
+    tail += player.read_text(encoding="utf-8")
+    head, _, rest = meshcat.StaticHtml().rpartition("</body>")
+    return Replay(data["title"], f"{head}{tail}</body>{rest}")
+
+
+def _PageData(acts: Sequence[Act], stage: Stage) -> dict[str, Any]:
+    """Returns what the player needs besides the scene, as plain data."""
+    first = acts[0].recording.scenario
+    end = max(float(act.recording.time[-1]) for act in acts)
+    has_operator = acts[0].operator.felt is not None
+    round_trip = 0.0
+    if has_operator:
+        round_trip = max(sum(act.Delay(lane) for lane in CHANNELS) for act in acts)
+    runs = [_RunData(act, stage, i) for i, act in enumerate(acts)]
+    lags = [
+        abs(x - felt)
+        for run in runs
+        for x, felt in zip(run["x"], run.get("felt", run["x"]), strict=True)
+    ]
+    lag_scale, lag_unit = ScaleAndUnit((0.0, max(lags)), "m")
+    # What happens: the name, the run and its times, s.
+    happens = [
+        (name, i, act.recording.EventTimes(name))
+        for i, act in enumerate(acts)
+        for name in (PUNCTURE, CONTACT)
+        if act.recording.EventTimes(name)
+    ]
+    firsts: dict[str, float] = {}
+    for name, _, times in happens:
+        firsts[name] = min(times[0], firsts.get(name, np.inf))
+    return {
+        "title": first.name,
+        "subtitle": _Subtitle(acts),
+        "end": end,
+        "window": min(max(_ROUND_TRIPS * round_trip, _SHORTEST_WINDOW), max(end, 1e-3)),
+        "runs": runs,
+        "events": [
+            {"name": f"{acts[i].name}: {name}", "time": time, "color": RunColor(i)}
+            for name, i, times in happens
+            for time in times
+        ],
+        "jumps": [{"name": name, "time": time} for name, time in firsts.items()],
+        # Slow is what happens, until it has been felt.
+        "slow": [
+            (
+                time - _SLOW_BEFORE,
+                time + (acts[i].Delay("return") if has_operator else 0) + _SLOW_AFTER,
+            )
+            for _, i, times in happens
+            for time in times[:_NUM_SLOW]
+        ],
+        "labels": _Labels(acts),
+        "legend": _Legend(acts, has_operator),
+        "lagScale": lag_scale,
+        "lagUnit": lag_unit,
+        "strips": [_Strip(runs, unit) for unit in _STRIPS],
+    }
+
+
+def _Subtitle(acts: Sequence[Act]) -> str:
+    """Returns what the delays of all runs are, if they are the same."""
+    if acts[0].operator.felt is None:
+        return "a tracking: no operator, no delay"
+    delays = {(act.Delay("forward"), act.Delay("return")) for act in acts}
+    if len(delays) > 1:
+        return "delays differ from run to run"
+    forward, back = delays.pop()
+    if forward == back:
+        return f"{forward:g} s delay each way"
+    return f"{forward:g} s delay forward, {back:g} s back"
+
+
+def _RunData(act: Act, stage: Stage, run: int) -> dict[str, Any]:
+    """Returns the samples of a run: along the stage's direction forward, SI units."""
+    recording, operator, n = act.recording, act.operator, act.num_axes
+    end = float(recording.time[-1])
+    times = np.linspace(0.0, end, int(min(max(_RATE * end, 2), _MOST_SAMPLES)))
+    forward = stage.forward[:n]
+    felt_velocity, velocity = recording.signals.get("felt_velocity"), operator.velocity
+    if felt_velocity is None and operator.felt is not None:
+        felt_velocity = recording["return_packet_received"][:, n : 2 * n]
+    if velocity is None:
+        velocity = recording.signals.get("desired_velocity")
+    columns = {
+        "x": recording["tool_position"],
+        "v": recording["tool_velocity"],
+        "f": recording["environment_force"],
+        "felt": operator.felt,
+        "vf": felt_velocity,
+        "vd": velocity,
+        "h": operator.force,
+    }
+    ended = recording.termination
+    return {
+        "name": act.name,
+        "color": RunColor(run),
+        "note": "" if ended == "completed" else f"{ended} at {end:.3g} s",
+        "t": _Short(times),
+    } | {
+        name: _Short(act.At(x, times) @ forward)
+        for name, x in columns.items()
+        if x is not None
+    }
+
+
+def _Short(values: Array) -> list[float]:
+    """Returns numbers with as many digits as a picture shows."""
+    return [float(f"{x:.5g}") for x in values]
+
+
+def _Strip(runs: Sequence[Mapping[str, Any]], unit: str) -> dict[str, Any]:
+    """Returns a strip: its range but for rare peaks, its ticks and its lines."""
+    lines = [line for line in _STRIPS[unit] if any(line[0] in run for run in runs)]
+    values = [run[name] for run in runs for name, *_ in lines if name in run]
+    low, high = np.percentile(np.concatenate(values), [_RARE, 100 - _RARE])
+    low, high = min(float(low), 0.0), max(float(high), 0.0)
+    margin = 0.08 * (high - low) or 1.0
+    scale, shown_unit = ScaleAndUnit((low, high), unit)
+    ticks = [x for x in (low, 0.0, high) if x == 0 or abs(x) > 0.2 * (high - low)]
+    return {
+        "label": f"{', '.join(text for _, text, *_ in lines)} [{shown_unit}]",
+        "low": low - margin,
+        "high": high + margin,
+        "ticks": ticks,
+        "tickLabels": [f"{x * scale:.2g}" for x in ticks],
+        "lines": [
+            {"name": name, "dash": dash, "color": color}
+            for name, _, dash, color in lines
+        ],
+    }
+
+
+def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:
+    """Returns the names that stand in the scene, at objects of Meshcat.
+
+    A name stands `left` times its width to the left, and `below` pixels below.
+    """
+
+    def Label(act: Act, place: str, *values: Any) -> dict[str, Any]:
+        path = [*act.path.strip("/").split("/"), *place.split("/")]
+        names = ("path", "text", "color", "left", "below")
+        return dict(zip(names, (path, *values), strict=True))
+
+    labels = []
+    is_crowded = len(acts) > _MOST_NAMED
+    for i, act in enumerate(acts):
+        is_named = not (is_crowded and i)
+        tool = f"{act.name}: the tool" if is_named else act.name
+        labels.append(Label(act, "robot/tip", tool, RunColor(i), 0.5, 26))
+        if act.operator.felt is not None and is_named:
+            felt = "as the operator feels it"
+            labels.append(Label(act, "hand", felt, RunColor(i), 1.15, -22))
+    # The materials are those of the first run.
+    names = map(NameOf, acts[0].recording.surfaces)
+    return labels + [
+        Label(acts[0], f"labels/{name}", name, "#444444", 0.5, 0) for name in names
+    ]
+
+
+def _Legend(acts: Sequence[Act], has_operator: bool) -> list[dict[str, str]]:
+    """Returns what the objects stand for; each mark is SVG, 20 by 14."""
+    tint = RunColor(0) if len(acts) == 1 else GREY
+
+    def Bar(color: str, opacity: float = 1.0) -> str:
+        return f'<rect y="3" width="20" height="8" fill="{color}" opacity="{opacity}"/>'
+
+    def Dot(color: str, radius: int) -> str:
+        return f'<circle cx="10" cy="7" r="{radius}" fill="{color}"/>'
+
+    command = f'<rect x="9" width="3" height="14" fill="{drawing.COMMAND_COLOR}"/>'
+    arrow = f'<path d="M0 6h12v-4l8 5l-8 5v-4h-12z" fill="{drawing.FORCE_COLOR}"/>'
+    entries = {"the robot": Bar(tint)}
+    forces = "force on the tool"
+    if has_operator:
+        entries |= {
+            "ghost: the robot as the operator feels it": Bar(tint, 0.4),
+            "the operator's hand": Dot(tint, 6),
+            "packets to the operator: where the tool was when they left": Dot(
+                drawing.RETURN_COLOR, 4
+            ),
+            "packets to the robot: force and velocity": Dot(drawing.FORWARD_COLOR, 4),
+        }
+        forces += ", and of the operator's hand"
+    entries |= {forces: arrow, "where the commanded motion is": command}
+    return [{"mark": mark, "text": text} for text, mark in entries.items()]

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,12 +18,7 @@ from pydrake.systems.framework import (
 from teleop_drake.environments import CONTACT, FindSurface, Surface, SurfacesOf
 from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
 from teleop_drake.figures.scene.pen import Pen
-from teleop_drake.figures.scene.stage import (
-    SCENE,
-    DrawSlabs,
-    MakeStage,
-    SetUpView,
-)
+from teleop_drake.figures.scene.stage import SCENE, MakeStage
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.scenario import AnyScenario, AsScenario, ScenarioLike
@@ -41,19 +37,18 @@ USED = (
 )
 """Every signal that is drawn, as far as the loop has it."""
 
-_SHORTEST_DELAY = 1e-3
+CHANNELS = {"forward": "forward_channel", "return": "return_channel"}
+"""The lanes of the packets, and the fields of a scenario."""
+
+SHORTEST_DELAY = 1e-3
 """In s. Packets that are under way for less are not drawn."""
 
 _NUM_DOTS = 6
 """Most packets drawn in one direction while a simulation runs."""
 
 
-class OperatorSignals:
-    """What the operator feels and commands, out of the signals of any architecture.
-
-    Args:
-        signals: Samples by name, of an instant (k) or of many (N, k).
-        num_axes: n.
+class OperatorSignals(NamedTuple):
+    """What the operator feels and commands, at an instant (n) or at many (N, n).
 
     Attributes:
         felt: p_WT as the operator feels it, m; None: there is no operator.
@@ -61,17 +56,22 @@ class OperatorSignals:
         force: What the operator applies, N; likewise.
     """
 
-    def __init__(self, signals: Mapping[str, Array], num_axes: int):
-        n = num_axes
-        self.felt = self.velocity = self.force = None
-        if "felt_position" in signals:
-            self.felt = signals["felt_position"]
-            self.force = signals["force_command"]
-            self.velocity = signals["velocity_command"]
-        elif "return_packet_received" in signals:  # The thesis's own packets.
-            self.felt = signals["return_packet_received"][..., :n]
-            sent = signals["forward_packet_sent"]
-            self.force, self.velocity = sent[..., :n], sent[..., n : 2 * n]
+    felt: Array | None = None
+    velocity: Array | None = None
+    force: Array | None = None
+
+
+def FindOperator(signals: Mapping[str, Array], num_axes: int) -> OperatorSignals:
+    """Returns the operator's part of the signals of any architecture."""
+    n = num_axes
+    if "felt_position" in signals:
+        names = ("felt_position", "velocity_command", "force_command")
+        return OperatorSignals(*(signals[name] for name in names))
+    if "return_packet_received" in signals:  # The thesis's own packets.
+        felt = signals["return_packet_received"][..., :n]
+        sent = signals["forward_packet_sent"]
+        return OperatorSignals(felt, sent[..., n : 2 * n], sent[..., :n])
+    return OperatorSignals()
 
 
 class Scene:
@@ -79,7 +79,9 @@ class Scene:
 
     It shows one run: the robot at the bottom, what the operator feels above it, the
     packets in between; see Actor. It remembers what it has drawn, for packets show what
-    was. That is a picture's memory: the simulation does not depend on it.
+    was. That is a picture's memory: the simulation does not depend on it. AddScene()
+    makes one that is part of a diagram; of another, Draw() is called by whoever runs
+    the loop.
 
     Args:
         meshcat: Where to. What the package has drawn there before is deleted.
@@ -101,24 +103,17 @@ class Scene:
         self._pen = Pen(meshcat)
         self._num_axes = scenario.num_axes
         visuals = RobotVisuals(scenario.robot)
-        channels = [
-            getattr(scenario, name, None)
-            for name in ("forward_channel", "return_channel")
-        ]
+        channels = [getattr(scenario, name, None) for name in CHANNELS.values()]
         self._has_operator = all(channel is not None for channel in channels)
         self._delays = [channel.delay if channel else 0.0 for channel in channels]
         if surfaces is None:
-            surfaces = SurfacesOfScenario(scenario)
-        start = np.array(scenario.robot.start, dtype=float)
-        self._start = start
-        stage = MakeStage(
-            visuals,
-            surfaces,
-            _Reach(scenario, start, surfaces),
-            has_operator=self._has_operator,
-        )
-        SetUpView(meshcat, stage)
-        DrawSlabs(meshcat, f"{SCENE}/environment", stage, visuals, surfaces)
+            tell = getattr(scenario, "Surfaces", tuple)
+            surfaces = tuple(tell())
+        self._start = start = np.array(scenario.robot.start, dtype=float)
+        reach = _Reach(scenario, start, surfaces)
+        stage = MakeStage(visuals, surfaces, reach, has_operator=self._has_operator)
+        stage.SetUpView(meshcat)
+        stage.DrawSlabs(meshcat, f"{SCENE}/environment", visuals, surfaces)
         self._actor = Actor(
             meshcat,
             f"{SCENE}/run",
@@ -142,7 +137,7 @@ class Scene:
                 and of USED what else there is.
         """
         values = {name: np.asarray(x, dtype=float) for name, x in signals.items()}
-        operator = OperatorSignals(values, self._num_axes)
+        operator = FindOperator(values, self._num_axes)
         tool = values["tool_position"]
         felt = tool if operator.felt is None else operator.felt
         if self._history and time < self._history[-1][0]:
@@ -155,7 +150,9 @@ class Scene:
         self._history.append((time, tool.copy(), felt.copy()))
         while time - self._history[0][0] > 2 * max(self._delays) + 1:
             self._history.popleft()
-        command = self._command if self._has_operator else None
+        command = past = None
+        if self._has_operator:
+            command, past = self._command, self._At(time - BeadAges(self._delays[1]), 1)
         self._actor.Draw(
             self._pen,
             Moment(
@@ -165,42 +162,36 @@ class Scene:
                 command=values.get("desired_position", command),
                 tool_force=Opposite(values.get("environment_force")),
                 hand_force=operator.force,
-                past=self._Past(time, 1) if self._has_operator else None,
+                past=past,
             ),
         )
         if self._has_operator:
             self._DrawDots(time)
 
-    def _Past(self, time: float, column: int) -> Array:
-        """Returns where the tool was at the beads' ages (k, n)."""
-        delay = self._delays[1]
-        ages = np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * delay
-        return self._At(time - ages, column)
-
     def _At(self, times: Array, column: int) -> Array:
         """Returns the tool's (1) or the hand's (2) position at earlier times (k, n)."""
         known = np.array([entry[0] for entry in self._history])
         values = np.array([entry[column] for entry in self._history])
-        return np.stack(
-            [np.interp(times, known, values[:, k]) for k in range(self._num_axes)], -1
-        )
+        return Between(times, known, values)
 
     def _DrawDots(self, time: float) -> None:
-        for lane, delay, column in (
-            ("forward", self._delays[0], 2),
-            ("return", self._delays[1], 1),
-        ):
+        tool = self._history[-1][1]
+        for lane, delay, column in zip(CHANNELS, self._delays, (2, 1), strict=True):
             points = []
-            if delay >= _SHORTEST_DELAY:
+            if delay >= SHORTEST_DELAY:
                 period = DotPeriod(delay)
                 last = np.floor(time / period + 1e-9) * period
                 sent = last - period * np.arange(_NUM_DOTS)
                 sent = sent[(time - sent < delay - 1e-9) & (sent >= 0)]
-                froms = self._At(sent, column)
-                for t, p in zip(sent, froms, strict=True):
-                    begin, end = self._actor.DotEnds(lane, p, self._history[-1][1])
+                for t, p in zip(sent, self._At(sent, column), strict=True):
+                    begin, end = self._actor.DotEnds(lane, p, tool)
                     points.append(begin + (end - begin) * ((time - t) / delay))
             self._actor.DrawDots(self._pen, lane, points)
+
+
+def BeadAges(delay: float) -> Array:
+    """Returns how long ago the packets left that the beads are, s."""
+    return np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * delay
 
 
 def DotPeriod(delay: float) -> float:
@@ -212,23 +203,21 @@ def DotPeriod(delay: float) -> float:
     return max(delay / 4, 0.05)
 
 
+def Between(times: Array, known: Array, values: Array) -> Array:
+    """Returns values (N, k) between those at known times (M, k), clamped to these."""
+    return np.stack([np.interp(times, known, x) for x in values.T], -1)
+
+
 def Opposite(force: Array | None) -> Array | None:
     """Returns the force on the tool, given that of the tool on the environment."""
     return None if force is None else -force
-
-
-def SurfacesOfScenario(scenario: AnyScenario) -> tuple[Surface, ...]:
-    """Returns the surfaces of a scenario's environment, none if it has none."""
-    tell = getattr(scenario, "Surfaces", None)
-    return () if tell is None else tuple(tell())
 
 
 def NewtonsOf(scenario: AnyScenario) -> float:
     """Returns the force in N that has the longest arrow while a simulation runs."""
     operator = getattr(scenario, "surgeon", None)
     force = getattr(operator, "contact_force", None)
-    size = 0.0 if force is None else float(np.linalg.norm(force))
-    return 2 * size or 1.0
+    return 2 * float(np.linalg.norm(0.0 if force is None else force)) or 1.0
 
 
 def _Reach(scenario: AnyScenario, start: Array, surfaces: Sequence[Surface]) -> Array:
@@ -300,29 +289,8 @@ def AddScene(
         surfaces = SurfacesOf(builder.GetSubsystemByName("environment")) or ()
     scene = Scene(meshcat, scenario, surfaces=surfaces, newtons=newtons)
     used = {name: signals[name] for name in USED if name in signals}
-    viewer = builder.AddNamedSystem(
-        "scene",
-        SceneViewer(scene, {name: port.size() for name, port in used.items()}, period),
-    )
+    sizes = {name: port.size() for name, port in used.items()}
+    viewer = builder.AddNamedSystem("scene", SceneViewer(scene, sizes, period))
     for name, port in used.items():
         builder.Connect(port, viewer.GetInputPort(name))
     return scene
-
-
-def MakeScene(
-    scenario: ScenarioLike,
-    meshcat: Meshcat,
-    *,
-    surfaces: tuple[Surface, ...] | None = None,
-    newtons: float | None = None,
-) -> Scene:
-    """Makes a picture of a loop that is not part of its diagram.
-
-    Its Draw(time, signals) is called by whoever runs the loop, a monitor for example.
-
-    Args:
-        scenario: What is seen, or its name or file.
-        surfaces: Of the environment; None: those of the scenario's.
-        newtons: Force of the longest arrow, N; None: see Scene.
-    """
-    return Scene(meshcat, scenario, surfaces=surfaces, newtons=newtons)

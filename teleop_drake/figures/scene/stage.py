@@ -15,6 +15,9 @@ from teleop_drake.figures.style import GREY
 
 Array = NDArray[np.float64]
 
+Colour = tuple[str, float]
+"""Colour and opacity."""
+
 ROOT = "/teleop"
 """Path of everything that the package draws."""
 
@@ -44,7 +47,14 @@ _LEAST_SHARE, _LEAST_SHARE_IN_SPACE = 0.2, 0.8
 
 _FIELD_OF_VIEW = 30.0  # degrees
 
-# Materials, from nothing to what is behind a contact surface: colour and opacity.
+_LIGHTS = {
+    "PointLightNegativeX": 0.0,
+    "PointLightPositiveX": 0.0,
+    "AmbientLight": 1.3,
+    "FillLight": 2.2,
+}
+
+# Materials, from nothing to what is behind a contact surface.
 _EMPTY = ("#56B4E9", 0.05)
 _SOFT = ("#E69F00", 0.22)
 _HARD = (GREY, 0.45)
@@ -92,6 +102,124 @@ class Stage:
         """
         R = np.array([self.forward, np.cross(self.up, self.forward), self.up])
         return RigidTransform(RotationMatrix(R), -R @ self.centre)
+
+    def SetUpView(self, meshcat: Meshcat) -> None:
+        """Places camera and lights, and what everything else is drawn in."""
+        meshcat.Delete(ROOT)
+        scale = _SHOWN_WIDTH / self.width
+        meshcat.SetProperty(f"{ROOT}/scale", "scale", [scale] * 3)
+        meshcat.SetTransform(SCENE, self.X_SW)
+        for path in ("/Grid", "/Axes"):
+            meshcat.SetProperty(path, "visible", False)
+        meshcat.SetProperty("/Background/<object>", "top_color", [1.0, 1.0, 1.0])
+        meshcat.SetProperty("/Background/<object>", "bottom_color", [0.88, 0.9, 0.92])
+        meshcat.SetCamera(
+            Meshcat.PerspectiveCamera(
+                fov=_FIELD_OF_VIEW, aspect=1.0, near=0.05, far=200.0
+            )
+        )
+        # Light from behind the camera, without a lamp that stands in the scene.
+        for name, intensity in _LIGHTS.items():
+            meshcat.SetProperty(f"/Lights/{name}/<object>", "intensity", intensity)
+        meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-3.0, -8.0, 9.0])
+        # In the stage's axes: the first run's floors and those of the runs below it.
+        below = _PITCH * (self.num_runs - 1)
+        tall = (self.hand_height + 2 * _OVERLAP + below) * _SHOWN_WIDTH
+        middle = (self.hand_height - below) / 2 * _SHOWN_WIDTH
+        shown = max(tall, 0.62 * _SHOWN_WIDTH)
+        distance = 0.62 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
+        target = np.array([0.0, 0.0, middle])
+        meshcat.SetCameraPose(target + distance * np.array([0.12, -0.96, 0.26]), target)
+
+    def DrawSlabs(
+        self,
+        meshcat: Meshcat,
+        path: str,
+        visuals: RobotVisuals,
+        surfaces: Sequence[Surface],
+    ) -> None:
+        """Draws what is behind each surface, up to the next one, as translucent slabs.
+
+        What is hard is grey, other materials that push back are orange, and where
+        nothing does there is a breath of blue. A surface that is not parallel to the
+        others, or whose material is unknown, is a thin plate.
+        """
+        depth = 2 * _HALF_DEPTH * self.width
+        height = (self.hand_height + 2 * _OVERLAP) * self.width
+
+        def Draw(surface: Surface, box: Box, X: RigidTransform, colour: Colour) -> None:
+            name = f"{path}/{surface.name}"
+            meshcat.SetObject(name, box, Rgba(*to_rgb(colour[0]), colour[1]))
+            meshcat.SetTransform(name, X)
+            # Otherwise it hides the ghost, which is translucent as well, behind it.
+            meshcat.SetProperty(f"{name}/<object>", "material.depthWrite", False)
+            meshcat.SetProperty(f"{name}/<object>", "castShadow", False)
+
+        for surface, low, high in self._Slabs(visuals, surfaces):
+            material = surface.material
+            is_empty = material is not None and not (
+                material.stiffness or material.damping
+            )
+            is_hard = material is None or surface.name == CONTACT
+            colour = _EMPTY if is_empty else _HARD if is_hard else _SOFT
+            # In the stage's axes, which are forward, away from the camera, and up.
+            x = (low + high) / 2 - self.centre @ self.forward
+            middle = np.array([x, 0, self.hand_height / 2 * self.width])
+            X = self.X_SW.inverse() @ RigidTransform(middle)
+            Draw(surface, Box(high - low, depth, height), X, colour)
+        for surface in surfaces:
+            normal = visuals.Direction(surface.normal_W)
+            if normal @ self.forward <= 0.99 and np.isfinite(surface.point_W).all():
+                thickness = 0.01 * self.width
+                R = RotationMatrix.MakeFromOneVector(normal, 0)
+                point = visuals.InSpace(surface.point_W) + normal * thickness / 2
+                Draw(
+                    surface,
+                    Box(thickness, depth, depth),
+                    RigidTransform(R, point),
+                    _HARD,
+                )
+
+    def SlabLabels(
+        self, visuals: RobotVisuals, surfaces: Sequence[Surface]
+    ) -> dict[str, Array]:
+        """Returns where each material's name stands (3), m: at the top of its slab."""
+        top = self.up * ((self.hand_height + _OVERLAP) * self.width)
+        top += self.centre - self.forward * (self.centre @ self.forward)
+        return {
+            NameOf(surface): top + self.forward * ((low + high) / 2)
+            for surface, low, high in self._Slabs(visuals, surfaces)
+        }
+
+    def _Slabs(
+        self, visuals: RobotVisuals, surfaces: Sequence[Surface]
+    ) -> list[tuple[Surface, float, float]]:
+        """Returns the parallel surfaces that are seen, and where they begin and end.
+
+        The last two are in m along the direction forward.
+        """
+        centre = float(self.centre @ self.forward)
+        edges = (centre - self.width / 2, centre + self.width / 2)
+        stacked = [
+            x for x in surfaces if visuals.Direction(x.normal_W) @ self.forward > 0.99
+        ]
+        points = [np.clip(visuals.InSpace(x.point_W), -1e9, 1e9) for x in stacked]
+        begins = [float(point @ self.forward) for point in points]
+        slabs = []
+        for surface, begin in zip(stacked, begins, strict=True):
+            low = max(begin, edges[0])
+            high = min([x for x in begins if x > begin], default=edges[1])
+            high = min(high, edges[1])
+            if surface.material is None:
+                high = low + 0.004 * self.width
+            if high > low:
+                slabs.append((surface, low, high))
+        return slabs
+
+
+def NameOf(surface: Surface) -> str:
+    """Returns the name of what is behind a surface: its material, if it is known."""
+    return surface.material.name if surface.material else surface.name
 
 
 def MakeStage(
@@ -155,152 +283,3 @@ def _Forward(
     normal_W = (named or finite)[0].normal_W
     parallel = [x for x in finite if x.normal_W @ normal_W > 0.99]
     return visuals.Direction(normal_W), parallel
-
-
-def SetUpView(meshcat: Meshcat, stage: Stage) -> None:
-    """Places camera and lights, and what everything else is drawn in."""
-    meshcat.Delete(ROOT)
-    scale = _SHOWN_WIDTH / stage.width
-    meshcat.SetProperty(f"{ROOT}/scale", "scale", [scale] * 3)
-    meshcat.SetTransform(SCENE, stage.X_SW)
-    for path in ("/Grid", "/Axes"):
-        meshcat.SetProperty(path, "visible", False)
-    meshcat.SetProperty("/Background/<object>", "top_color", [1.0, 1.0, 1.0])
-    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.88, 0.9, 0.92])
-    meshcat.SetCamera(
-        Meshcat.PerspectiveCamera(fov=_FIELD_OF_VIEW, aspect=1.0, near=0.05, far=200.0)
-    )
-    _SetLights(meshcat)
-    # In the stage's axes: the first run's floors and those of the runs below it.
-    tall = (
-        stage.hand_height + 2 * _OVERLAP + _PITCH * (stage.num_runs - 1)
-    ) * _SHOWN_WIDTH
-    middle = (stage.hand_height - _PITCH * (stage.num_runs - 1)) / 2 * _SHOWN_WIDTH
-    shown = max(tall, 0.62 * _SHOWN_WIDTH)
-    distance = 0.62 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
-    target = np.array([0.0, 0.0, middle])
-    meshcat.SetCameraPose(target + distance * np.array([0.12, -0.96, 0.26]), target)
-
-
-def _SetLights(meshcat: Meshcat) -> None:
-    """Lights the scene from behind the camera, without a lamp that stands in it."""
-    for name in ("PointLightNegativeX", "PointLightPositiveX"):
-        meshcat.SetProperty(f"/Lights/{name}/<object>", "intensity", 0.0)
-    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.3)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 2.2)
-    meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-3.0, -8.0, 9.0])
-
-
-def DrawSlabs(
-    meshcat: Meshcat,
-    path: str,
-    stage: Stage,
-    visuals: RobotVisuals,
-    surfaces: Sequence[Surface],
-) -> None:
-    """Draws what is behind each surface, as far as the next one, as translucent slabs.
-
-    What is hard is grey, other materials that push back are orange, and where nothing
-    does there is a breath of blue. A surface that is not parallel to the others, or
-    whose material is unknown, is a thin plate.
-    """
-    for surface, low, high in _Slabs(stage, visuals, surfaces):
-        material = surface.material
-        is_empty = material is not None and not (material.stiffness or material.damping)
-        is_hard = material is None or surface.name == CONTACT
-        colour = _EMPTY if is_empty else _HARD if is_hard else _SOFT
-        name = f"{path}/{surface.name}"
-        _DrawSlab(meshcat, name, stage, (low, high), colour)
-    for surface in surfaces:
-        normal = visuals.Direction(surface.normal_W)
-        if normal @ stage.forward <= 0.99 and np.isfinite(surface.point_W).all():
-            name = f"{path}/{surface.name}"
-            _DrawPlate(meshcat, name, stage, _Point(visuals, surface), normal)
-
-
-def SlabLabels(
-    stage: Stage, visuals: RobotVisuals, surfaces: Sequence[Surface]
-) -> dict[str, Array]:
-    """Returns where the name of each material stands (3), m: at the top of its slab."""
-    top = stage.up * ((stage.hand_height + _OVERLAP) * stage.width)
-    centre = stage.centre - stage.forward * (stage.centre @ stage.forward)
-    return {
-        surface.material.name if surface.material else surface.name: centre
-        + stage.forward * ((low + high) / 2)
-        + top
-        for surface, low, high in _Slabs(stage, visuals, surfaces)
-    }
-
-
-def _Slabs(
-    stage: Stage, visuals: RobotVisuals, surfaces: Sequence[Surface]
-) -> list[tuple[Surface, float, float]]:
-    """Returns the parallel surfaces that are seen, and from where to where they reach.
-
-    The last two are in m along the stage's direction forward.
-    """
-    centre = float(stage.centre @ stage.forward)
-    edges = (centre - stage.width / 2, centre + stage.width / 2)
-    stacked = [
-        x for x in surfaces if visuals.Direction(x.normal_W) @ stage.forward > 0.99
-    ]
-    begins = [float(_Point(visuals, x) @ stage.forward) for x in stacked]
-    slabs = []
-    for surface, begin in zip(stacked, begins, strict=True):
-        low = max(begin, edges[0])
-        high = min([x for x in begins if x > begin], default=edges[1])
-        high = min(high, edges[1])
-        if surface.material is None:
-            high = low + 0.004 * stage.width
-        if high > low:
-            slabs.append((surface, low, high))
-    return slabs
-
-
-def _Point(visuals: RobotVisuals, surface: Surface) -> Array:
-    return np.where(
-        np.isfinite(p := visuals.InSpace(surface.point_W)), p, np.sign(p) * 1e9
-    )
-
-
-def _DrawSlab(
-    meshcat: Meshcat,
-    path: str,
-    stage: Stage,
-    limits: tuple[float, float],
-    colour: tuple[str, float],
-) -> None:
-    low, high = limits
-    height = (stage.hand_height + 2 * _OVERLAP) * stage.width
-    # In the stage's axes, which are forward, away from the camera, and up.
-    middle = np.array(
-        [
-            (low + high) / 2 - stage.centre @ stage.forward,
-            0,
-            stage.hand_height / 2 * stage.width,
-        ]
-    )
-    box = Box(high - low, 2 * _HALF_DEPTH * stage.width, height)
-    _DrawTranslucent(
-        meshcat, path, box, stage.X_SW.inverse() @ RigidTransform(middle), colour
-    )
-
-
-def _DrawPlate(
-    meshcat: Meshcat, path: str, stage: Stage, point: Array, normal: Array
-) -> None:
-    size = 2 * _HALF_DEPTH * stage.width
-    thickness = 0.01 * stage.width
-    R = RotationMatrix.MakeFromOneVector(normal, 0)
-    X = RigidTransform(R, point + normal * thickness / 2)
-    _DrawTranslucent(meshcat, path, Box(thickness, size, size), X, _HARD)
-
-
-def _DrawTranslucent(
-    meshcat: Meshcat, path: str, box: Box, X: RigidTransform, colour: tuple[str, float]
-) -> None:
-    meshcat.SetObject(path, box, Rgba(*to_rgb(colour[0]), colour[1]))
-    meshcat.SetTransform(path, X)
-    # Otherwise it hides the ghost, which is translucent as well, behind its front.
-    meshcat.SetProperty(f"{path}/<object>", "material.depthWrite", False)
-    meshcat.SetProperty(f"{path}/<object>", "castShadow", False)

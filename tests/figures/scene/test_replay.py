@@ -34,7 +34,8 @@ def replay(pair):
 
 
 def test_there_may_be_more_runs_than_colours():
-    runs = {f"law {i}": MakeRecording(duration=1.1) for i in range(len(COLORS) + 1)}
+    run = MakeRecording(duration=1.1)
+    runs = {f"law {i}": run for i in range(len(COLORS) + 1)}
     data = PageData(MakeReplay(runs))
     colors = [run["color"] for run in data["runs"]]
     assert colors == [*COLORS, COLORS[0]]
@@ -62,15 +63,22 @@ def test_pictures_are_dense_where_something_happens():
     assert np.diff(times[(times > 0.95) & (times < 1.25)]).max() < 0.008
 
 
-def test_the_ghost_is_late(pair, monkeypatch):
-    """In the animation, the ghost is where the tool was a return delay before."""
+@pytest.fixture(scope="module")
+def tracks(pair):
+    """What the animation is made of."""
     pens = []
-    make = AnimationPen.MakeAnimation
-    monkeypatch.setattr(
-        AnimationPen, "MakeAnimation", lambda pen: pens.append(pen) or make(pen)
-    )
-    AnimateRuns(pair, Meshcat(0))
-    (tracks,) = (pen._tracks for pen in pens)
+    with pytest.MonkeyPatch.context() as patch:
+        make = AnimationPen.MakeAnimation
+        patch.setattr(
+            AnimationPen, "MakeAnimation", lambda pen: pens.append(pen) or make(pen)
+        )
+        AnimateRuns(pair, Meshcat(0))
+    (pen,) = pens
+    return pen._tracks
+
+
+def test_the_ghost_is_late(tracks):
+    """In the animation, the ghost is where the tool was a return delay before."""
     for run in (0, 1):
         for name, delay in (("robot/tip", 0.0), ("hand", RETURN_DELAY)):
             track = tracks[f"{SCENE}/run_{run}/{name}", "position"]
@@ -83,22 +91,14 @@ def test_the_ghost_is_late(pair, monkeypatch):
         assert ghost[1500][0] == pytest.approx(1.3e-3, abs=1e-6)
 
 
-def test_packets_take_as_long_as_the_channel(pair):
+def test_packets_take_as_long_as_the_channel(tracks):
     """A dot rises from the tool to the hand in one delay, at the x where it left."""
-    pens = []
-    with pytest.MonkeyPatch.context() as patch:
-        make = AnimationPen.MakeAnimation
-        patch.setattr(
-            AnimationPen, "MakeAnimation", lambda pen: pens.append(pen) or make(pen)
-        )
-        AnimateRuns(pair, Meshcat(0))
-    (pen,) = pens
-    track = pen._tracks[f"{SCENE}/run_0/return/0", "position"]
+    track = tracks[f"{SCENE}/run_0/return/0", "position"]
     first, second = sorted(track)[:2]
     assert (first, second) == (0, 200)
     assert track[first][0] == track[second][0] == 0.0
     assert track[second][2] > track[first][2]
-    shown = pen._shown[f"{SCENE}/run_0/return/0"]
+    shown = tracks[f"{SCENE}/run_0/return/0", "visible"]
     assert shown[0] and not shown[200]
 
 

@@ -9,7 +9,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.environments import Surface
-from teleop_drake.figures.scene import AddScene, MakeScene
+from teleop_drake.figures.scene import AddScene, Scene
 from teleop_drake.figures.scene.actor import NUM_BEADS
 from teleop_drake.figures.scene.stage import SCENE
 from teleop_drake.figures.scene.visuals import RobotVisuals
@@ -91,7 +91,7 @@ def test_a_robot_that_is_no_plant_is_a_point(meshcat):
     scenario = LoadScenario("one_dof")
     scenario.robot = PuckConfig(start=np.array([0.1, 0.2, 0.3]))
     wall = Surface("contact", [0.0, 0.0, 0.1], [0.0, 0.0, -1.0])
-    scene = MakeScene(scenario, meshcat, surfaces=(wall,))
+    scene = Scene(meshcat, scenario, surfaces=(wall,))
     scene._pen = notes = Notes()
     scene.Draw(0.0, {"tool_position": [0.1, 0.2, 0.25]})
     tip = notes.positions[f"{SCENE}/run/robot/tip"]
@@ -105,7 +105,7 @@ def test_a_robot_that_is_no_plant_is_a_point(meshcat):
 def test_the_picture_is_of_the_delay(meshcat):
     """The tool moves at 0.1 m/s and is felt 0.2 s later."""
     scenario = LoadScenario("two_dof_combined", {"return_channel.delay": 0.2})
-    scene = MakeScene(scenario, meshcat)
+    scene = Scene(meshcat, scenario)
     scene._pen = notes = Notes()
     for t in np.linspace(0.0, 1.0, 101):
         tool, felt = ([0.85 + 0.1 * max(x, 0.0), 0.0] for x in (t, t - 0.2))
