@@ -51,7 +51,7 @@ _LOST_AT = 0.5
 
 
 # Samples of the strips, per second and at most.
-_RATE, _MOST_SAMPLES = 200.0, 4000
+_STRIP_RATE, _MOST_SAMPLES = 200.0, 4000
 
 # Width of the strips in round trips, and at least, s.
 _ROUND_TRIPS, _SHORTEST_WINDOW = 8.0, 1.0
@@ -452,7 +452,7 @@ def _RunData(act: Act, stage: Stage, run: int) -> dict[str, Any]:
     """Returns the samples of a run: along the stage's direction forward, SI units."""
     recording, operator, n = act.recording, act.operator, act.num_axes
     end = float(recording.time[-1])
-    times = np.linspace(0.0, end, int(min(max(_RATE * end, 2), _MOST_SAMPLES)))
+    times = np.linspace(0.0, end, int(min(max(_STRIP_RATE * end, 2), _MOST_SAMPLES)))
     forward = stage.forward[:n]
     felt_velocity, velocity = recording.signals.get("felt_velocity"), operator.velocity
     if felt_velocity is None and operator.felt is not None:
