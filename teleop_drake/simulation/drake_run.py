@@ -73,7 +73,9 @@ class Recorder:
 
     Drake tells the states at the ends of a step only. Within it they are the cubic
     polynomials that have their rates there, and the outputs are evaluated at these
-    states, in a Context of its own.
+    states, in a Context of its own. Where the discrete state differs from that at the
+    last sample, a block has changed it at the beginning of the step: that is sampled
+    again, with the new one.
 
     Attributes:
         names: Of the signals, in the order of a sample's values.
@@ -95,7 +97,7 @@ class Recorder:
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
         self._step_ends: list[int] = []
-        self._state = self._rate = np.empty(0)
+        self._state = self._rate = self._mode = np.empty(0)
 
     def Now(self) -> list[np.ndarray]:
         """Returns the signals' values."""
@@ -106,20 +108,35 @@ class Recorder:
         time, root = self._root_context.get_time(), self._root_context
         values = self.Now()
         state = root.get_continuous_state_vector().CopyToVector()
-        rate = self._diagram.EvalTimeDerivatives(
-            self._diagram.GetMyContextFromRoot(root)
-        ).CopyToVector()
+        rate, mode = self._RateIn(root), _DiscreteState(root)
         if self._rows and time > self._rows[-1][0]:
+            self.inner_context.SetTimeStateAndParametersFrom(root)
+            if not np.array_equal(mode, self._mode):
+                self._SampleBeginning()
             self._SampleInside(time, state, rate)
             self._step_ends.append(len(self._rows))
         self._rows.append((time, values))
-        self._state, self._rate = state, rate
+        self._state, self._rate, self._mode = state, rate, mode
         return values
+
+    def _RateIn(self, root_context: Context) -> np.ndarray:
+        """Returns the rate of the state in a Context."""
+        context = self._diagram.GetMyContextFromRoot(root_context)
+        rate: np.ndarray = self._diagram.EvalTimeDerivatives(context).CopyToVector()
+        return rate
+
+    def _SampleBeginning(self) -> None:
+        """Takes a sample at the beginning of the step, after what happened there."""
+        inner, begin = self.inner_context, self._rows[-1][0]
+        inner.SetTime(begin)
+        inner.SetContinuousState(self._state)
+        self._rate = self._RateIn(inner)
+        values = [evaluate(context) for evaluate, context in self._inside]
+        self._rows.append((begin, values))
 
     def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
         """Takes the samples between the last one and a time."""
         inner, begin = self.inner_context, self._rows[-1][0]
-        inner.SetTimeStateAndParametersFrom(self._root_context)
         h = end - begin
         for s in shares(DEGREE)[1:-1].tolist():
             inner.SetTime(begin + s * h)
@@ -139,6 +156,12 @@ class Recorder:
         }
         ends = np.array(self._step_ends, int)
         return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+
+
+def _DiscreteState(context: Context) -> np.ndarray:
+    """Returns all discrete states of a Context, one after another."""
+    groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
+    return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])
 
 
 class _DrakeRun:

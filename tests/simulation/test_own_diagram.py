@@ -6,7 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    LeafSystem,
+    UnrestrictedUpdateEvent,
+    WitnessFunctionDirection,
+)
 from pydrake.systems.primitives import Gain, Integrator, Sine
 
 from teleop_drake.channels.sampled import SampledDelay
@@ -174,3 +179,50 @@ def test_the_duration_of_a_scenario_can_be_given():
     recording = simulate(scenario, duration=0.1)
     assert recording.time[-1] == recording.scenario.duration == 0.1
     assert scenario.duration != 0.1
+
+
+class Switch(LeafSystem):
+    """x' = 1 until x is 0.25, and -2 from then on."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self._state = self.DeclareContinuousState(1)
+        self._mode = self.DeclareDiscreteState([1.0])
+        self.DeclareVectorOutputPort("rate", 1, self._CalcRate, {self.xd_ticket()})
+        self._witness = self.MakeWitnessFunction(
+            "full",
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            lambda x: x.get_continuous_state_vector()[0] - 0.25,
+            UnrestrictedUpdateEvent(
+                lambda context, event, state: state.get_mutable_discrete_state(
+                    self._mode
+                ).SetAtIndex(0, -2.0)
+            ),
+        )
+
+    def DoGetWitnessFunctions(self, context):
+        return [self._witness]
+
+    def _CalcRate(self, context, output):
+        output.SetFromVector(context.get_discrete_state(self._mode).CopyToVector())
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        rate = context.get_discrete_state(self._mode).CopyToVector()
+        derivatives.get_mutable_vector().SetFromVector(rate)
+
+
+def test_an_event_of_a_users_own_stands_twice():
+    builder = DiagramBuilder()
+    system = builder.AddSystem(Switch())
+    plant = builder.AddSystem(Integrator(1))
+    builder.Connect(system.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(system.get_output_port(), "rate")
+    builder.ExportOutput(plant.get_output_port(), "y")
+    recording = simulate(builder.Build(), duration=1.0, engine="drake")
+    (place,) = np.flatnonzero(np.diff(recording.time) == 0)
+    assert recording.time[place] == pytest.approx(0.25, abs=1e-6)
+    assert recording["rate"][place : place + 2, 0].tolist() == [1.0, -2.0]
+    times = np.linspace(0, 1, 1001)
+    exact = np.where(times < 0.25, times, 0.75 - 2 * times)
+    y = recording.Interpolate("y", times)[:, 0]
+    np.testing.assert_allclose(y, exact, atol=1e-6)
