@@ -100,17 +100,6 @@ PROGRAMS = [
         "controller.kind=time_domain_passivity",
         f"return_channel={NETWORK.format('extrapolate')}",
     ),
-    *(
-        pytest.param((task, *overrides), marks=pytest.mark.slow)
-        for task in ("one_dof", "two_dof_combined")
-        for i, controller in enumerate(ARCHITECTURES)
-        for overrides in (
-            (
-                f"controller.kind={controller}",
-                f"surgeon.kind={['constant_velocity', 'sine', 'trapezoid'][i % 3]}",
-            ),
-        )
-    ),
 ]
 
 

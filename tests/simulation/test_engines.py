@@ -50,42 +50,6 @@ def test_a_puncture_compiles():
         assert np.quantile(error, 0.99) < 1e-6, name
 
 
-NETWORK = (
-    "{kind: network, sample_period: 0.005, delay: 0.04, jitter: {kind: gamma, "
-    "std: 0.01}, loss: {kind: independent, probability: 0.1}, receiver: {policy: %s}}"
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "channel",
-    [
-        "{kind: sampled, sample_period: 0.01, delay: 0.1}",
-        "{kind: sampled, sample_period: 0.01, delay: 0.034}",
-        NETWORK % "newest",
-        NETWORK % "playout, depth: 0.02",
-        NETWORK % "extrapolate",
-    ],
-)
-def test_packets_are_those_of_drake(channel):
-    """At the instants of the packets: between them a recording has nothing else."""
-    scenario = tight(
-        "one_dof",
-        "duration=1",
-        "controller.kind=direct_force",
-        f"forward_channel={channel}",
-        f"return_channel={channel}",
-    )
-    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
-    assert compiled.channels == drake.channels
-    times = [np.round(run.time, 9) for run in (compiled, drake)]
-    common, ours, theirs = np.intersect1d(*times, return_indices=True)
-    assert len(common) > 90
-    for name, values in drake.signals.items():
-        error = np.abs(compiled[name][ours] - values[theirs]).max()
-        assert error < 2e-6 * max(np.ptp(values), 1e-12), name
-
-
 def test_a_run_that_is_too_fast_ends_at_its_limit():
     scenario = LoadScenario(
         "one_dof",
@@ -240,8 +204,3 @@ def test_what_a_subclass_adds_is_not_lost(law, reason):
     recording = simulate(scenario, teleoperator=teleoperator)
     assert recording.solver.engine == "drake"
     assert re.search(reason, recording.notes[0])
-
-
-def test_an_unknown_engine_is_refused():
-    with pytest.raises(ValueError, match="engine = 'steam': must be one of drake"):
-        simulate(LoadScenario("one_dof"), engine="steam")
