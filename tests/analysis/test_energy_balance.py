@@ -17,7 +17,7 @@ from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import AddTeleoperator, MakeTeleoperator
+from teleop_drake.teleoperator import AddTeleoperator
 
 NETWORK = {
     "kind": "network",
@@ -59,20 +59,19 @@ def RunWithTwoPortMeter(name, kind, **overrides):
 
 @pytest.mark.parametrize(
     ("name", "overrides"),
-    Slow(
-        [
-            ("one_dof", {"duration": 9.0, "return_channel.delay": 0.17}),
-            ("one_dof", {"controller.kind": "direct_force", "duration": 9.0}),
-            ("two_dof_collision", {"controller.kind": "direct_force", "duration": 3.0}),
-        ],
-        but=[0, 2],
-    ),
+    [
+        ("one_dof", {"duration": 9.0, "return_channel.delay": 0.17}),
+        ("two_dof_collision", {"controller.kind": "direct_force", "duration": 3.0}),
+    ],
 )
 def test_system_and_recording_agree(name, overrides):
     """Also across the puncture, the contact and the operator's switch."""
     scenario = LoadScenario(name, overrides)
-    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="drake")
+    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="auto")
     balance = ChannelEnergyBalance(recording)
+    if scenario.controller.kind == "direct_force":
+        between_ends = TwoPortEnergyBalance(recording).energy
+        np.testing.assert_allclose(between_ends, balance.energy, atol=1e-12)
     in_diagram = recording["energy"][:, 0]
     scale = np.abs(in_diagram).max()
     assert scale > 1e-8
@@ -203,18 +202,6 @@ def test_every_architecture_has_a_balance(kind, channel):
     np.testing.assert_allclose(balance.power_out, recording["power_out"][:, 0])
 
 
-def test_direct_force_has_the_same_balance_at_both_pairs_of_ends():
-    scenario = LoadScenario(
-        "one_dof", {"controller.kind": "direct_force", "duration": 9.0}
-    )
-    recording = simulate(scenario, teleoperator=LoopWithMeter(scenario), engine="drake")
-    np.testing.assert_allclose(
-        TwoPortEnergyBalance(recording).energy,
-        ChannelEnergyBalance(recording).energy,
-        atol=1e-12,
-    )
-
-
 @pytest.mark.parametrize("delays", [(0.1, 0.1), (0.25, 0.05)])
 def test_a_wave_line_stores_its_waves(delays):
     """E = integral over what is under way of u^T u/2 and w^T w/2, and what the damper
@@ -254,29 +241,6 @@ def test_a_wave_line_stores_its_waves(delays):
     assert TwoPortEnergyBalance(recording).violation[-1] == 0
 
 
-@pytest.mark.slow  # test_time_domain_passivity.py looks at each axis.
-def test_passivity_control_makes_no_more_than_its_allowance():
-    """Direct force makes more than E_0 on each axis; under passivity control it may
-    not, a horizon's worth of overdraft apart."""
-    task = "two_dof_collision"
-    overrides = {"duration": 2.4, "return_channel.delay": 0.2}
-    recording = RunWithTwoPortMeter(task, "time_domain_passivity", **overrides)
-    n = recording.scenario.num_axes
-    allowance = n * ResolveController(recording.scenario).initial_energy
-    assert TwoPortEnergyBalance(recording).violation[-1] < 1.1 * allowance
-    direct = RunWithTwoPortMeter(task, "direct_force", **overrides)
-    assert TwoPortEnergyBalance(direct).violation[-1] > 1.3 * allowance
-
-
 def test_no_teleoperator_no_meter():
     with pytest.raises(RuntimeError, match="master"):
         AddTwoPortEnergy(DiagramBuilder())
-
-
-def test_added_or_made_the_teleoperator_is_the_same():
-    scenario = LoadScenario("one_dof")
-    builder = DiagramBuilder()
-    AddTeleoperator(builder, scenario)
-    names = [system.get_name() for system in builder.Build().GetSystems()]
-    made = MakeTeleoperator(scenario)
-    assert names == [system.get_name() for system in made.GetSystems()]

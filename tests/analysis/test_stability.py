@@ -16,13 +16,15 @@ from teleop_drake.linear_model.operating_point import (
     POSITION,
     OperatingPointAt,
     OperatingPointOfRun,
+    OperatingPoints,
+    PointOfRest,
 )
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 
-TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
+TASKS = ("one_dof", "two_dof_combined")
 KINDS = ("direct_force", "adaptive_backstepping")
 OTHERS = (
     "wave_variables",
@@ -85,14 +87,6 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
         [x.delay for x in point.crossings], (phase + math.pi) / w, rtol=1e-9
     )
     assert point.num_neutral == 1 and len(point.hidden_modes) == 0
-
-
-def test_delay_margin_of_notebook_02():
-    """Direct force in free space fails at 0.17 s each way, adaptive at 0.43 s."""
-    assert Analyze("one_dof")["free"].margin.delay / 2 == pytest.approx(0.174, abs=5e-4)
-    adaptive = Analyze("one_dof", "adaptive_backstepping")["free"]
-    assert adaptive.margin.delay / 2 == pytest.approx(0.427, abs=5e-4)
-    assert adaptive.model.frozen_weights
 
 
 def test_stability_returns_on_the_bone():
@@ -251,27 +245,6 @@ def test_runs_on_either_side_of_the_margin(
     assert frequency == pytest.approx(root.imag, rel=1e-3)
 
 
-@pytest.mark.parametrize(("delay", "grows"), [(0.15, True), (0.3, False)])
-def test_runs_in_the_second_window(delay, grows):
-    """On the bone the oscillation grows with 0.15 s and decays again with 0.3 s."""
-    overrides = {
-        "controller.kind": "direct_force",
-        "environment.layers": EVERYWHERE["bone"],
-        "divergence_speed_ratio": 1000.0,
-        "forward_channel.delay": delay / 2,
-        "return_channel.delay": delay / 2,
-        "duration": 8.0,
-        "simulator.accuracy": 1e-11,
-    }
-    scenario = LoadScenario("one_dof", overrides)
-    point = OperatingPointAt(scenario, 0.01)
-    root = AnalyzeStability(scenario, points=[point]).points[0].RightmostRoot(delay)
-    rate, frequency = Growth(simulate(scenario, engine="auto"), 4.0)
-    assert (rate > 0) == grows
-    assert rate == pytest.approx(root.real, rel=1e-2)
-    assert frequency == pytest.approx(root.imag, rel=1e-2)
-
-
 # No border bends it, and it is touched at 10 um.
 SPRING = [
     {"name": "free", "start": -math.inf, "stiffness": 149.99, "reference": 0.0},
@@ -283,8 +256,6 @@ SPRING = [
     ("kind", "delay", "grows"),
     [
         ("direct_force", 0.02, False),
-        ("four_channel", 0.08, True),
-        ("four_channel", 0.1, False),
         ("four_channel", 0.2, True),
     ],
 )
@@ -320,15 +291,21 @@ def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
     assert of_run.RightmostRoot(2 * delay) == pytest.approx(root, rel=1e-6)
 
 
+def Rest(name):
+    """Where the tool of a scenario rests under the force that its operator holds."""
+    scenario = LoadScenario(name)
+    point = OperatingPoints(scenario)[-1]
+    environment = scenario.environment.MakeEnvironment(scenario.robot.start)
+    return scenario, PointOfRest(point, environment, scenario.surgeon.contact_force)
+
+
 def test_a_tool_that_slides_has_no_place_of_rest():
-    (note,) = Analyze("wall_sliding").notes
-    assert note.endswith("is not known: the tool does not rest under it.")
+    assert Rest("wall_sliding")[1] is None
 
 
 def test_what_gives_way_across_the_normal_moves_the_point_of_rest():
     """K (p - p_rest) = F along three axes, of an oblique bone held by soft tissue."""
-    point = Analyze("needle_insertion")["contact"].force_mode.model.point
-    scenario = LoadScenario("needle_insertion")
+    scenario, point = Rest("needle_insertion")
     normal = np.array([0.6, 0.48, -0.64])
     across = np.eye(3) - np.outer(normal, normal)
     force = np.array(scenario.surgeon.contact_force)
@@ -380,9 +357,9 @@ def PredictorDeterminant(s, T, model_mass, k, d):
     return 1 + H * (P * z + Q * (1 - z))
 
 
-@pytest.mark.parametrize("T", [0.05, 0.3, 1.3])
 @pytest.mark.parametrize(
-    ("layer", "k", "d"), [("tissue", 0.01, 0.5), ("free", 0, 0), ("bone", 150, 0)]
+    ("layer", "k", "d", "T"),
+    [("tissue", 0.01, 0.5, 0.05), ("free", 0, 0, 1.3), ("bone", 150, 0, 0.3)],
 )
 def test_roots_of_a_predictor_by_hand(layer, k, d, T):
     """Its delay follows the channels, and every root that is found is one."""
@@ -557,8 +534,8 @@ def test_runs_with_held_samples_on_either_side_of_the_margin(share):
 
 
 def test_idle_passivity_is_said():
-    analysis = Analyze("two_dof_combined", "time_domain_passivity")
-    direct = Analyze("two_dof_combined")
+    analysis = Analyze("one_dof", "time_domain_passivity")
+    direct = Analyze("one_dof")
     for point, other in zip(analysis.points, direct.points, strict=True):
         assert point.margin.delay == pytest.approx(other.margin.delay, rel=1e-7)
         assert point.ToRecord()["idle_passivity"] is True
@@ -567,38 +544,6 @@ def test_idle_passivity_is_said():
     assert "passivity controllers are taken to inject nothing" in note
     assert direct.notes == []
     assert analysis.ToRecord()["notes"] == [note]
-
-
-@pytest.mark.slow  # test_metamorphic.py moves a delay as well.
-def test_only_the_sum_of_the_delays_matters_to_the_diagram_itself():
-    """With the slave's clock set back by the difference of the forward delays the runs
-    are the same, puncture, contact and the operator's switch included."""
-    early, late = (
-        simulate(
-            LoadScenario(
-                "one_dof",
-                {
-                    "controller.kind": "direct_force",
-                    "duration": 17.0,
-                    "forward_channel.delay": delay,
-                    "return_channel.delay": 0.2 - delay,
-                    "simulator.accuracy": 1e-10,
-                },
-            )
-        )
-        for delay in (0.07, 0.15)
-    )
-    times = np.linspace(0.0, 16.9, 500)
-    for name in ("tool_velocity", "environment_force", "control_force"):
-        first = early.Interpolate(name, times)
-        second = late.Interpolate(name, times + 0.08)
-        # At a jump an instant decides.
-        is_close = np.abs(second - first) < 1e-4 * np.abs(first).max()
-        assert is_close.mean() > 0.99
-    # The operator is not at the slave.
-    for name, shift in (("puncture", 0.08), ("contact", 0.08), ("surgeon_force", 0.0)):
-        (before, *_), (after, *_) = early.EventTimes(name), late.EventTimes(name)
-        assert after - before == pytest.approx(shift, abs=1e-5)
 
 
 def test_device_whose_loop_is_too_fast_for_collocation():
@@ -622,32 +567,11 @@ def test_record_is_plain_json():
     record = Analyze("two_dof_combined", "adaptive_backstepping").ToRecord()
     assert json.loads(json.dumps(record, allow_nan=False)) == record
     assert record["scenario"] == "two_dof_combined"
-    for point in record["operating_points"]:
-        assert set(point) >= {
-            "name",
-            "position",
-            "layer",
-            "frozen_weights",
-            "gain_crossovers",
-            "phase_margin",
-            "delay_margin",
-            "stable_delays",
-            "rightmost_root",
-        }
-        assert point["frozen_weights"] is True
+    assert all(x["frozen_weights"] is True for x in record["operating_points"])
     bone = Analyze("one_dof", "adaptive_backstepping").ToRecord()["operating_points"][2]
     assert bone["delay_margin"] is None and bone["phase_margin"] is None
     assert bone["gain_crossovers"] == []
     assert bone["stable_delays"] == [[0.0, 2.0]]
-
-
-def test_without_delay():
-    analysis = Analyze(
-        "one_dof", **{"forward_channel.delay": 0.0, "return_channel.delay": 0.0}
-    )
-    for point in analysis.points:
-        assert point.is_stable
-        assert point.margin.delay > 0
 
 
 def test_unstable_without_delay():
@@ -696,44 +620,12 @@ def test_chart_along_the_path():
     chart = ChartStability(
         "two_dof_combined",
         POSITION,
-        [0.9, 1.05, 1.101],
+        # 1.0 and 1.1 are where free space and bone begin.
+        [0.9, 1.0, 1.1],
         overrides={"controller.kind": "direct_force"},
     )
     assert chart.PointNames() == ["tissue", "free", "bone", "bone, force held"]
     assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
-
-
-def test_chart_across_the_borders():
-    """1.0 and 1.1 are where free space and bone begin."""
-    chart = ChartStability(
-        "two_dof_combined",
-        POSITION,
-        np.linspace(0.9, 1.12, 12),
-        overrides={"controller.kind": "direct_force"},
-    )
-    names = [analysis.points[0].model.point.name for analysis in chart.analyses]
-    assert names == ["tissue"] * 5 + ["free"] * 5 + ["bone"] * 2
-    assert chart.values[5] == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("key", "values"),
-    Slow(
-        [
-            ("controller.G1", [1.0, 4.0]),
-            ("robot.start.0", [0.85, 0.95]),
-            ("surgeon.velocity.0", [0.05, 0.1]),
-            ("environment.layers.tissue.damping", [0.2, 0.5]),
-            ("haptic_device.numerator.0", [10.0, 25.0]),
-        ],
-        but=[3],
-    ),
-)
-def test_any_number_can_vary(key, values):
-    chart = ChartStability("two_dof_combined", key, values)
-    assert chart.values.tolist() == values
-    low, high = (intervals[0][1] for intervals in chart.StableDelays("tissue"))
-    assert abs(high / low - 1) > 1e-3
 
 
 def test_chart_refuses():
@@ -769,14 +661,7 @@ def test_chart_refuses():
 def test_refuses(scenario, message):
     with pytest.raises(ScenarioError, match=message):
         AnalyzeStability(scenario)
-
-
-@pytest.mark.parametrize("max_delay", [0.0, -1.0, math.nan, math.inf])
-def test_refuses_max_delay(max_delay):
     with pytest.raises(ValueError, match="max_delay = "):
-        AnalyzeStability(LoadScenario("one_dof"), max_delay=max_delay)
-
-
-def test_unknown_point():
+        AnalyzeStability(LoadScenario("one_dof"), max_delay=math.inf)
     with pytest.raises(KeyError):
         Analyze("one_dof")["brain"]

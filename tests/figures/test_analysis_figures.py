@@ -6,11 +6,9 @@ import functools
 import numpy as np
 import pytest
 from grids import Slow
-from matplotlib.figure import Figure
 
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
-    StabilityAnalysis,
 )
 from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.analysis.transparency import AnalyzeTransparency
@@ -40,12 +38,9 @@ def Lines(ax, width):
     ]
 
 
-@pytest.mark.parametrize("name", Slow(["two_dof_combined", "one_dof"]))
-@pytest.mark.parametrize("kind", Slow(["direct_force", "adaptive_backstepping"]))
-@pytest.mark.parametrize("plot", [PlotBode, PlotNyquist, PlotStableDelays])
-def test_can_be_drawn(plot, kind, name, tmp_path):
-    figure = plot(Analysis(name, kind))
-    assert isinstance(figure, Figure)
+@pytest.mark.parametrize("plot", Slow([PlotNyquist, PlotBode, PlotStableDelays]))
+def test_can_be_drawn(plot, tmp_path):
+    figure = plot(Analysis("two_dof_combined"))
     SaveFigure(figure, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
@@ -97,18 +92,17 @@ def test_bars_of_two_controllers_are_told_apart():
     assert labels[0] == "direct force, tissue" and len(set(labels)) == 8
 
 
-def test_chart_has_a_panel_for_each_point(tmp_path):
+def test_chart_has_a_panel_for_each_point():
     chart = ChartStability(
         "one_dof",
         "robot.mass",
-        [0.3, 0.5, 1.0],
+        [0.3, 1.0],
         overrides=["controller.kind=direct_force"],
     )
     figure = PlotStabilityChart(chart)
     titles = [ax.get_title() for ax in figure.axes]
     assert titles == ["tissue", "free", "bone", "bone, force held"]
     assert all(ax.get_xlabel() == "robot mass [kg]" for ax in figure.axes)
-    SaveFigure(figure, tmp_path / "a.png")
     stable = [p for p in figure.axes[1].patches if p.get_zorder() == 2]
     ends = [intervals[0][1] for intervals in chart.StableDelays("free")]
     np.testing.assert_allclose([p.get_height() for p in stable], ends)
@@ -125,7 +119,6 @@ def test_chart_along_the_path_has_one_panel():
 def test_nothing_to_draw():
     analysis = Analysis()
     empty = dataclasses.replace(analysis, points=[])
-    assert isinstance(empty, StabilityAnalysis)
     for plot in (PlotBode, PlotNyquist, PlotStableDelays):
         with pytest.raises(ValueError, match="must be"):
             plot(empty)

@@ -26,7 +26,6 @@ from teleop_drake.linear_model.operating_point import (
     OperatingPointOfRun,
     OperatingPoints,
 )
-from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.robots import TwoLinkArmConfig
 from teleop_drake.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -201,15 +200,6 @@ def test_free_joints_are_states_like_others():
     assert model.slave.num_states == 6
     response = model.slave.frequency_response(W)[:, 2:, :2]
     np.testing.assert_allclose(response, exact, rtol=1e-6, atol=1e-9)
-
-
-def test_free_joints_move_with_the_tool():
-    """They have no momentum of their own, as after forces on the tool alone."""
-    scenario = LoadScenario(OWN_ARM, OWN_ARM_IN_A_PLANE)
-    point = OperatingPoints(scenario)[0]
-    analysis = AnalyzeStability(scenario, points=[point])
-    record = analysis.points[0].ToRecord()
-    assert record["position"][1] != 0 and record["stable"]
 
 
 def test_estimates_are_those_of_the_point():
@@ -453,11 +443,6 @@ def test_drift_correction_has_no_linear_model():
         )
 
 
-def test_the_operator_is_in_velocity_mode_also_on_bone():
-    model = Model("two_dof_combined", point=2)
-    assert np.abs(model.master.frequency_response([1.0])[0, :2, 2:]).max() > 1
-
-
 def test_no_difference_crosses_a_border():
     """A micrometre before the bone, the environment still is free space."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
@@ -506,8 +491,3 @@ def test_path_to_a_floor():
     assert above.velocity[1] == -0.06 and inside.velocity[1] == 0
     with pytest.raises(ScenarioError, match=r"position = 0\.2: must be on the tool's"):
         OperatingPointAt(scenario, 0.2, environment=Floor())
-
-
-def test_models_are_state_spaces():
-    model = Model("one_dof")
-    assert isinstance(model.slave, StateSpace) and isinstance(model.master, StateSpace)

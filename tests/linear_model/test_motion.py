@@ -23,7 +23,7 @@ def EverywhereBone(stiffness, **overrides):
     } | overrides
 
 
-@pytest.mark.parametrize("speed", [0.002, 0.003, 0.1])
+@pytest.mark.parametrize("speed", [0.002, 0.1])
 def test_modes_of_the_motion_itself_are_neutral(speed):
     """An arm without a controller, in motion: 0.2 v +- 1.5 v j are its slave's roots.
 
@@ -42,8 +42,7 @@ def test_modes_of_the_motion_itself_are_neutral(speed):
     assert free.RightmostRoot(0.2).real == pytest.approx(-0.68, abs=0.02)
 
 
-@pytest.mark.parametrize("speed", [1e-3, 0.1])
-def test_slow_root_that_is_unstable_is_found(speed):
+def test_slow_root_that_is_unstable_is_found():
     """A heavy slider on a soft spring: nothing in its model drifts as it moves on."""
     scenario = LoadScenario(
         "one_dof",
@@ -52,7 +51,7 @@ def test_slow_root_that_is_unstable_is_found(speed):
             **{
                 "robot.mass": 100.0,
                 "robot.damping": 0.0,
-                "surgeon.velocity": [speed],
+                "surgeon.velocity": [1e-3],
                 "forward_channel.delay": 1.0,
                 "return_channel.delay": 1.0,
             },
@@ -94,7 +93,7 @@ def Rate(recording, begin):
 
 
 @pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 16))]
+    "seed", [1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 8))]
 )
 def test_roots_against_growth(seed):
     """Random sliders on random springs with random delays: the run grows or decays at

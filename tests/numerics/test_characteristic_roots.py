@@ -91,8 +91,3 @@ def test_pair_is_not_torn_apart():
 def test_bad_delay(delay):
     with pytest.raises(ValueError, match="delay = "):
         characteristic_roots([[0.0]], [[1.0]], [[1.0]], [[0.0]], delay=delay)
-
-
-def test_bad_sizes():
-    with pytest.raises(ValueError, match="shapes"):
-        characteristic_roots([[0.0]], [[1.0]], [[1.0, 2.0]], [[0.0]], delay=1.0)

@@ -45,16 +45,6 @@ def test_bad_sizes(matrices, message):
         System(*matrices)
 
 
-def test_minimal_realization_of_a_minimal_system_keeps_it():
-    system = System([[0, 1], [-2, -3]], [[0], [1]], [[1, 0.7]])
-    minimal, hidden = minimal_realization(system)
-    assert minimal.num_states == 2 and len(hidden) == 0
-    w = np.geomspace(0.01, 100, 20)
-    np.testing.assert_allclose(
-        minimal.frequency_response(w), system.frequency_response(w), rtol=1e-12
-    )
-
-
 def test_cancelled_integrator_is_found():
     """(25 s + 50)/(s (s + 25)) times s/(m s^2 + c s + k), in this order and that."""
     H = System([[0, 1], [0, -25]], [[0], [1]], [[50, 25]])

@@ -34,14 +34,6 @@ def test_realisation_has_the_transfer_function(numerator, denominator, num_axes)
         np.testing.assert_allclose(H, expected * np.eye(num_axes), atol=1e-13)
 
 
-def test_controllable_canonical_form_of_the_haptic_device():
-    A, B, C, D = realize_transfer_function([25, 50], [1, 25, 0])
-    np.testing.assert_array_equal(A, [[0, 1], [0, -25]])
-    np.testing.assert_array_equal(B, [[0], [1]])
-    np.testing.assert_array_equal(C, [[50, 25]])
-    np.testing.assert_array_equal(D, [[0]])
-
-
 def test_states_of_one_axis_stand_together():
     A, B, _, _ = realize_transfer_function([25, 50], [1, 25, 0], num_axes=2)
     np.testing.assert_array_equal(
