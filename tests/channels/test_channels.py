@@ -8,7 +8,6 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
@@ -203,28 +202,6 @@ def test_round_trip():
     )
     assert scenario.return_channel.seed == 3
     assert type(scenario.return_channel.seed) is int
-
-
-def test_overrides_reach_every_impairment():
-    scenario = LoadScenario(
-        "one_dof",
-        {
-            "forward_channel.kind": "network",
-            "forward_channel.sample_period": 0.001,
-            "forward_channel.jitter.kind": "normal",
-            "forward_channel.jitter.std": 0.01,
-            "forward_channel.jitter.minimum": 0.02,
-            "forward_channel.loss.kind": "independent",
-            "forward_channel.loss.probability": 0.05,
-            "forward_channel.receiver.policy": "playout",
-            "forward_channel.receiver.depth": 0.05,
-            "forward_channel.sinusoid.amplitude": 0.01,
-            "forward_channel.drift": 0.001,
-            "forward_channel.seed": 11,
-        },
-    )
-    channel = scenario.forward_channel.MakeChannel(size=2, initial_value=[0.0, 0.0])
-    assert isinstance(channel, NetworkDelay)
 
 
 def test_no_step_is_longer_than_the_smallest_delay():

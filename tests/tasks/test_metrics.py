@@ -13,6 +13,7 @@ from teleop_drake.laws.layered_force import layer_force
 from teleop_drake.numerics.step_polynomials import DEGREE, shares
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.tasks import Insertion
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -180,9 +181,7 @@ def TaskPhases() -> list[Phase]:
 
 STEPS = [
     RegularSteps(0.02),
-    RegularSteps(0.05),
     IrregularSteps(1, 0.05),
-    IrregularSteps(2, 0.05),
     IrregularSteps(3, 0.02),
 ]
 
@@ -579,31 +578,16 @@ def test_summary_has_the_promised_fields():
             "real_time_factor": 2.0,
         },
     }
-    assert list(metrics) == [
-        "start_velocity_overshoot",
-        "puncture",
-        "collision",
-        "velocity_rms_error",
-        "force_rms_error",
-        "control_force_peak",
-        "control_force_variation",
-        "diverged",
-        "diverged_at",
-    ]
     assert list(metrics["puncture"]) == [
-        "time",
-        "velocity",
-        "force",
-        "velocity_overshoot",
-    ]
+        "time", "velocity", "force", "velocity_overshoot",
+    ]  # fmt: skip
     assert list(metrics["collision"]) == [
-        "time",
-        "velocity",
-        "initial_impact_force",
-        "peak_force",
-        "rebound_velocity",
+        "time", "velocity", "initial_impact_force", "peak_force", "rebound_velocity",
         "settling_time",
-    ]
+    ]  # fmt: skip
+    # Insertion.units has the others, too.
+    scalars = {name.partition(".")[0] for name in Insertion.units}
+    assert set(metrics) == scalars
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])

@@ -20,7 +20,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
-from teleop_drake.tasks.tracking import MakeNetworkTracking, MakeReference
+from teleop_drake.tasks.tracking import MakeReference
 
 # They look at the same runs.
 pytestmark = pytest.mark.xdist_group("tracking")
@@ -144,17 +144,6 @@ def test_metrics_agree_with_a_second_solver(name):
     assert len(metrics) == 3
 
 
-@pytest.mark.slow  # The second solver says more.
-@CASE
-def test_converged(name):
-    coarse = RunMetrics(Run(name))
-    fine = RunMetrics(
-        Run(name, "simulator.accuracy=1e-10", "simulator.max_step_size=0.01")
-    )
-    for key, values in fine.items():
-        assert coarse[key] == pytest.approx(values, rel=1e-4), key
-
-
 # The thesis.
 
 
@@ -227,17 +216,6 @@ def test_reference_is_its_own_derivative():
         np.testing.assert_allclose(evaluate(rate, 1.0), slope, rtol=1e-6)
 
 
-def test_diagram_has_four_named_systems():
-    diagram = MakeNetworkTracking(LoadScenario(CASES[0]))
-    assert diagram.get_name() == "network_tracking"
-    assert [system.get_name() for system in diagram.GetSystems()] == [
-        "reference",
-        "controller",
-        "robot",
-        "disturbance",
-    ]
-
-
 def test_without_force_and_error_the_arm_holds_itself():
     # Gravity is the only load; the controller knows it.
     recording = Run(
@@ -261,22 +239,6 @@ def test_recording_survives_a_file(tmp_path):
     assert recording.events == []
 
 
-def test_summary():
-    summary = RunSummary(Run(CASES[0]))
-    assert list(summary) == [
-        "scenario",
-        "controller",
-        "diverged",
-        "diverged_at",
-        "duration",
-        "metrics",
-        "final",
-        "solver",
-    ]
-    assert summary["controller"] == "network_tracking"
-    assert summary["diverged"] is False and summary["diverged_at"] is None
-
-
 def test_a_run_that_diverges_ends_at_its_limit():
     # A force that pushes the tool away, ten times as hard.
     recording = Run(CASES[1], "disturbance.gain=-100")
@@ -287,12 +249,6 @@ def test_a_run_that_diverges_ends_at_its_limit():
     summary = RunSummary(recording)
     assert summary["diverged"] is True
     assert summary["diverged_at"] == recording.time[-1] < 1
-
-
-def test_progress():
-    times = []
-    simulate(LoadScenario(CASES[0], ["duration=2"]), progress=times.append)
-    assert times and times == sorted(times)
 
 
 def test_plot():
