@@ -36,7 +36,7 @@ def tool_position(config):
 # The pose.
 
 
-@pytest.mark.parametrize("start", [START, [0.3, -0.4, 0.1], [0.5, 0.1], [-0.5]])
+@pytest.mark.parametrize("start", [START, [0.5, 0.1], [-0.5]])
 def test_it_starts_where_it_should(start):
     """Also with fewer axes than joints."""
     config = arm(start=start)
@@ -138,7 +138,6 @@ LOOP = (
     "change, message",
     [
         (('"tool"', '"hand"'), "robot.tool_frame = 'tool': must be a frame of the mod"),
-        (("<actuator name", "<no name"), "robot.file = '.*': must be"),
         (('<joint name="turn"/>', '<joint name="elbow"/>'), "one actuator for each"),
         (("</robot>", ""), "robot.file = '.*': must be a model of one open chain"),
         (
@@ -155,19 +154,6 @@ def test_files_that_are_no_arm(change, message, tmp_path):
     assert "\n" not in str(error.value)
 
 
-def test_a_joint_without_a_motor(tmp_path):
-    text = URDF.read_text()
-    begin = text.index('<transmission name="elbow')
-    end = text.index("</robot>")
-    path = tmp_path / "weak.urdf"
-    path.write_text(text[:begin] + text[end:])
-    message = "one actuator for each joint.* not 2 actuators for 3 joint velocities"
-    with pytest.raises(ScenarioError, match=message):
-        arm(file=str(path)).Check("robot")
-    plant = arm(file=str(path), add_motors=True).LoadPlant()
-    np.testing.assert_array_equal(plant.MakeActuationMatrix(), np.eye(3))
-
-
 def transmissions():
     """The file before its motors, what is said of each of them, and the end."""
     text = URDF.read_text()
@@ -177,22 +163,36 @@ def transmissions():
     return text[:begin], [f"{x}</transmission>" for x in parts[:-1]], text[end:]
 
 
-def test_two_motors_at_a_joint(tmp_path):
+def with_motors(tmp_path, choose):
+    """Returns the file with motors that a function chooses from its own."""
     head, motors, tail = transmissions()
-    second = motors[0].replace("turn_", "second_")
-    path = tmp_path / "strong.urdf"
-    path.write_text(head + "".join([*motors, second]) + tail)
+    path = tmp_path / "other.urdf"
+    path.write_text(head + "".join(choose(motors)) + tail)
+    return str(path)
+
+
+def test_a_joint_without_a_motor(tmp_path):
+    file = with_motors(tmp_path, lambda motors: motors[:2])
+    message = "one actuator for each joint.* not 2 actuators for 3 joint velocities"
+    with pytest.raises(ScenarioError, match=message):
+        arm(file=file).Check("robot")
+    plant = arm(file=file, add_motors=True).LoadPlant()
+    np.testing.assert_array_equal(plant.MakeActuationMatrix(), np.eye(3))
+
+
+def test_two_motors_at_a_joint(tmp_path):
+    file = with_motors(
+        tmp_path, lambda motors: [*motors, motors[0].replace("turn_", "second_")]
+    )
     with pytest.raises(ScenarioError, match="not 4 actuators for 3 joint velocities"):
-        arm(file=str(path)).Check("robot")
+        arm(file=file).Check("robot")
 
 
 def test_motors_may_have_any_order(tmp_path):
     """Each gets the torque of its own joint, by either engine."""
-    head, motors, tail = transmissions()
-    path = tmp_path / "shuffled.urdf"
-    path.write_text(head + "".join(motors[k] for k in (2, 0, 1)) + tail)
+    file = with_motors(tmp_path, lambda motors: [motors[k] for k in (2, 0, 1)])
     rates = []
-    for config in (arm(), arm(file=str(path)), arm(file=str(path), hold="posture")):
+    for config in (arm(), arm(file=file), arm(file=file, hold="posture")):
         robot = config.MakeRobot()
         context = robot.CreateDefaultContext()
         robot.GetInputPort("control_force").FixValue(context, [1.0, 2.0, 3.0])
@@ -205,23 +205,15 @@ def test_motors_may_have_any_order(tmp_path):
 @pytest.mark.parametrize(
     "fields, message",
     [
-        (
-            {"start": [2.0, 0.0, 0.2]},
-            "reach of the tool, which comes no nearer than 1.3",
-        ),
+        ({"start": [2.0, 0.0, 0.2]}, "the tool, which comes no nearer than 1.3"),
         ({"start": [0.6999, 0.0, 0.2]}, "singular poses .* smallest singular value"),
         ({"start": []}, "robot.start = .*: must be a list of 1, 2 or 3 finite numbers"),
         ({"start": None}, "robot.start = null: must be a list of 1, 2 or 3"),
-        ({"start": [0.1] * 4}, "must be a list of 1, 2 or 3"),
-        ({"start": [np.nan]}, "must be a list of 1, 2 or 3"),
         ({"file": None}, "robot.file = null: must be the path of an .sdf or .urdf"),
         ({"file": "arm.xml"}, "robot.file = 'arm.xml': must be the path of an .sdf or"),
         ({"file": "no.urdf"}, "robot.file = 'no.urdf': must be readable .No such file"),
         ({"posture": [0.0]}, r"robot.posture = \[0.0\]: must be a list of 3 finite"),
-        (
-            {"gravity": [-9.81]},
-            r"robot.gravity = \[-9.81\]: must be a list of 3 finite",
-        ),
+        ({"gravity": [-9.81]}, r"robot.gravity = \[-9.81\]: must be a list of 3 fin"),
         ({"tool_frame": "hand"}, "robot.tool_frame = 'hand': must be a frame of the"),
         ({"tool_frame": "base"}, "robot.tool_frame = 'base': must be tool, because"),
     ],

@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 import standard_dh
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import MultibodyForces
 
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.compiler.plant_tree import ReadPlantTree
-from teleop_drake.numerics.rigid_body import (
-    calc_dynamics,
-    calc_jacobian,
-    calc_motion,
-)
 from teleop_drake.robots import Puma560Config
 from teleop_drake.validation import ScenarioError
 
@@ -54,38 +48,6 @@ def test_it_is_the_arm_of_the_papers(plant):
         friction = standard_dh.VISCOUS * standard_dh.GEAR**2 * v
         expected = standard_dh.inverse_dynamics(q, v, v_dot) + friction
         np.testing.assert_allclose(torque, expected, atol=1e-11)
-
-
-def test_it_is_the_arm_of_the_toolbox(plant):
-    """The toolbox has another moment of inertia of link 3 and no needle."""
-    toolbox = pytest.importorskip("roboticstoolbox").models.DH.Puma560()
-    toolbox.links[2].I = np.diag([0.066, 0.066, 0.0125])
-    for q, v, v_dot in random_states(count=5):
-        theirs = toolbox.rne(q, v, v_dot, gravity=[0, 0, -9.80665])
-        ours = standard_dh.inverse_dynamics(q, v, v_dot)
-        ours += standard_dh.VISCOUS * standard_dh.GEAR**2 * v
-        coulomb = np.array([link.Tc for link in toolbox.links])
-        ours += np.where(v > 0, coulomb[:, 0], coulomb[:, 1]) * standard_dh.GEAR
-        np.testing.assert_allclose(theirs, ours, atol=1e-9)
-
-
-def test_the_compiled_engine_knows_its_motors_and_its_turn(plant):
-    context = plant.CreateDefaultContext()
-    tree, tool = ReadPlantTree(plant, context).tree, plant.GetBodyByName("tool")
-    world = plant.world_frame()
-    for q, v, _ in random_states(count=3):
-        plant.SetPositionsAndVelocities(context, np.append(q, v))
-        motion = calc_motion(tree, q, v)
-        M, _ = calc_dynamics(tree, motion, v)
-        np.testing.assert_allclose(M, plant.CalcMassMatrix(context), atol=1e-12)
-        pose = plant.EvalBodyPoseInWorld(context, tool)
-        # alpha of the last joint is 0: its frame is turned as the tool is.
-        np.testing.assert_allclose(motion.R[6], pose.rotation().matrix(), atol=1e-12)
-        Jw = plant.CalcJacobianAngularVelocity(
-            context, JacobianWrtVariable.kV, tool.body_frame(), world, world
-        )
-        _, J = calc_jacobian(tree, motion, 5, np.zeros(3))
-        np.testing.assert_allclose(J[:3], Jw, atol=1e-12)
 
 
 def test_its_poses_keep_the_needle_along_x():

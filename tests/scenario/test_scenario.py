@@ -4,6 +4,7 @@ import math
 import re
 from pathlib import Path
 
+import appendix_a
 import numpy as np
 import pytest
 import yaml
@@ -351,21 +352,10 @@ def test_initial_psi():
 
 
 def test_initial_psi_of_the_arm():
-    # J M^-1 J^T of the arm of Appendix A at (0.85, 0), by its closed form.
-    m, L, l, I = 0.5, 0.75, 0.375, 0.0234
-    q2 = math.acos((0.85**2 - 2 * L * L) / (2 * L * L))
-    q1 = -q2 / 2
-    M11 = 2 * m * l * l + m * L * L + 2 * m * L * l * math.cos(q2) + 2 * I
-    M12 = m * l * l + m * L * l * math.cos(q2) + I
-    M = [[M11, M12], [M12, m * l * l + I]]
-    J = np.array(
-        [
-            [-L * math.sin(q1) - L * math.sin(q1 + q2), -L * math.sin(q1 + q2)],
-            [L * math.cos(q1) + L * math.cos(q1 + q2), L * math.cos(q1 + q2)],
-        ]
-    )
-    expected = J @ np.linalg.inv(M) @ J.T
     collision = LoadScenario("two_dof_collision")
+    q = collision.robot.JointPositions(collision.robot.start)
+    J = appendix_a.J(q)
+    expected = J @ np.linalg.inv(appendix_a.M(q)) @ J.T
     np.testing.assert_allclose(collision.initial_psi, expected, rtol=1e-3)
     # In tissue the damping acts along x only.
     combined = LoadScenario("two_dof_combined")
@@ -409,9 +399,7 @@ def test_surface_and_puncture(layers, surface, puncture):
 
 BAD_ONE_DOF = [
     ("forward_channel.delay=-0.1", "forward_channel.delay = -0.1: must be 0 or a fin"),
-    ("return_channel.delay=1e-9", "return_channel.delay = 1e-09: must be"),
     ("return_channel.delay=", "return_channel.delay = null: must be a number"),
-    ("return_channel.sample_period=1", "return_channel.sample_period = 1.0: must be n"),
     ("return_channel.kind=sampled", "return_channel.sample_period = null: must be a"),
     ("return_channel.kind=transprot", "return_channel.kind = 'transprot': must be one"),
     ("robot.model=robot", "robot.model = 'robot': must be one of slider, two_link_arm"),
@@ -421,24 +409,15 @@ BAD_ONE_DOF = [
     ),
     ("robot.start=[0, 0]", "robot.start = [0.0, 0.0]: must be a list of 1 finite numb"),
     ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
-    ("robot.start=[a]", "robot.start = 'a': must be a list of numbers"),
     ("robot.elbow=up", "robot.elbow = 'up': must be null for a slider robot"),
     ("robot.mass=0", "robot.mass = 0.0: must be a finite number > 0 (kg)"),
-    ("robot.damping=-1", "robot.damping = -1.0: must be a finite number >= 0 (N s"),
     ("surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be non-zero"),
-    ("surgeon.velocity=[1, 2]", "surgeon.velocity = [1.0, 2.0]: must be a list of 1"),
-    ("surgeon.contact_force=[]", "surgeon.contact_force = []: must be a list of 1"),
     ("surgeon.stop_time=-1", "surgeon.stop_time = -1.0: must be a finite number >= 0"),
     ("haptic_device.numerator=[1, 2, 3, 4]", "haptic_device.numerator = [1.0, 2.0, 3"),
     ("haptic_device.denominator=[0, 1]", "haptic_device.denominator = [0.0, 1.0]"),
-    ("haptic_device.numerator=[.nan]", "haptic_device.numerator = [nan]: must"),
     ("environment.layers.bone.stiffness=-1", "environment.layers.bone.stiffness = -1"),
-    ("environment.layers.free.damping=-1", "environment.layers.free.damping = -1.0: "),
-    ("environment.layers.free.reference=.inf", "environment.layers.free.reference ="),
     ("environment.layers.bone.start=0.0075", "environment.layers.bone.start = 0.0075"),
-    ("environment.layers.tissue.start=.inf", "environment.layers.tissue.start = inf:"),
     ("environment.layers.bone.name=free", "environment.layers.2.name = 'free': must b"),
-    ("environment.layers.bone.name=a.b", "environment.layers.2.name = 'a.b': must be"),
     ("environment.layers.1={name: x}", "environment.layers.x.start = null: must be"),
     ("environment.layers.bne.start=1", "environment.layers.bne.start = 1: unknown key"),
     ("environment.layers=1", "environment.layers = 1: must be a list"),
@@ -448,34 +427,25 @@ BAD_ONE_DOF = [
         "controller.Lambda=0",
         "controller.Lambda = 0.0: must be positive, or a symmetric",
     ),
-    ("controller.G1=[[-1]]", "controller.G1 = [[-1.0]]: must be positive"),
     ("controller.G2=null", "controller.G2 = null: must be positive"),
     ("controller.network.lower=", "controller.network.lower = null: must be a list"),
     ("controller.G2=auto", "controller.G2 = 'auto': must be a number or a matrix"),
     ("controller.adaptation_rate=-1", "controller.adaptation_rate = -1.0: must be a"),
-    ("controller.leakage=-0.1", "controller.leakage = -0.1: must be a finite number"),
     ("controller.supervision=1.01", "controller.supervision = 1.01: must be a finite "),
-    ("controller.minimum_psi=0", "controller.minimum_psi = 0.0: must be a finite num"),
     ("controller.minimum_psi=5", "controller.initial_psi = 4.3: must be auto, a posi"),
     ("controller.initial_psi=-4", "controller.initial_psi = -4.0: must be auto"),
     ("controller.network.count=[0]", "controller.network.count = [0]: must be a list"),
-    ("controller.network.count=[99999]", "controller.network.count = [99999]: must b"),
     ("controller.network.lower=[0.015]", "controller.network.upper = [0.015]: must be"),
-    ("controller.network.upper=[1, 2]", "controller.network.upper = [1.0, 2.0]: must"),
-    ("controller.network.width=0", "controller.network.width = 0.0: must be a finite"),
     ("duration=0", "duration = 0.0: must be a finite number > 0 (s)"),
     ("divergence_speed_ratio=1", "divergence_speed_ratio = 1.0: must be a finite num"),
     ("simulator.accuracy=0", "simulator.accuracy = 0.0: must be a finite number >= 1"),
-    ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be a finite"),
     ("simulator.integration_scheme=ode45", "simulator.integration_scheme = 'ode45': "),
     ("simulator.use_error_control=1", "simulator.use_error_control = 1: must be true"),
     ("simulator.start_time=1", "simulator.start_time = 1.0: must be 0 s"),
-    ("simulator.target_realtime_rate=-1", "simulator.target_realtime_rate = -1.0: mu"),
     ("simulator.publish_every_time_step=true", "simulator.publish_every_time_step = "),
     ("name=../escape", "name = '../escape': must be one line of text without / and"),
     ("description=3", "description = 3: must be text"),
     ("forward_chanel.delay=1", "forward_chanel.delay = 1: unknown key 'forward_chanel"),
-    ("forward_channel.dely=1", "forward_channel.dely = 1: unknown key 'dely', must be"),
     ("duration.x=1", "duration.x = 1: unknown key 'x', there is nothing below"),
     ("duration", "override 'duration': must be PATH=VALUE"),
     ("duration=2020-13-01", "override of 'duration': must be valid YAML (month"),
@@ -495,12 +465,9 @@ def test_bad_values(override, message):
 @pytest.mark.parametrize(
     "overrides, message",
     [
-        (["robot.start=[0.85]"], "robot.start = [0.85]: must be a list of 2 finite"),
         (["robot.start=[1.2, 1.2]"], "robot.start = [1.2, 1.2]: must be 0.0375117 to"),
-        (["robot.elbow=null"], "robot.elbow = null: must be one of up, down"),
         (["robot.mass=1"], "robot.mass = 1.0: must be null for a two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
-        (["controller.G1=[[1, 2], [2, 1]]"], "controller.G1 = [[1.0, 2.0], [2.0, 1.0]"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
         # Each is positive definite, the symmetric part of their product is not.
         (
@@ -532,11 +499,6 @@ def test_bad_values_of_the_arm(overrides, message):
     "override, message",
     [
         ("controller.kind=direct_force", "controller.kind = 'direct_force': must be o"),
-        ("controller.Lambda=-1", "controller.Lambda = -1.0: must be positive"),
-        ("controller.G1=null", "controller.G1 = null: must be positive"),
-        ("controller.adaptation_rate=", "controller.adaptation_rate = null: must be "),
-        ("controller.leakage=.nan", "controller.leakage = nan: must be a finite"),
-        ("controller.network.count=[5]", "controller.network.count = [5]: must be a"),
         ("controller.G2=20", "controller.G2 = 20: unknown key 'G2', must be one of"),
         ("surgeon={}", "surgeon = {}: unknown key 'surgeon', must be one of name"),
         ("robot={model: slider, start: [0]}", "robot.model = 'slider': must be one of"),
@@ -548,7 +510,6 @@ def test_bad_values_of_the_arm(overrides, message):
             "trajectory={centre: [0.1, 0], amplitude: [0.9, 0]}",
             "trajectory.amplitude = [0.9, 0.0]: must keep the trajectory in reach ([0",
         ),
-        ("trajectory.frequency=-1", "trajectory.frequency = -1.0: must be a finite"),
         ("trajectory.phase=.inf", "trajectory.phase = inf: must be a finite number"),
         ("disturbance.kind=cubic", "disturbance.kind = 'cubic': must be one of"),
         ("disturbance.gain=.inf", "disturbance.gain = inf: must be a finite number or"),
