@@ -8,6 +8,7 @@ from benchmarks.tables import Table
 from benchmarks.timing import Alternate
 
 from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.simulation import MakeDiagram
 
 
@@ -25,8 +26,13 @@ def Measure(options: Options) -> list[Table]:
             scenario, lambda delay, value: straightforward.Delay(delay, value, 0.01)
         )
         ours = MakeDiagram(scenario)
+        context = ours.CreateDefaultContext()
         run = CompiledRun(
-            ours, ours.CreateDefaultContext(), end=1e3, accuracy=1.0, max_step=1e-4
+            Evaluator(ours, context, as_machine_code=True),
+            context,
+            end=1e3,
+            accuracy=1.0,
+            max_step=1e-4,
         )
         run.Advance(1e-3)  # Compiles.
         calls = {
