@@ -49,15 +49,6 @@ def test_straightforward_keeps_its_targets(task):
     assert error <= contenders.TARGETS[scenario.num_axes]
 
 
-@pytest.mark.slow
-def test_straightforward_keeps_its_target_while_it_bounces():
-    arguments = ("two_dof_combined", "direct_force", 0.1, 3.3)
-    oracle = accuracy.Oracle(*arguments)
-    assert sum(event.kind == "contact" for event in oracle.events) >= 2
-    solution = contenders.Straightforward(*arguments)
-    assert accuracy.LargestError(oracle, solution) <= contenders.TARGETS[2]
-
-
 @pytest.mark.slow  # A benchmark's contender; channels/ has the delays.
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_sampled_delays_are_about_right(task):

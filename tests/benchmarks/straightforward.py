@@ -178,24 +178,6 @@ class Operator(LeafSystem):
             output.SetFromVector(self.haptic_force.Eval(context))
 
 
-class DirectForce(LeafSystem):
-    """F_c = F_h(t - T_f)."""
-
-    def __init__(self, n: int):
-        LeafSystem.__init__(self)
-        self.haptic_force = self.DeclareVectorInputPort("haptic_force", n)
-        for name in ("velocity_command", "position", "velocity", "environment_force"):
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareVectorOutputPort(
-            "control_force",
-            n,
-            lambda context, output: output.SetFromVector(
-                self.haptic_force.Eval(context)
-            ),
-            prerequisites_of_calc={self.haptic_force.ticket()},
-        )
-
-
 class AdaptiveBackstepping(LeafSystem):
     """(4.2) to (4.53) and (5.2) to (5.53), state [F_c, W1, Psi, W3]."""
 
@@ -402,11 +384,7 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
     plant.SetDefaultPositions(q)
     task_space = builder.AddSystem(TaskSpace(plant, n))
     environment = builder.AddSystem(Environment(scenario.environment.layers, n))
-    controller = builder.AddSystem(
-        DirectForce(n)
-        if scenario.controller.kind == "direct_force"
-        else AdaptiveBackstepping(scenario)
-    )
+    controller = builder.AddSystem(AdaptiveBackstepping(scenario))
     operator = builder.AddSystem(
         Operator(
             scenario.surgeon.velocity,
@@ -513,20 +491,18 @@ def Run(scenario, make_delay, **config) -> Solution:
 # Drake locates events to a microsecond or better with this accuracy of the Context.
 EVENT_ACCURACY = 1e-4
 
-# By the number of axes and the controller: the loosest of the tried settings that keep
-# the errors below 1e-5 of each signal's range on one axis and 1e-4 on two, as
-# tests/test_benchmarks.py shows. Bouncing magnifies errors.
+# By the number of axes: the loosest of the tried settings that keep the errors below
+# 1e-5 of each signal's range on one axis and 1e-4 on two, as tests/test_benchmarks.py
+# shows.
 SETTINGS = {
-    (1, "adaptive_backstepping"): {"accuracy": 1e-10, "max_step_size": 0.03},
-    (1, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.003},
-    (2, "adaptive_backstepping"): {"accuracy": 1e-8, "max_step_size": 0.03},
-    (2, "direct_force"): {"accuracy": 1e-10, "max_step_size": 0.001},
+    1: {"accuracy": 1e-10, "max_step_size": 0.03},
+    2: {"accuracy": 1e-8, "max_step_size": 0.03},
 }
 
 
 def simulate(scenario: Scenario) -> Solution:
     """Simulates with exact delays and the SETTINGS."""
-    setting = SETTINGS[scenario.num_axes, scenario.controller.kind]
+    setting = SETTINGS[scenario.num_axes]
     channels = (scenario.forward_channel, scenario.return_channel)
     delays = [channel.delay for channel in channels if channel.delay > 0]
     step = min(setting["max_step_size"], *delays)

@@ -15,7 +15,6 @@ from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
     ("words", "expected", "has_drake"),
     [
         ("co", ["compare", "completion"], False),
-        ("run one_dof --engine c", ["compiled"], False),
         ("show ", ScenarioNames(), False),
         ("sweep one_dof --controllers ", [*ARCHITECTURES, "all"], True),
     ],

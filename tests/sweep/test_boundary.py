@@ -1,5 +1,7 @@
 """The boundary of stability over the keys of a sweep, and its maps."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,10 @@ MASSES = [0.2, 0.5]
 KIND = {"controller": "direct_force"}
 
 
-COMMANDING = ["surgeon.contact_force=null"]
+COMMANDING = ("surgeon.contact_force=null",)
 
 
+@functools.cache
 def Find(delay_key="delay", overrides=COMMANDING, largest=0.5):
     plan = PlanSweep(
         "one_dof",
@@ -41,7 +44,7 @@ def test_the_ends_are_the_margins_of_the_analysis():
 
 
 def test_another_delay_counts_as_well():
-    forward = Find("forward_delay", [*COMMANDING, "return_channel.delay=0.1"])
+    forward = Find("forward_delay", (*COMMANDING, "return_channel.delay=0.1"))
     for name, ends in Find().items():
         expected = np.maximum(2 * ends - 0.1, 0)
         np.testing.assert_allclose(forward[name], expected, atol=1e-6)
@@ -53,7 +56,7 @@ def test_what_lies_beyond_the_map_has_no_end():
 
 def test_on_the_bone_it_is_the_loop_of_the_runs():
     """Who holds a force does not close the loop of direct force."""
-    commanding, holding = Find(), Find(overrides=())
+    commanding, holding = dict(Find()), dict(Find(overrides=()))
     assert np.all(commanding.pop("bone") < 0.05)
     assert holding.pop("bone, force held").tolist() == [np.inf, np.inf]
     assert list(holding) == list(commanding) == ["tissue", "free"]
@@ -81,7 +84,7 @@ def test_gains_that_follow_the_delay_have_no_boundary():
 def test_packets_are_no_exact_delay():
     packets = "{kind: sampled, sample_period: 0.01, delay: 0.1}"
     with pytest.raises(ValueError, match="packets are held"):
-        Find("forward_delay", [f"return_channel={packets}"])
+        Find("forward_delay", (f"return_channel={packets}",))
 
 
 def Result(force):
