@@ -41,6 +41,7 @@ HEAD = """\
 
 What each of them is about, and one of its pictures. They are committed without outputs;
 `pip install '.[notebooks]' && jupyter lab notebooks` opens them to run.
+[solutions.md](solutions.md) has answers to the things to try, for teachers.
 `python notebooks/make_gallery.py` makes this page.
 """
 

@@ -14,6 +14,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import IPython.display
 import make_gallery
 import nbformat
 import numpy as np
@@ -22,6 +23,9 @@ from grids import Slow
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from PIL import Image
+from pydrake.systems.primitives import Adder
+
+from teleop_drake.figures.notebook import ShowDiagram, ShowTable
 
 TESTS = Path(__file__).parent
 FAILING = TESTS / "failing_notebook.ipynb"
@@ -142,6 +146,16 @@ def test_the_runner_notices_a_failure(number, error, tmp_path):
     notebook.cells = [CodeCells(notebook)[number]]
     with pytest.raises((CellExecutionError, AssertionError), match=error):
         Execute(notebook, tmp_path)
+
+
+def test_tables_and_diagrams_are_shown(monkeypatch):
+    shown = []
+    monkeypatch.setattr(IPython.display, "display", shown.append)
+    ShowTable(("a", "b"), (1, 2.5))
+    ShowDiagram(Adder(1, 1))
+    table, diagram = (x.data for x in shown)
+    assert table == "| a | b |\n| --- | --- |\n| 1 | 2.5 |"
+    assert diagram.startswith('<svg style="max-width: 100%; height: auto" width=')
 
 
 @pytest.mark.parametrize("path", [*NOTEBOOKS, FAILING], ids=lambda path: path.stem)

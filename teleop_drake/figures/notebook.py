@@ -1,9 +1,15 @@
-"""A run in a notebook: its metrics and a small figure."""
+"""What a notebook shows: a run, a table, a block diagram."""
 
 import base64
 import html
+import importlib
 import io
+from collections.abc import Sequence
+from typing import Any
 
+from pydrake.systems.framework import System
+
+from teleop_drake.figures.block_diagram import RenderSvg
 from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
@@ -15,6 +21,22 @@ _DPI = 90
 
 # Of a teleoperation; `recording.plot()` shows all.
 _SIGNALS = ("tool_velocity", "environment_force")
+
+
+def ShowTable(head: Sequence[str], *body: Sequence[Any]) -> None:
+    """Shows rows of cells as a table; cells may have Markdown."""
+    display = importlib.import_module("IPython.display")
+    rows = [head, ["---"] * len(head), *body]
+    lines = ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    display.display(display.Markdown("\n".join(lines)))
+
+
+def ShowDiagram(system: System, max_depth: int = 1) -> None:
+    """Shows a block diagram, shrunk to the width of the page; see DiagramDot."""
+    display = importlib.import_module("IPython.display")
+    svg = RenderSvg(system, max_depth=max_depth)
+    root = '<svg style="max-width: 100%; height: auto" '
+    display.display(display.HTML(root + svg.partition("<svg ")[2]))
 
 
 def RecordingHtml(recording: Recording) -> str:
@@ -49,11 +71,10 @@ def _Table(recording: Recording) -> str:
     metrics = FlattenMetrics(summary["metrics"] | summary.get("channels", {}))
     rows = []
     for name, value in metrics.items():
-        shown = _Cell(value)
-        label = name.replace("_", " ").replace(".", " ")
+        label = html.escape(name.replace("_", " ").replace(".", " "))
         rows.append(
-            f'<tr><td style="text-align: left">{html.escape(label)}</td>'
-            f"<td>{shown}</td><td>{html.escape(units.get(name, ''))}</td></tr>"
+            f'<tr><td style="text-align: left">{label}</td>'
+            f"<td>{_Cell(value)}</td><td>{html.escape(units.get(name, ''))}</td></tr>"
         )
     return f"<table>{''.join(rows)}</table>"
 
