@@ -24,12 +24,7 @@ def Kept(name: str, code: str) -> tuple[bytes, bool]:
     Several processes may do so at once. Where nothing can be kept it is made each time,
     and so it is where the file in the cache is damaged.
 
-    Args:
-        name: First part of the file's name.
-        code: In LLVM's language.
-
-    Returns:
-        The object file, and whether it was there.
+    The file's name begins with `name`. The second result is whether it was there.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"

@@ -109,18 +109,11 @@ class CompiledLaw:
 
 
 class _Call(NamedTuple):
-    """What a call of a law works with.
-
-    Attributes:
-        surroundings: What the machine code depends on.
-        places: Where arguments go.
-        run: What to call then; None: the law itself.
-        result: Where the result is.
-    """
+    """What a call of a law works with."""
 
     surroundings: tuple[Surroundings, ...]
-    places: list[Array]
-    run: Callable[[], None] | None
+    places: list[Array]  # Where arguments go.
+    run: Callable[[], None] | None  # What to call then; None: the law itself.
     result: Array
 
 

@@ -69,12 +69,9 @@ _HARMLESS = "_operator", "_functools", "builtins"
 
 
 class _Surrounding(NamedTuple):
-    """What a function has from outside of it.
+    """What a function has from outside of it, by its name, with its contents at first.
 
-    Attributes:
-        function: The function; None if there is none yet.
-        name: What it calls that.
-        contents: What there is in it at first.
+    The function is None if there is none yet.
     """
 
     function: FunctionType | None
@@ -97,12 +94,7 @@ class _Surrounding(NamedTuple):
 def Follow(
     graph: Graph, value: Any, name: str, function: FunctionType | None = None
 ) -> Any:
-    """Returns what to use instead of what a function has from outside of it.
-
-    Args:
-        graph: Where to note what it does with numbers.
-        function: The function; None if there is none yet.
-    """
+    """Returns what to use instead of what a function has from outside of it."""
     try:
         if value in REPLACED:
             return REPLACED[value]

@@ -84,12 +84,7 @@ def _Linker() -> Any:
 
 
 class Library:
-    """The functions of an object file.
-
-    Args:
-        data: The file.
-        names: Of its functions and variables that are asked for.
-    """
+    """The named functions and variables of an object file."""
 
     def __init__(self, data: bytes, *names: str):
         import llvmlite.binding as llvm
@@ -128,40 +123,21 @@ _EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
 
 
 class Evaluate:
-    """A function `evaluate` in machine code; see `source`.
-
-    Attributes:
-        address: Where it is.
-        is_from_cache: Whether it has not been compiled now.
-    """
+    """A function `evaluate` in machine code, at its address; see `source`."""
 
     def __init__(self, address: int, owner: Any, is_from_cache: bool):
         self.address, self.is_from_cache = address, is_from_cache
         self._owner = owner
         self._function = _EVALUATE(address)
 
-    def __call__(
-        self,
-        t: float,
-        x: Array,
-        m: Array,
-        p: Array,
-        q: NDArray[np.int64],
-        y: Array,
-        dx: Array,
-        everything: bool,
-    ) -> None:
+    def __call__(self, t: float, *others: Any) -> None:
         """Evaluates, as the generated function does."""
-        pointers = (array.ctypes.data for array in (x, m, p, q, y, dx))
-        self._function(t, *pointers, everything)
+        *arrays, everything = others
+        self._function(t, *(array.ctypes.data for array in arrays), everything)
 
 
 def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
-    """Returns a function that evaluates with the same arrays each time.
-
-    Args:
-        library: It has `evaluate`, which only needs p.
-    """
+    """Returns a function that evaluates a law with the same arrays each time."""
     function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in (p, dx)]
     nothing = ctypes.c_void_p(None)

@@ -5,9 +5,8 @@ So it is done in a fraction of the time that it takes for general code.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +41,8 @@ _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
 _LOGIC = {"and": "and", "or": "or"}
 
 
-@dataclass(frozen=True)
-class ScalarProgram:
-    """What `evaluate` computes, number by number.
-
-    Attributes:
-        graph: The operations.
-        stores: What is written where, in any case.
-        more_stores: What is written besides if everything is asked for.
-    """
+class ScalarProgram(NamedTuple):
+    """What `evaluate` writes where, number by number, and what besides if asked for."""
 
     graph: Graph
     stores: Stores
@@ -66,14 +58,9 @@ def TraceProgram(
     num_parameters: int,
     integers: NDArray[np.int64],
 ) -> ScalarProgram:
-    """Returns what a generated function `evaluate` computes.
+    """Returns what a generated function `evaluate` computes, with y, x and m of sizes.
 
-    Args:
-        sizes: Of y, x and m.
-        integers: q, which is part of the structure.
-
-    Raises:
-        Untraceable: If one of its functions does what a graph cannot.
+    Its integers q are part of the structure.
     """
     num_y, num_x, num_m = sizes
     x, m, p, y = (
@@ -114,12 +101,8 @@ def TraceProgram(
 def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
-    Args:
-        samples: Arguments like those it will get. Whole numbers and arrays of them are
-            not in p: they are part of the structure.
-
-    Raises:
-        Untraceable: If it does what a graph cannot.
+    The samples are arguments like those it will get. Whole numbers and arrays of them
+    are not in p: they are part of the structure.
     """
     graph.is_given_finite = False
     leaves = LeavesOf(samples)
@@ -218,15 +201,7 @@ entry:
 
 
 class _Writer:
-    """Writes the operations of a graph, each where it is first needed.
-
-    Attributes:
-        lines: The code.
-
-    Args:
-        nodes: Of the graph.
-        results: What will be stored.
-    """
+    """Writes the operations of a graph as lines, each where it is first needed."""
 
     def __init__(self, nodes: Sequence[Node], results: Iterable[Any]):
         self.lines: list[str] = []

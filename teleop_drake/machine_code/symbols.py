@@ -17,15 +17,10 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {}
 
 
 class Untraceable(Exception):
-    """A function that does what a graph of operations cannot.
+    """A function that does what a graph of operations cannot."""
 
-    Attributes:
-        function: The outermost function; None if it is not known.
-        place: The function and the line that are to blame.
-    """
-
-    function: Any = None
-    place: str = ""
+    function: Any = None  # The outermost one, if it is known.
+    place: str = ""  # The function and the line that are to blame.
 
     def __str__(self) -> str:
         """Returns the place and the reason."""
@@ -33,11 +28,7 @@ class Untraceable(Exception):
 
 
 class Ref(NamedTuple):
-    """A node, as an argument of another one.
-
-    Attributes:
-        place: Its index.
-    """
+    """A node, by its index, as an argument of another one."""
 
     place: int
 
@@ -92,8 +83,7 @@ def _Operator(
 ) -> Callable[[Any, Any], Any]:
     """Returns a method for an operator with two sides.
 
-    Args:
-        fold: Returns the result if it is no operation `name`, else None.
+    Where fold() returns a result, that is it, and there is no operation `name`.
     """
 
     def Operate(self: "Number", other: Any) -> Any:
@@ -156,7 +146,7 @@ def FloorQuotient(a: Any, b: Any) -> Any:
     quotient = Where(_HasOtherSign(rest, b), quotient - 1.0, quotient)
     whole = Apply("floor", quotient)
     whole = Where(quotient - whole > 0.5, whole + 1.0, whole)
-    return Where(b == 0.0, a / b, whole) if isinstance(b, Number) else whole
+    return whole if isinstance(b, float) else Where(b == 0.0, a / b, whole)
 
 
 def Apply(operation: str, *values: Any) -> Any:
@@ -198,25 +188,6 @@ class Number(_Dispatched):
     def __repr__(self) -> str:
         raise Untraceable("it makes text of what depends on numbers")
 
-    __add__ = _Operator("add", _FoldSum)
-    __radd__ = _Operator("add", _FoldSum, swapped=True)
-    __sub__ = _Operator("sub", _FoldDifference)
-    __rsub__ = _Operator("sub", _FoldDifference, swapped=True)
-    __mul__ = _Operator("mul", _FoldProduct)
-    __rmul__ = _Operator("mul", _FoldProduct, swapped=True)
-    __truediv__ = _Operator("div", _FoldQuotient)
-    __rtruediv__ = _Operator("div", _FoldQuotient, swapped=True)
-    __mod__ = _Operator("fmod", Remainder)
-    __rmod__ = _Operator("fmod", Remainder, swapped=True)
-    __floordiv__ = _Operator("floor", FloorQuotient)
-    __rfloordiv__ = _Operator("floor", FloorQuotient, swapped=True)
-    __rpow__ = _Operator("pow", swapped=True)
-    __lt__ = _Operator("lt")
-    __le__ = _Operator("le")
-    __gt__ = _Operator("gt")
-    __ge__ = _Operator("ge")
-    __eq__ = _Operator("eq")
-    __ne__ = _Operator("ne")
     __hash__ = None  # type: ignore[assignment]
 
     def __and__(self, other: Any) -> Any:
@@ -270,8 +241,9 @@ class Number(_Dispatched):
         return self.graph.Add("pow", self, power)
 
     def __round__(self, decimals: int | None = None) -> Any:
+        own: Any = self
         scale = 10.0 ** (decimals or 0)
-        return self.graph.Add("rint", self * scale) / scale
+        return self.graph.Add("rint", own * scale) / scale
 
     def conjugate(self) -> "Number":
         """Returns the number itself."""
@@ -281,6 +253,18 @@ class Number(_Dispatched):
     def size(self) -> int:
         """One, as numpy's numbers have it."""
         return 1
+
+
+for _name, _operation, _fold in (
+    ("add", "add", _FoldSum), ("sub", "sub", _FoldDifference),
+    ("mul", "mul", _FoldProduct), ("truediv", "div", _FoldQuotient),
+    ("mod", "fmod", Remainder), ("floordiv", "floor", FloorQuotient),
+):  # fmt: skip
+    setattr(Number, f"__{_name}__", _Operator(_operation, _fold))
+    setattr(Number, f"__r{_name}__", _Operator(_operation, _fold, swapped=True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Number, f"__{_name}__", _Operator(_name))
+setattr(Number, "__rpow__", _Operator("pow", swapped=True))  # noqa: B010
 
 
 class Table(np.ndarray):
@@ -295,7 +279,8 @@ class Table(np.ndarray):
     def _Selected(self, keys: tuple[Any, ...]) -> Any:
         """Returns the row that a Number says; nothing finite if there is none."""
         index, *others = keys
-        if not isinstance(index, Number) or IsBoolean(index):
+        is_number = isinstance(index, Number) and not index.is_boolean
+        if not is_number:
             raise Untraceable("an index behind another one depends on numbers")
         rows = [self[(i, *others)] for i in range(len(self))]
         index = Where(index < 0.0, index + len(self), index)

@@ -59,11 +59,7 @@ _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have con
 
 
 class MustJoinCaller(BaseException):
-    """A helper whose ways have to be ways of its caller.
-
-    Attributes:
-        args: Its code.
-    """
+    """A helper whose ways have to be ways of its caller; its code is in `args`."""
 
 
 class Node(NamedTuple):

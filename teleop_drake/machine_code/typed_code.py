@@ -61,12 +61,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
 
 
 class _Module:
-    """Functions and constants.
-
-    Attributes:
-        constants: Their definitions.
-        functions: The same of the functions.
-    """
+    """The definitions of functions and constants."""
 
     def __init__(self) -> None:
         self.constants: list[str] = []
@@ -129,11 +124,7 @@ class _Module:
 
 
 class _Function(ExpressionWriter):
-    """The code of one function for types of arguments.
-
-    Attributes:
-        result: Type of what it returns; None: nothing.
-    """
+    """The code of one function for types of arguments, and the type of its result."""
 
     def __init__(
         self, module: _Module, function: FunctionType, types: tuple[Type, ...]
