@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     DiscreteValues,
     Event,
@@ -42,7 +42,6 @@ class Events:
 
     Args:
         block: The block, which has declared its inputs and its state.
-        kernel: What it computes.
         read: Returns a function of a Context for a term at a place in the kernel.
     """
 
@@ -83,22 +82,17 @@ class Events:
         ticks = Ticks(transition.period, transition.offset)
         if transition.mode == "mode":
             DeclareTicks(block, ticks, None)
-        elif transition.is_discrete:
-
-            def UpdateValues(context: Context, values: DiscreteValues) -> None:
-                _Change(mode, context, values.get_mutable_vector(0))
-
-            update = self._Keep(UpdateValues)
-            block.DeclarePeriodicDiscreteUpdateEvent(ticks.period, ticks.offset, update)
-        else:
-
-            def Update(context: Context, state: State) -> None:
-                _Change(mode, context, state.get_mutable_discrete_state(0))
-
-            self._kept.append(Update)
-            DeclareTicks(block, ticks, Update)
-            if ticks.period < math.inf:
-                self.ticks.append(ticks)
+            return
+        change = partial(_Change, mode)
+        weak_change = self._Keep(change)
+        if transition.is_discrete:
+            block.DeclarePeriodicDiscreteUpdateEvent(
+                ticks.period, ticks.offset, weak_change
+            )
+            return
+        DeclareTicks(block, ticks, change)
+        if ticks.period < math.inf:
+            self.ticks.append(ticks)
 
     def _DeclareGuard(
         self, block: LeafSystem, name: str, guard: Value, mode: Value
@@ -107,7 +101,7 @@ class Events:
             return float(guard(context)[0])
 
         def Update(context: Context, event: Event, state: State) -> None:
-            _Change(mode, context, state.get_mutable_discrete_state(0))
+            _Change(mode, context, state)
 
         self._guards.append((guard, mode))
         self._witnesses.append(
@@ -122,13 +116,16 @@ class Events:
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
         due = [mode for guard, mode in self._guards if guard(context)[0] >= 0]
         for mode in due:
-            _Change(mode, context, values.get_mutable_vector(0))
+            _Change(mode, context, values)
         return EventStatus.Succeeded() if due else EventStatus.DidNothing()
 
 
-def _Change(mode: Value, context: Context, target: BasicVector) -> None:
+def _Change(mode: Value, context: Context, target: State | DiscreteValues) -> None:
     """Changes the elements in which the new mode differs from what was before."""
+    if isinstance(target, State):
+        target = target.get_mutable_discrete_state()
+    values = target.get_mutable_vector(0)
     before = context.get_discrete_state_vector().value()
     after = mode(context)
     for i in np.flatnonzero(after != before).tolist():
-        target.SetAtIndex(i, after[i])
+        values.SetAtIndex(i, after[i])
