@@ -44,6 +44,9 @@ class UnknownSignal(KeyError):
 FORMAT = 3
 """Of the files that Recording.Save() writes."""
 
+# Fields that JSON takes as they are.
+_PLAIN = ("termination", "reason", "notes", "has_constant_command")
+
 
 def _FromAbove(place: str) -> Any:
     """Returns what shows a recording, `module:name` as a user's own kinds are named.
@@ -184,11 +187,7 @@ class Recording:
         return list(self.signals)
 
     def plot(self, **options: Any) -> "Figure":
-        """Plots the run; see figures.runs.PlotRun.
-
-        Args:
-            **options: Those of PlotRun().
-        """
+        """Plots the run; the options are those of figures.runs.PlotRun()."""
         figure: Figure = _FromAbove("figures.runs:PlotRun")(self, **options)
         return figure
 
@@ -258,17 +257,15 @@ class Recording:
         """
         self._CheckScenario("to_xarray")
         axes = AxesOf(self["tool_position"].shape[1])
-        variables = {}
+        variables: dict[str, Any] = {}
         for name, samples in self.signals.items():
-            unit = UnitOf(name)
-            is_along_axes = unit is not None and samples.shape[1] == len(axes)
-            is_scalar = samples.shape[1] == 1 and not is_along_axes
-            dimension = "axis" if is_along_axes else f"{name}_component"
-            variables[name] = (
-                ("time",) if is_scalar else ("time", dimension),
-                samples[:, 0] if is_scalar else samples,
-                {} if unit is None else {"units": unit},
-            )
+            unit, width = UnitOf(name), samples.shape[1]
+            if unit is not None and width == len(axes):
+                variables[name] = ("time", "axis"), samples, {"units": unit}
+            elif width == 1:
+                variables[name] = ("time",), samples[:, 0]
+            else:
+                variables[name] = ("time", f"{name}_component"), samples
         dataset: xarray.Dataset = _Extra("xarray").Dataset(
             variables,
             coords={"time": ("time", self.time, {"units": "s"}), "axis": list(axes)},
@@ -351,10 +348,7 @@ class Recording:
             "surfaces": [surface.ToRecord() for surface in self.surfaces],
             "solver": asdict(self.solver),
             "channels": {name: asdict(x) for name, x in self.channels.items()},
-            "termination": self.termination,
-            "reason": self.reason,
-            "notes": self.notes,
-            "has_constant_command": self.has_constant_command,
+            **{name: getattr(self, name) for name in _PLAIN},
         }
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
         arrays["description"] = np.array(json.dumps(description))
@@ -425,8 +419,5 @@ def _FromDescription(
             name: PacketStatistics(**statistics)
             for name, statistics in description["channels"].items()
         },
-        termination=description["termination"],
-        reason=description["reason"],
-        notes=description["notes"],
-        has_constant_command=description["has_constant_command"],
+        **{name: description[name] for name in _PLAIN},
     )

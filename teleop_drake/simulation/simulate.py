@@ -268,11 +268,8 @@ def _MakeRecording(
 
 def _NotesOfBlocks(diagram: Diagram, run: Outcome) -> list[str]:
     """Returns what the blocks have to say about a run, each by a member RunNotes()."""
-    notes: list[str] = []
-    for system in SystemsIn(diagram):
-        if hasattr(system, "RunNotes"):
-            notes += system.RunNotes(*run.series[:2])
-    return notes
+    systems = [x for x in SystemsIn(diagram) if hasattr(x, "RunNotes")]
+    return [note for x in systems for note in x.RunNotes(*run.series[:2])]
 
 
 def _HasConstantCommand(diagram: Diagram) -> bool:

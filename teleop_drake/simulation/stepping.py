@@ -117,8 +117,10 @@ class Stepping:
             if x.contact_surface is not None
         ]
         self._jump_times = {time for x in With("jump_times") for time in x.jump_times}
-        self._accelerating = _First(x for x in systems if _HasAcceleration(x))
-        self._felt = _First(x for x in systems if x.HasInputPort("felt_velocity"))
+        accelerating = [x for x in systems if x.HasOutputPort("tool_acceleration")]
+        feeling = [x for x in systems if x.HasInputPort("felt_velocity")]
+        self._accelerating = next(iter(accelerating), None)
+        self._felt = next(iter(feeling), None)
         self.longest_step = longest_step
         self.step_limit = longest_step
         self._motions: list[_Motion] = []
@@ -263,14 +265,6 @@ def SystemsIn(diagram: Diagram) -> Iterator[System]:
         yield system
         if isinstance(system, Diagram):
             yield from SystemsIn(system)
-
-
-def _First(systems: Iterator[System]) -> System | None:
-    return next(systems, None)
-
-
-def _HasAcceleration(system: System) -> bool:
-    return bool(system.HasOutputPort("tool_acceleration"))
 
 
 def _IsEnvironment(system: System) -> bool:
