@@ -6,13 +6,15 @@ writes them.
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from teleop_drake.analysis.stability import (
@@ -28,9 +30,11 @@ from teleop_drake.figures.style import (
     LINES,
     SMALL_FONT_SIZE,
     WIDTH,
+    AddLegend,
     AxisLabel,
     CellEdges,
     Figure,
+    Key,
     MapLimits,
     RunColor,
 )
@@ -63,6 +67,14 @@ _ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
+_THIN = partial(Key, color="black", linewidth=0.6)
+_THICK = partial(Key, color="black", linewidth=1.2)
+_STABILITY_KEYS = (
+    Patch(color=_STABLE, label="stable"),
+    Patch(color=_UNSTABLE, label="unstable"),
+    Key("the scenario's delay", color="black", linewidth=0.8),
+)
+
 
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
     """Plots magnitude and phase of L(j w) at each operating point.
@@ -76,42 +88,36 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points = _WithLoop(analysis)
-    figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
-    axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
+    figure, axes = _Panels(2, [_Title(point) for point in points])
     limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
-        low, high = _DrawLoci(top, bottom, point, w)
-        limits = [min(limits[0], low), max(limits[1], high)]
-        top.axhline(1, color=GREY, linewidth=0.6, zorder=0)
-        bottom.axhline(-180, color=GREY, linewidth=0.6, zorder=0)
-        top.set_title(_Title(point), fontsize=FONT_SIZE)
-        if point.unresolved > w[0]:
-            for ax in (top, bottom):
+        limits += _DrawLoci(top, bottom, point, w)
+        for ax, level in ((top, 1), (bottom, -180)):
+            ax.axhline(level, color=GREY, linewidth=0.6, zorder=0)
+            if point.unresolved > w[0]:
                 ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=-1)
-        top.set_xlim(w[0], w[-1])
-        top.set_ylim(*_MAGNITUDES)
-        bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
-        for ax in (top, bottom):
-            _Format(ax)
+        top.set(xlim=(w[0], w[-1]), ylim=_MAGNITUDES)
     bottom.set_ylim(
-        math.floor(limits[0] / 90) * 90, math.ceil(limits[1] / 90 + 0.5) * 90
+        math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
-    bottom.yaxis.set_major_locator(_Multiple(90))
-    axes[0, 0].set_ylabel("|eigenlocus of L|", fontsize=FONT_SIZE)
-    axes[1, 0].set_ylabel("phase [°]", fontsize=FONT_SIZE)
-    _AddBodeLegend(figure, points)
+    bottom.yaxis.set_major_locator(MultipleLocator(90))
+    _NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
+    handles: list[Artist] = [
+        _THIN("L without delay"),
+        _THICK(f"with {_Seconds(points[0].delay)}"),
+        Key("gain crossover", color="black", marker="o", ms=3, ls=""),
+    ]
+    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
+        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
+    AddLegend(figure, [*handles, *_LocusHandles(points)], ncols=5)
     return figure
 
 
 def _DrawLoci(
     top: Axes, bottom: Axes, point: PointStability, w: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Draws the eigenloci of an operating point.
-
-    Returns:
-        The least and the largest phase in degrees that are to be seen.
-    """
+) -> list[float]:
+    """Draws the eigenloci of a point; returns phases in degrees that are to be seen."""
     loci = _TrackedLoci(point, w)
     shown: list[float] = []
     for i in range(loci.shape[1]):
@@ -131,26 +137,7 @@ def _DrawLoci(
         top.plot(w[k], np.ones(len(k)), **dots)
         bottom.plot(w[k], delayed[k], **dots)
         shown += [*delayed[k], *phase[k]]
-    return min(shown, default=0.0), max(shown, default=0.0)
-
-
-def _AddBodeLegend(figure: Figure, points: Sequence[PointStability]) -> None:
-    black: dict[str, Any] = {"color": "black"}
-    delayed = f"with {_Seconds(points[0].delay)}"
-    handles: list[Artist] = [
-        Line2D([], [], linewidth=0.6, label="L without delay", **black),
-        Line2D([], [], linewidth=1.2, label=delayed, **black),
-        Line2D([], [], marker="o", ms=3, ls="", label="gain crossover", **black),
-    ]
-    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
-        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
-    figure.legend(
-        handles=[*handles, *_LocusHandles(points)],
-        loc="outside upper center",
-        ncols=5,
-        fontsize=FONT_SIZE,
-        frameon=False,
-    )
+    return shown
 
 
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
@@ -164,10 +151,9 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points = _WithLoop(analysis)
-    size = WIDTH / max(len(points), 2)
-    figure = Figure(figsize=(WIDTH, size + 0.5), layout="constrained")
-    axes = figure.subplots(1, len(points), squeeze=False)[0]
-    for ax, point in zip(axes, points, strict=True):
+    height = WIDTH / max(len(points), 2) + 0.5
+    figure, axes = _Panels(1, [_Title(point) for point in points], height, share=False)
+    for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
         for i in range(loci.shape[1]):
@@ -177,34 +163,20 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             ax.plot(delayed.real, delayed.imag, **style)
         angle = np.linspace(0, 2 * np.pi, 200)
         ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
-        ax.axhline(0, color=GREY, linewidth=0.4, zorder=0)
-        ax.axvline(0, color=GREY, linewidth=0.4, zorder=0)
+        for draw in (ax.axhline, ax.axvline):
+            draw(0, color=GREY, linewidth=0.4, zorder=0)
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
-        ax.set(
-            xlim=(-_NYQUIST_RANGE, _NYQUIST_RANGE),
-            ylim=(-_NYQUIST_RANGE, _NYQUIST_RANGE),
-            aspect="equal",
-        )
-        ax.set_title(_Title(point), fontsize=FONT_SIZE)
-        ax.set_xlabel("real part", fontsize=FONT_SIZE)
-        _Format(ax)
-    axes[0].set_ylabel("imaginary part", fontsize=FONT_SIZE)
-    delay = points[0].delay
-    figure.legend(
-        handles=[
-            Line2D([], [], color="black", linewidth=0.6, label="without delay"),
-            Line2D(
-                [], [], color="black", linewidth=1.2, label=f"with {_Seconds(delay)}"
-            ),
-            Line2D([], [], color="black", marker="+", ms=7, ls="", label="-1"),
-            Line2D([], [], color=GREY, linewidth=0.6, label="unit circle"),
-            *_LocusHandles(points),
-        ],
-        loc="outside upper center",
-        ncols=6,
-        fontsize=FONT_SIZE,
-        frameon=False,
-    )
+        limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
+        ax.set(xlim=limits, ylim=limits, aspect="equal")
+    _NameAxes(axes, "real part", "imaginary part")
+    handles = [
+        _THIN("without delay"),
+        _THICK(f"with {_Seconds(points[0].delay)}"),
+        Key("-1", color="black", marker="+", ms=7, ls=""),
+        Key("unit circle", color=GREY, linewidth=0.6),
+        *_LocusHandles(points),
+    ]
+    AddLegend(figure, handles, ncols=6)
     return figure
 
 
@@ -229,13 +201,9 @@ def PlotStableDelays(
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     ax = figure.subplots()
     for i, (_, point) in enumerate(rows):
-        ax.add_patch(
-            Rectangle((0, i - 0.35), point.max_delay, 0.7, color=_UNSTABLE, zorder=1)
-        )
+        ax.barh(i, point.max_delay, 0.7, color=_UNSTABLE, zorder=1)
         for begin, end in point.stable_delays:
-            ax.add_patch(
-                Rectangle((begin, i - 0.35), end - begin, 0.7, color=_STABLE, zorder=2)
-            )
+            ax.barh(i, end - begin, 0.7, begin, color=_STABLE, zorder=2)
     for analysis in analyses:
         for delay in {point.delay for point in analysis.points}:
             ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
@@ -248,7 +216,7 @@ def PlotStableDelays(
     )
     ax.set_xlabel("round-trip delay [s]", fontsize=FONT_SIZE)
     _Format(ax)
-    _AddStabilityLegend(figure, "the scenario's delay")
+    AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
 
 
@@ -271,46 +239,26 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         along += ", velocity commanded" * (names != commanding)
         names = commanding
     panels = [names] if is_path else [[name] for name in names]
-    figure = Figure(figsize=(WIDTH, 1.4 * _ROW_HEIGHT + 0.4), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    titles = [along] if is_path else names
+    figure, axes = _Panels(1, titles, 1.4 * _ROW_HEIGHT + 0.4)
     edges = CellEdges(chart.values)
-    for ax, panel in zip(axes, panels, strict=True):
+    for ax, panel in zip(axes[0], panels, strict=True):
         for name in panel:
             for i, intervals in enumerate(chart.StableDelays(name)):
                 if intervals is None:
                     continue
-                left, width = edges[i], edges[i + 1] - edges[i]
-                ax.add_patch(
-                    Rectangle(
-                        (left, 0),
-                        width,
-                        chart.max_delay,
-                        color=_UNSTABLE,
-                        lw=0,
-                        zorder=1,
-                    )
-                )
+                cell = {"width": edges[i + 1] - edges[i], "align": "edge", "lw": 0}
+                ax.bar(edges[i], chart.max_delay, color=_UNSTABLE, zorder=1, **cell)
                 for begin, end in intervals:
-                    ax.add_patch(
-                        Rectangle(
-                            (left, begin),
-                            width,
-                            end - begin,
-                            color=_STABLE,
-                            lw=0,
-                            zorder=2,
-                        )
-                    )
+                    where = {"bottom": begin, "color": _STABLE, "zorder": 2}
+                    ax.bar(edges[i], end - begin, **cell, **where)
         delays = [analysis.points[0].delay for analysis in chart.analyses]
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-        ax.set_title(along if is_path else panel[0], fontsize=FONT_SIZE)
-        label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
-        ax.set_xlabel(label, fontsize=FONT_SIZE)
-        _Format(ax)
-    axes[0].set_ylabel("round-trip delay [s]", fontsize=FONT_SIZE)
-    _AddStabilityLegend(figure, "the scenario's delay")
+    label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
+    _NameAxes(axes, label, "round-trip delay [s]")
+    AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
 
 
@@ -361,8 +309,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """
     if not points:
         Refuse("points", [], "one or more")
-    figure = Figure(figsize=(WIDTH, 2 * _ROW_HEIGHT), layout="constrained")
-    axes = figure.subplots(2, len(points), sharex="col", sharey="row", squeeze=False)
+    figure, axes = _Panels(2, [point.point.name for point in points])
     num_axes = points[0].llewellyn.shape[1]
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = point.frequencies
@@ -378,50 +325,53 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
                 w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **style
             )
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
-        top.set_title(point.point.name, fontsize=FONT_SIZE)
-        top.set_xlim(w[0], w[-1])
-        top.set_ylim(1e-2, 1e3)
-        bottom.set_xlabel("frequency [rad/s]", fontsize=FONT_SIZE)
-        for ax in (top, bottom):
-            _Format(ax)
-    axes[0, 0].set_ylabel("|impedance| [N s/m]", fontsize=FONT_SIZE)
-    axes[1, 0].set_ylabel("Llewellyn's parameter", fontsize=FONT_SIZE)
-    figure.legend(
-        handles=[
-            Line2D([], [], color="black", linewidth=1.2, label="felt, with delay"),
-            Line2D([], [], color="black", linewidth=0.6, label="felt, without"),
-            Line2D(
-                [], [], ls=":", color=GREY, linewidth=1.5, label="environment, along x"
-            ),
-            *(
-                Line2D([], [], label=f"axis {'xyz'[i]}", **_LocusStyle(i))
-                for i in range(num_axes if num_axes > 1 else 0)
-            ),
-            Patch(
-                color=_ACTIVE,
-                label="below 1: some passive operator and environment destabilise it",
-            ),
-        ],
-        loc="outside upper center",
-        ncols=3,
-        fontsize=FONT_SIZE,
-        frameon=False,
-    )
+        top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
+    labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
+    _NameAxes(axes, "frequency [rad/s]", *labels)
+    below = "below 1: some passive operator and environment destabilise it"
+    handles = [
+        _THICK("felt, with delay"),
+        _THIN("felt, without"),
+        Key("environment, along x", ls=":", color=GREY, linewidth=1.5),
+        *(
+            Key(f"axis {'xyz'[i]}", **_LocusStyle(i))
+            for i in range(num_axes if num_axes > 1 else 0)
+        ),
+        Patch(color=_ACTIVE, label=below),
+    ]
+    AddLegend(figure, handles, ncols=3)
     return figure
 
 
-def _AddStabilityLegend(figure: Figure, line: str) -> None:
-    figure.legend(
-        handles=[
-            Patch(color=_STABLE, label="stable"),
-            Patch(color=_UNSTABLE, label="unstable"),
-            Line2D([], [], color="black", linewidth=0.8, label=line),
-        ],
-        loc="outside upper center",
-        ncols=3,
-        fontsize=FONT_SIZE,
-        frameon=False,
+def _Panels(
+    rows: int,
+    titles: Sequence[str],
+    height: float = 2 * _ROW_HEIGHT,
+    *,
+    share: bool = True,
+) -> tuple[Figure, np.ndarray]:
+    """Returns a figure with a column of panels for each title."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = figure.subplots(
+        rows,
+        len(titles),
+        sharex="col" if share else "none",
+        sharey="row" if share else "none",
+        squeeze=False,
     )
+    for ax, title in zip(axes[0], titles, strict=True):
+        ax.set_title(title, fontsize=FONT_SIZE)
+    return figure, axes
+
+
+def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
+    """Names what is drawn, along the columns below and along the rows at the left."""
+    for ax in axes.flat:
+        _Format(ax)
+    for ax in axes[-1]:
+        ax.set_xlabel(x, fontsize=FONT_SIZE)
+    for ax, label in zip(axes[:, 0], y, strict=True):
+        ax.set_ylabel(label, fontsize=FONT_SIZE)
 
 
 def _WithLoop(analysis: StabilityAnalysis) -> list[PointStability]:
@@ -441,18 +391,15 @@ def _Seconds(delay: float) -> str:
 
 
 def _LocusStyle(i: int) -> dict[str, Any]:
-    return {
-        "color": RunColor(i),
-        "linestyle": LINES[i % len(LINES)],
-        "linewidth": 1.2,
-    }
+    line = LINES[i % len(LINES)]
+    return {"color": RunColor(i), "linestyle": line, "linewidth": 1.2}
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     """Returns what tells the eigenloci apart, where there are several."""
     count = max(len(point.loop.D) for point in points)
     return [
-        Line2D([], [], label=f"locus {i + 1}", **_LocusStyle(i))
+        Key(f"locus {i + 1}", **_LocusStyle(i))
         for i in range(count if count > 1 else 0)
     ]
 
@@ -493,12 +440,6 @@ def _Unwrap(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     steps = (np.diff(phase) + 210) % 360 - 210
     return np.concatenate([phase[:1], phase[0] + np.cumsum(steps)])
-
-
-def _Multiple(step: float) -> Any:
-    from matplotlib.ticker import MultipleLocator
-
-    return MultipleLocator(step)
 
 
 def _Format(ax: Axes) -> None:
