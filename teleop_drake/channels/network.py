@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from teleop_drake.channels.base import ChannelBlock, ConstantDelay
-from teleop_drake.channels.delay_profile import VaryingDelayConfig
 from teleop_drake.channels.packet_network import (
     ComputePacketStatistics,
     Jitter,
@@ -20,6 +19,7 @@ from teleop_drake.channels.packet_network import (
     Receiver,
 )
 from teleop_drake.channels.sampled import CheckSamplePeriod
+from teleop_drake.channels.variable import VaryingDelayConfig
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,

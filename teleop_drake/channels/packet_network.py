@@ -31,7 +31,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.channels.delay_profile import DelayProfile
+from teleop_drake.channels.variable import DelayProfile
 from teleop_drake.integrator.problem import TIE
 from teleop_drake.validation import (
     CheckChoice,

@@ -7,12 +7,11 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from sources import Ramp
 
-from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import VariableDelay
+from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
 
 WAVE = DelayProfile(delay=0.2, sinusoid=Sinusoid(amplitude=0.15, frequency=5.0))
 NETWORK = PacketNetwork(

@@ -14,12 +14,11 @@ from teleop_drake.channels import (
     VariableChannelConfig,
 )
 from teleop_drake.channels.base import SHORTEST_TIME, ChannelConfig
-from teleop_drake.channels.delay_profile import Sinusoid
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, Receiver
 from teleop_drake.channels.sampled import MAX_PACKETS, SampledDelay
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import VariableDelay
+from teleop_drake.channels.variable import Sinusoid, VariableDelay
 from teleop_drake.validation import ScenarioError
 
 DURATION = 20.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
+from teleop_drake.channels.variable import DelayProfile, Sinusoid
 
 
 def test_profile_adds_its_parts():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import sources
 
-from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
 from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.variable import DelayProfile
 
 H = 0.01
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.channels.variable import DelayProfile, Sinusoid
 
 COUNT = 20_000
 H = 0.001

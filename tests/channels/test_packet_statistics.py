@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.packet_network import (
     ComputePacketStatistics,
     Jitter,
@@ -14,6 +13,7 @@ from teleop_drake.channels.packet_network import (
     PacketNetwork,
     Receiver,
 )
+from teleop_drake.channels.variable import DelayProfile
 
 MEAN = 0.1
 BUSY = {

@@ -16,9 +16,8 @@ from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 from sources import Step
 
-from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import VariableDelay
+from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
 
 # dT/dt is between -0.75 and 0.75; below -1 nothing changes.
 WAVE = DelayProfile(

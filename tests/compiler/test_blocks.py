@@ -19,12 +19,11 @@ from teleop_drake.architectures.wave_variables import (
     WaveSlave,
     WaveVariablesConfig,
 )
-from teleop_drake.channels.delay_profile import DelayProfile, Sinusoid
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import VariableDelay
+from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
 from teleop_drake.compiler.check import (
     CheckKernel,
     CheckVisited,

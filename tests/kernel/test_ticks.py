@@ -14,10 +14,10 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.channels.delay_profile import DelayProfile
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.variable import DelayProfile
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.environments import Surface
