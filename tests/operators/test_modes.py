@@ -36,7 +36,7 @@ def test_kernel_mode_and_seam(kind, hand_file):
     config = Config(kind, hand_file)
     config.Check("surgeon", 2)
     dut = config.MakeOperator(start=[0.0, 0.0], contact_surface=SURFACE)
-    CheckKernel(dut, num_states=3)
+    CheckKernel(dut, num_states=2)
     context = dut.CreateDefaultContext()
     for name in ("haptic_force", "felt_position", "felt_velocity"):
         if dut.HasInputPort(name):

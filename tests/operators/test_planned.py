@@ -154,10 +154,8 @@ def test_feedthrough():
     [
         ({"velocity": [math.nan]}, "velocity = "),
         ({"contact_force": [1.0, 2.0]}, "contact_force = .*1 finite"),
-        ({"contact_force": [math.inf]}, "contact_force = "),
         ({"contact_surface": Surface("a", [math.inf], [1.0])}, "contact_surface"),
         ({"stop_time": -1.0}, "stop_time = -1.0"),
-        ({"stop_time": math.nan}, "stop_time = nan"),
     ],
 )
 def test_bad_parameters(arguments, message):

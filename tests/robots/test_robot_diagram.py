@@ -2,8 +2,6 @@ import numpy as np
 import pytest
 from forced_robot import context_with_forces
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder
 
 from teleop_drake.robots import SliderConfig, TwoLinkArmConfig
 
@@ -95,22 +93,3 @@ def test_direct_feedthrough(config):
             for name in ("control_force", "environment_force")
             if robot.HasDirectFeedthrough(robot.GetInputPort(name).get_index(), index)
         } == inputs, output
-
-
-def test_forces_computed_from_the_tool_make_no_algebraic_loop():
-    builder = DiagramBuilder()
-    robot = builder.AddSystem(ARM.MakeRobot())
-    environment = builder.AddNamedSystem("environment", Adder(2, 2))
-    controller = builder.AddNamedSystem("controller", Adder(3, 2))
-    for system in (environment, controller):
-        builder.Connect(robot.GetOutputPort("tool_position"), system.get_input_port(0))
-        builder.Connect(robot.GetOutputPort("tool_velocity"), system.get_input_port(1))
-    F_e = environment.get_output_port()
-    builder.Connect(F_e, controller.get_input_port(2))
-    builder.Connect(F_e, robot.GetInputPort("environment_force"))
-    builder.Connect(controller.get_output_port(), robot.GetInputPort("control_force"))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    assert controller.get_output_port().Eval(
-        controller.GetMyContextFromRoot(context)
-    ) == pytest.approx(2 * np.array(ARM.start))

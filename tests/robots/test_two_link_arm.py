@@ -103,33 +103,12 @@ def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
         )
 
 
-@given(task_vectors, st.integers(0, 19))
-def test_joint_torque_has_the_power_of_the_control_force(arm_robot, F_c, index):
-    context = context_with_forces(arm_robot, F_c, [0, 0])
-    context.SetContinuousState(random_states()[index])
-    v_WT, tau, qdot = (
-        arm_robot.GetOutputPort(name).Eval(context)
-        for name in ("tool_velocity", "joint_torque", "joint_velocity")
-    )
-    assert F_c @ v_WT == pytest.approx(tau @ qdot, abs=1e-10)
-
-
 @given(radii, angles, elbows)
 def test_inverse_kinematics_reaches_the_point(radius, angle, elbow):
     p_WT = polar(radius, angle)
     q = TwoLinkArmConfig(elbow=elbow).JointPositions(p_WT)
     np.testing.assert_allclose(appendix_a.p_WT(q), p_WT, atol=1e-12)
     assert 0 < (q[1] if elbow == "down" else -q[1]) < np.pi
-
-
-@given(radii, angles, elbows)
-def test_mirrored_points_have_mirrored_poses(radius, angle, elbow):
-    other = "up" if elbow == "down" else "down"
-    np.testing.assert_allclose(
-        TwoLinkArmConfig(elbow=other).JointPositions(polar(radius, -angle)),
-        -TwoLinkArmConfig(elbow=elbow).JointPositions(polar(radius, angle)),
-        atol=1e-12,
-    )
 
 
 def test_elbow_down_is_at_negative_y_of_an_arm_stretched_forward():
