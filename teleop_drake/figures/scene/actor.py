@@ -106,10 +106,8 @@ class Actor:
         self._AddArrow("tool_force")
         # A thin upright bar, on both floors at once.
         height = np.linalg.norm(stage.hand) + 0.06 * stage.width
-        bar, X = (
-            Cylinder(_COMMAND * stage.width, height),
-            AlongZ(stage.hand / 2, stage.up),
-        )
+        bar = Cylinder(_COMMAND * stage.width, height)
+        X = AlongZ(stage.hand / 2, stage.up)
         self._Add("command/bar", bar, COMMAND_COLOR, X=X)
         if has_operator:
             self._AddRobot("ghost", _GHOST_OPACITY)

@@ -26,12 +26,8 @@ from teleop_drake.signals import NamedSignals
 
 Array = NDArray[np.float64]
 
-NEEDED = ("tool_position",)
-"""Signals without which there is nothing to draw."""
-
 USED = (
-    *NEEDED,
-    *("joint_position", "environment_force", "desired_position"),
+    *("tool_position", "joint_position", "environment_force", "desired_position"),
     *("felt_position", "return_packet_received"),
     *("force_command", "velocity_command", "forward_packet_sent"),
 )
@@ -87,8 +83,6 @@ class Scene:
         meshcat: Where to. What the package has drawn there before is deleted.
         scenario: Of the run, or its name or file.
         surfaces: Of the environment; None: those of the scenario's.
-        newtons: Force of the longest arrow, N; None: by a rule that takes the
-            operator's contact force for an arrow of half that length.
     """
 
     def __init__(
@@ -97,7 +91,6 @@ class Scene:
         scenario: ScenarioLike,
         *,
         surfaces: tuple[Surface, ...] | None = None,
-        newtons: float | None = None,
     ):
         scenario = AsScenario(scenario)
         self._pen = Pen(meshcat)
@@ -120,7 +113,7 @@ class Scene:
             run=0,
             visuals=visuals,
             stage=stage,
-            newtons=newtons or NewtonsOf(scenario),
+            newtons=NewtonsOf(scenario),
             num_dots=_NUM_DOTS,
             has_operator=self._has_operator,
         )
@@ -214,7 +207,10 @@ def Opposite(force: Array | None) -> Array | None:
 
 
 def NewtonsOf(scenario: AnyScenario) -> float:
-    """Returns the force in N that has the longest arrow while a simulation runs."""
+    """Returns the force in N that has the longest arrow while a simulation runs.
+
+    The one that the operator holds on contact has an arrow of half that length.
+    """
     operator = getattr(scenario, "surgeon", None)
     force = getattr(operator, "contact_force", None)
     return 2 * float(np.linalg.norm(0.0 if force is None else force)) or 1.0
@@ -261,7 +257,6 @@ def AddScene(
     meshcat: Meshcat,
     *,
     period: float = 1 / 32,
-    newtons: float | None = None,
 ) -> Scene:
     """Adds a picture of the loop to its diagram; afterwards every simulation is seen.
 
@@ -271,7 +266,6 @@ def AddScene(
         builder: Of the diagram, with `robot` and what else there is of the loop.
         scenario: What it was made for, or its name or file.
         period: Between two pictures, s. The solver's steps end there.
-        newtons: Force of the longest arrow, N; None: see Scene.
 
     Returns:
         The scene.
@@ -281,13 +275,12 @@ def AddScene(
     """
     systems = builder.GetSystems()
     signals: dict[str, OutputPort] = NamedSignals(systems)
-    for name in NEEDED:
-        if name not in signals:
-            raise RuntimeError(f"scene: the diagram must have a signal {name!r}")
+    if "tool_position" not in signals:
+        raise RuntimeError("scene: the diagram must have a signal 'tool_position'")
     surfaces = None
     if builder.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(builder.GetSubsystemByName("environment")) or ()
-    scene = Scene(meshcat, scenario, surfaces=surfaces, newtons=newtons)
+    scene = Scene(meshcat, scenario, surfaces=surfaces)
     used = {name: signals[name] for name in USED if name in signals}
     sizes = {name: port.size() for name, port in used.items()}
     viewer = builder.AddNamedSystem("scene", SceneViewer(scene, sizes, period))
