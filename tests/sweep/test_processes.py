@@ -15,67 +15,62 @@ from teleop_drake.sweep.plan import Source
 # The server that forks them is started once.
 pytestmark = pytest.mark.xdist_group("sweep")
 
-MASSES = [1.0, 2.0, 3.0, 4.0, 5.0]
-
 
 @dataclass(kw_only=True)
 class Deadly(Source):
-    """A scenario of which some loads end their process, and all leave its number."""
+    """A scenario that ends its process when some masses are loaded, so many times.
+
+    Else it leaves the number of its process in a file.
+    """
 
     folder: Path
-    num_deaths: int = 0
+    deaths: dict[str, int]
 
     def Load(self, overrides):
         signal.raise_signal(signal.SIGINT)  # Is for the owner only.
-        deaths = self.folder / "deaths"
-        if "robot.mass=2.0" in overrides:
-            text = deaths.read_text() if deaths.exists() else ""
-            if len(text) < self.num_deaths:
-                deaths.write_text(text + "x")
+        for mass, num_deaths in self.deaths.items():
+            file = self.folder / mass
+            size = file.stat().st_size if file.exists() else 0
+            if f"robot.mass={mass}" in overrides and size < num_deaths:
+                file.write_text((size + 1) * "x")
                 os._exit(9)
         with open(self.folder / "pids", "a") as file:
             file.write(f"{os.getpid()} {os.getenv('A_VARIABLE')}\n")
         return super().Load(overrides)
 
 
-def Run(folder, num_deaths=0, num_runs=5):
-    """Returns the sweep, and the processes and what their environment says."""
+def Run(folder, masses, **deaths):
+    """Returns the records, and the processes and what their environment says."""
     plan = PlanSweep(
-        "one_dof",
-        {"robot.mass": MASSES[:num_runs]},
-        overrides={"duration": 0.01},
-        engine="drake",
+        "one_dof", {"robot.mass": masses}, overrides={"duration": 0.01}, engine="drake"
     )
-    plan.source = Deadly(name="one_dof", text=None, folder=folder)
-    plan.source.num_deaths = num_deaths
-    result = RunSweep(plan, jobs=2)
+    plan.source = Deadly(name="one_dof", text=None, folder=folder, **deaths)
+    records = RunSweep(plan, jobs=2).records
     lines = (folder / "pids").read_text().splitlines()
-    return result.records, [tuple(line.split()) for line in lines]
+    return records, dict(line.split() for line in lines)
 
 
 def test_a_run_whose_process_dies_is_tried_again(tmp_path):
-    records, _ = Run(tmp_path, num_deaths=1)
-    assert [record["status"] for record in records] == ["completed"] * 5
-    (tmp_path / "deaths").unlink()
-    others, _ = Run(tmp_path, num_deaths=2)
-    assert others[1] == {
+    masses = [1.0, 2.0, 3.0, 4.0, 5.0]
+    records, _ = Run(tmp_path, masses, deaths={"2.0": 2, "4.0": 1})
+    assert records.pop(1) == {
         "run": 1,
         "varied": {"robot.mass": 2.0},
         "status": "failed",
         "reason": "its process ended, and so did the second one",
         "metrics": None,
     }
-    assert [others[0], *others[2:]] == [records[0], *records[2:]]
+    assert [record["status"] for record in records] == ["completed"] * 4
+    assert [record["varied"]["robot.mass"] for record in records] == [1, 3, 4, 5]
 
 
 def test_processes_are_recycled(tmp_path, monkeypatch):
     """A new one has the environment as it is then."""
     monkeypatch.setattr("teleop_drake.sweep.run._RUNS_PER_PROCESS", 1)
     monkeypatch.setenv("A_VARIABLE", "today")
-    _, seen = Run(tmp_path, num_runs=3)
-    assert len(seen) == 3 and len(set(seen)) >= 2
-    assert {value for _, value in seen} == {"today"}
-    assert str(os.getpid()) not in dict(seen)
+    _, seen = Run(tmp_path, [1.0, 2.0, 3.0], deaths={})
+    assert len(seen) >= 2 and set(seen.values()) == {"today"}
+    assert str(os.getpid()) not in seen
 
 
 @pytest.mark.slow  # It imports the package three times.
