@@ -162,6 +162,18 @@ def many_cases(x):
     return x[:1]
 
 
+@refused
+def until_converged(x):
+    while x[0] > 1e-3:  # here
+        x = x / 2
+    return x
+
+
+@refused
+def by_its_numbers(x):
+    return x[:3] if x[0] > 0 else x
+
+
 # Yes and no.
 
 

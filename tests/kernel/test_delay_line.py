@@ -53,6 +53,7 @@ def test_it_delivers_by_the_rule_of_its_keys():
     # Kinks of the second derivative, between samples 0.01 s apart.
     np.testing.assert_allclose(values[~before], expected, atol=1e-4)
     assert np.ptp(values) > 5
+    assert CheckKernel(Slowing([7.0])) == []
 
 
 def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
@@ -62,7 +63,3 @@ def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
     assert line.GetOutputPort("delayed_signal").size() == 2
     # The first packet is sent at time 0.
     assert line.NextJumpTime(line.CreateDefaultContext()) == pytest.approx(0.5)
-
-
-def test_both_engines_run_it():
-    assert CheckKernel(Slowing([7.0])) == []

@@ -134,23 +134,3 @@ def test_what_would_be_wrong_is_refused_with_its_line(law):
     # What it has changed is as it was.
     after = repr([laws.COUNTS, laws.NOTES, vars(laws.Calls), laws.WORK, laws.TOTAL])
     assert after == before
-
-
-def test_what_a_graph_cannot_do_is_refused():
-    def until_converged(x, table):
-        while x[0] > 1e-3:
-            x = x / 2
-        return x
-
-    def by_its_numbers(x, table):
-        return x[:3] if x[0] > 0 else x
-
-    for function in (until_converged, by_its_numbers):
-        with pytest.raises(Untraceable):
-            TraceProgram(
-                TEXT.format(size=12),
-                {"put": put, "f0": function},
-                (13, 12, 1),
-                2,
-                TABLE.ravel(),
-            )
