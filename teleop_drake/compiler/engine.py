@@ -236,10 +236,11 @@ class CompiledRun:
         """Lets the next rows follow the others in their arrays, which grow."""
         first, end = self._num_rows, self._num_rows + self._chunk
         if end > len(self._times):
-            more = max(len(self._times), _FIRST_CHUNK + _CHUNK)
-            self._times = np.concatenate([self._times, np.empty(more)])
-            new = np.empty((more, self._rows.shape[1]))
-            self._rows = np.concatenate([self._rows, new])
+            # What is not written takes no memory.
+            times, rows = self.Rows()
+            room = max(2 * len(times), _FIRST_CHUNK + 4 * _CHUNK)
+            self._times, self._rows = np.empty(room), np.empty((room, rows.shape[1]))
+            self._times[:first], self._rows[:first] = times, rows
         self._memory = self._memory._replace(
             row_times=self._times[first:end],
             row_ends=np.empty(self._chunk, np.int64),

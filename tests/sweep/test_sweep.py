@@ -274,6 +274,14 @@ def test_a_whole_and_then_a_part_can_be_varied():
     assert len(PlanSweep("one_dof", grid).points) == 4
 
 
+def test_a_scenario_that_the_plan_has_loaded_is_that_of_its_run():
+    plan = PlanSweep("one_dof", {"delay": [0.1, 0.2]})
+    for delay in ("0.1", "0.2"):
+        overrides = [f"{way}_channel.delay={delay}" for way in ("forward", "return")]
+        assert plan.Load(overrides) is plan.loaded[tuple(overrides)]
+        assert plan.Load(overrides) == plan.source.Load(overrides)
+
+
 def test_large_grids_are_checked_quickly(monkeypatch):
     """Nobody waits for a typing error: not every combination is tried."""
     calls = []
