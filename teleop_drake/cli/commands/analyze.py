@@ -180,23 +180,16 @@ def _Draw(
     chart: "StabilityChart | None",
 ) -> None:
     """Writes the figures, the chart last."""
-    from teleop_drake.figures.analysis import (
-        PlotBode,
-        PlotNyquist,
-        PlotStabilityChart,
-        PlotStableDelays,
-        PlotTransparency,
-    )
+    from teleop_drake.figures import analysis as figures
     from teleop_drake.figures.runs import SaveFigure
 
     made = [
-        PlotBode(analysis),
-        PlotNyquist(analysis),
-        PlotStableDelays(analysis),
-        PlotTransparency(transparency),
+        figures.PlotBode(analysis),
+        figures.PlotNyquist(analysis),
+        figures.PlotStableDelays(analysis),
+        figures.PlotTransparency(transparency),
+        *([] if chart is None else [figures.PlotStabilityChart(chart)]),
     ]
-    if chart is not None:
-        made.append(PlotStabilityChart(chart))
     # Those of a figure stand together, one for each format.
     each = len(paths) // len(made)
     for i, path in enumerate(paths):
@@ -229,25 +222,15 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
     delay = record["forward_delay"] + record["return_delay"]
     places_across = {tuple(point["position"][1:]) for point in points}
     num_shown = 1 if len(places_across) == 1 else None  # Along x one is enough.
-    lines = [
-        [
-            "",
-            "x [m]" if num_shown else "position [m]",
-            "crossovers [rad/s]",
-            "phase margin [deg]",
-            "delay margin [s]",
-            "stable delays [s]",
-            f"root at {delay:g} s [1/s]",
-            "",
-        ]
-    ]
+    place = "x [m]" if num_shown else "position [m]"
+    head = ["", place, "crossovers [rad/s]", "phase margin [deg]", "delay margin [s]"]
+    lines = [[*head, "stable delays [s]", f"root at {delay:g} s [1/s]", ""]]
     for point in points:
         intervals = [
-            f"{begin:.4g}-{end:.4g}" + ("+" if end == record["max_delay"] else "")
+            f"{begin:.4g}-{end:.4g}" + "+" * (end == record["max_delay"])
             for begin, end in point["stable_delays"]
         ]
-        if len(intervals) > _MAX_INTERVALS:
-            intervals = [*intervals[:_MAX_INTERVALS], "..."]
+        intervals[_MAX_INTERVALS:] = ["..."] * (len(intervals) > _MAX_INTERVALS)
         phase, root = point["phase_margin"], point["rightmost_root"]
         lines.append(
             [
@@ -269,7 +252,13 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
     ]
     text += _OperatorLine(record["operating_points"])
     text += _Verdict(points, delay)
-    text += _Slow(points)
+    slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
+    if slow:
+        sizes = [f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow]
+        text.append(
+            "Slower than the tool's motion there, and not counted: below "
+            f"{', '.join(sizes)} rad/s."
+        )
     if all(point["absolutely_stable"] is not None for point in record["transparency"]):
         text.append(_AbsoluteStability(record["transparency"]))
     return "\n".join(text + record["notes"])
@@ -301,21 +290,20 @@ def _OperatorLine(points: Sequence[Mapping[str, Any]]) -> list[str]:
 def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
     """Returns a sentence: whether operator and environment may be any passive ones."""
     failing = [point["name"] for point in points if not point["absolutely_stable"]]
-    if not failing:
-        return (
-            "Stable with every passive operator and environment: Llewellyn's parameter "
-            "is 1 or more everywhere."
-        )
-    return (
-        "Not stable with every passive operator and environment: Llewellyn's parameter "
-        f"falls below 1 ({', '.join(failing)})."
-    )
+    every = "stable with every passive operator and environment: Llewellyn's parameter"
+    if failing:
+        return f"Not {every} falls below 1 ({', '.join(failing)})."
+    return f"{every[0].upper() + every[1:]} is 1 or more everywhere."
 
 
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     """Returns sentences: where the loop fails first and why, and what it does now."""
     text = []
-    failing = [point["name"] for point in points if not _IsStableWithoutDelay(point)]
+    failing = [
+        point["name"]
+        for point in points
+        if not point["stable_delays"] or point["stable_delays"][0][0] != 0
+    ]
     if failing:
         text.append(f"Not stable even without delay: {', '.join(failing)}.")
     limits = [point for point in points if point["delay_margin"] is not None]
@@ -340,23 +328,6 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
                 change = f"doubles every {math.log(2) / root[0]:.3g} s"
             text.append(f"At {delay:g} s, in {point['name']}, {motion} {change}.")
     return text
-
-
-def _IsStableWithoutDelay(point: Mapping[str, Any]) -> bool:
-    """Returns whether the loop is stable at the shortest delays."""
-    intervals = point["stable_delays"]
-    return bool(intervals) and intervals[0][0] == 0
-
-
-def _Slow(points: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Returns a sentence: what the model of an instant cannot tell."""
-    slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
-    if not slow:
-        return []
-    sizes = ", ".join(f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow)
-    return [
-        f"Slower than the tool's motion there, and not counted: below {sizes} rad/s."
-    ]
 
 
 def _State(point: Mapping[str, Any]) -> str:
