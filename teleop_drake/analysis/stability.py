@@ -21,7 +21,7 @@ how far the operator's device has been wound up against a spring, and do not cou
 instability. In velocity mode there is one per axis, because the tool's position and the
 device's integral of the felt velocity both integrate v, and their sum stays what it
 was. With the thesis's packets it does not show in L and is removed with whatever else
-does not; with others, that carry a force back, it does, and laws.delay_margin knows it.
+does not; with others, that carry a force back, it does, and delay_margin knows it.
 Any other hidden mode on or right of the imaginary axis spoils every delay.
 
 Nor do roots count that are slower than the motion of the operating point, whose model
@@ -160,7 +160,7 @@ class PointStability:
     def Roots(self, delay: float, count: int = 8) -> NDArray[np.complex128]:
         """Returns the rightmost characteristic roots, by descending real part.
 
-        They come from collocation (laws.characteristic_roots), not from the frequency
+        They come from collocation (characteristic_roots), not from the frequency
         response, and include the hidden modes but not the neutral roots.
 
         Args:

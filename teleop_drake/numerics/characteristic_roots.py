@@ -21,7 +21,7 @@ The number of points is chosen such that no root near or right of the imaginary 
 too fast for them, up to 200 points: 300 radians within the delay. Faster ones may be
 missed.
 
-Nothing here is shared with laws.delay_margin, so that each can check the other.
+Nothing here is shared with delay_margin, so that each can check the other.
 """
 
 import math

@@ -13,10 +13,10 @@ from teleop_drake.validation import Refuse
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-REALIZATION_TOLERANCE = 1e-7
-"""Directions that are reached, or seen, more weakly than this are taken to be neither,
-relative to the norm of A in balanced coordinates. Well above the error of a
-linearisation by differences, about 1e-10."""
+# Directions that are reached, or seen, more weakly than this are taken to be neither,
+# relative to the norm of A in balanced coordinates. Well above the error of blocks with
+# differences, about 1e-10.
+_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,9 +118,7 @@ class StateSpace:
         return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
 
 
-def minimal_realization(
-    system: StateSpace, tolerance: float = REALIZATION_TOLERANCE
-) -> tuple[StateSpace, ComplexArray]:
+def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
     """Removes the modes that do not show in G(s).
 
     First what the input does not reach, then what the output does not see, by the
@@ -139,15 +137,15 @@ def minimal_realization(
     scale = _balance(system)
     A = system.A * scale / scale[:, None]
     B, C = system.B / scale[:, None], system.C * scale
-    V, hidden = _reachable(A, B, tolerance)
+    V, hidden = _reachable(A, B)
     A, B, C = V.T @ A @ V, V.T @ B, C @ V
-    W, unseen = _reachable(A.T, C.T, tolerance)
+    W, unseen = _reachable(A.T, C.T)
     A, B, C = W.T @ A @ W, W.T @ B, C @ W
     minimal = StateSpace(A=A, B=B, C=C, D=system.D)
     return minimal, np.concatenate([hidden, unseen])
 
 
-def _reachable(A: Array, B: Array, tolerance: float) -> tuple[Array, ComplexArray]:
+def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
     """Returns a basis of the reachable space and the eigenvalues outside of it."""
     n = len(A)
     V = np.zeros((n, 0))
@@ -156,7 +154,7 @@ def _reachable(A: Array, B: Array, tolerance: float) -> tuple[Array, ComplexArra
         for _ in range(2):  # Twice, for orthogonality to rounding.
             block = block - V @ (V.T @ block)
         U, sigma, _ = np.linalg.svd(block, full_matrices=False)
-        new = U[:, sigma > tolerance * size]
+        new = U[:, sigma > _TOLERANCE * size]
         V = np.hstack([V, new])
         block, size = A @ new, np.linalg.norm(A)
     rest = np.linalg.svd(V, full_matrices=True)[0][:, V.shape[1] :]

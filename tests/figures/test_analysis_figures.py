@@ -1,4 +1,4 @@
-"""Tests of analysis.figures: they show what the analysis found."""
+"""Tests of figures.analysis: they show what the analysis found."""
 
 import dataclasses
 import functools

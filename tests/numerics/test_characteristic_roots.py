@@ -1,4 +1,4 @@
-"""Tests of laws.characteristic_roots."""
+"""Tests of numerics.characteristic_roots."""
 
 import math
 
