@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,21 +142,10 @@ class NetworkChannelConfig(VaryingDelayConfig):
                 stream=stream,
             )
 
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> NetworkDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        return NetworkDelay(
-            network=self.Network(duration, stream=stream),
-            receiver=self.receiver,
-            size=size,
-            initial_value=initial_value,
-        )
+    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> NetworkDelay:
+        """Makes the block; see BlockChannelConfig."""
+        network = self.Network(duration, stream=stream)
+        return NetworkDelay(network=network, receiver=self.receiver, **signal)
 
     def EntryPeriod(self) -> float | None:
         """Returns the sample period in s if the trace's entries are the packets."""

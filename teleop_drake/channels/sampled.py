@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
+    BlockChannelConfig,
     ChannelBlock,
-    ChannelConfig,
     ConstantDelay,
 )
 from teleop_drake.integrator.problem import TIE
@@ -96,7 +97,7 @@ def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
 
 
 @dataclass(kw_only=True, eq=False)
-class SampledChannelConfig(ChannelConfig):
+class SampledChannelConfig(BlockChannelConfig):
     """Sends a packet each sample period, which arrives after `delay` and is held.
 
     A delay of 0 passes the signal through, unsampled.
@@ -115,22 +116,11 @@ class SampledChannelConfig(ChannelConfig):
             allowed = f"at most the delay, {self.delay:g} (s)"
             Refuse(f"{path}.sample_period", self.sample_period, allowed)
 
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> SampledDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
+    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> SampledDelay:
+        """Makes the block; see BlockChannelConfig."""
         CheckNumber("sample_period", self.sample_period, "s", above=0)
-        return SampledDelay(
-            delay=self.delay,
-            sample_period=self.sample_period,
-            size=size,
-            initial_value=initial_value,
-        )
+        signal["sample_period"] = self.sample_period
+        return SampledDelay(delay=self.delay, **signal)
 
     def IsPassThrough(self) -> bool:
         """Returns whether there is no delay."""

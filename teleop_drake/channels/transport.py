@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.channels.base import ChannelBlock, ChannelConfig
+from teleop_drake.channels.base import BlockChannelConfig, ChannelBlock
 from teleop_drake.kernel.linear_part import LinearPart
 
 Array = NDArray[np.float64]
@@ -77,27 +78,16 @@ class TransportDelay(ChannelBlock):
 
 
 @dataclass(kw_only=True, eq=False)
-class TransportChannelConfig(ChannelConfig):
+class TransportChannelConfig(BlockChannelConfig):
     """Delays the signal exactly by `delay`; 0 passes it through."""
 
     kind = "transport"
 
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> TransportDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        return TransportDelay(
-            delay=self.delay,
-            size=size,
-            initial_value=initial_value,
-            # LongestStep says how the solver has to step.
-            max_sample_interval=math.inf,
-        )
+    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> TransportDelay:
+        """Makes the block; see BlockChannelConfig."""
+        # LongestStep says how the solver has to step.
+        signal["max_sample_interval"] = math.inf
+        return TransportDelay(delay=self.delay, **signal)
 
     def LongestStep(self, duration: float) -> float:
         """Returns the delay in s: what arrives in a step was sent before it."""

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
+    BlockChannelConfig,
     ChannelBlock,
-    ChannelConfig,
     ConstantDelay,
 )
 from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
@@ -166,7 +166,7 @@ class DelayProfile:
 
 
 @dataclass(kw_only=True, eq=False)
-class VaryingDelayConfig(ChannelConfig):
+class VaryingDelayConfig(BlockChannelConfig):
     """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
 
     file_fields: ClassVar[tuple[str, ...]] = ("trace",)
@@ -344,22 +344,11 @@ class VariableChannelConfig(VaryingDelayConfig):
         with Within(path):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> VariableDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        return VariableDelay(
-            profile=self.Profile(duration),
-            size=size,
-            initial_value=initial_value,
-            # LongestStep says how the solver has to step.
-            max_sample_interval=math.inf,
-        )
+    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> VariableDelay:
+        """Makes the block; see BlockChannelConfig."""
+        # LongestStep says how the solver has to step.
+        signal["max_sample_interval"] = math.inf
+        return VariableDelay(profile=self.Profile(duration), **signal)
 
     def LongestStep(self, duration: float) -> float:
         """Returns a lower bound of the delay in s."""

@@ -9,6 +9,7 @@ from teleop_drake.numerics.step_polynomials import (
     finite_part,
     integrate_product,
     interpolate,
+    maxima,
     mean_square,
     part,
     straight_steps,
@@ -77,6 +78,12 @@ def test_crossings_and_extremes_are_roots():
     found = trace(y)
     assert found.max() == pytest.approx(values.max(), rel=1e-12)
     assert found.min() == pytest.approx(values.min(), rel=1e-12)
+
+
+def test_maxima_are_those_of_all_extremes():
+    y = np.random.default_rng(0).normal(size=(200, 5))
+    parts = [y[:50], y[50:51], y[51:], np.ones((2, 5))]
+    assert maxima(parts) == pytest.approx([trace(x).max() for x in parts], rel=1e-14)
 
 
 def test_products_are_integrated_exactly():
