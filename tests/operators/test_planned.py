@@ -209,6 +209,8 @@ def test_the_trapezoid_rises_stays_and_falls(cruise_time):
     dut = config.MakeOperator(start=[0.0, 0.0])
     np.testing.assert_allclose(Commands(dut, times), np.outer(share, v_d), atol=1e-12)
     assert len(dut.jump_times) == {0.0: 2, 0.3: 3, None: 1}[cruise_time]
+    ends = [transition.offset for transition in dut.Kernel().transitions.values()]
+    assert ends == dut.jump_times
 
 
 def test_least_jerk_reaches_the_waypoints_with_the_speed_asked_for():
