@@ -19,11 +19,26 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
 from teleop_drake.environments import CONTACT, PUNCTURE
-from teleop_drake.figures.scene import actor as drawing
-from teleop_drake.figures.scene import scene as live
-from teleop_drake.figures.scene.actor import Actor, Moment
+from teleop_drake.figures.scene.actor import (
+    COMMAND_COLOR,
+    FORCE_COLOR,
+    FORWARD_COLOR,
+    RETURN_COLOR,
+    Actor,
+    Moment,
+)
 from teleop_drake.figures.scene.pen import FRAMES_PER_SECOND, AnimationPen
-from teleop_drake.figures.scene.scene import CHANNELS
+from teleop_drake.figures.scene.scene import (
+    CHANNELS,
+    SHORTEST_DELAY,
+    BeadAges,
+    Between,
+    DotPeriod,
+    FindOperator,
+    NewtonsOf,
+    OperatorSignals,
+    Opposite,
+)
 from teleop_drake.figures.scene.stage import SCENE, MakeStage, NameOf, Stage
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
@@ -74,7 +89,7 @@ _STRIPS: dict[str, list[tuple[str, str, list[int], str | None]]] = {
     "m/s": [
         ("v", "velocity of the tool", [], None),
         ("vf", "felt - -", [8, 6], None),
-        ("vd", "commanded ···", [3, 5], drawing.COMMAND_COLOR),
+        ("vd", "commanded ···", [3, 5], COMMAND_COLOR),
     ],
     "N": [
         ("f", "force of the tool", [], None),
@@ -98,7 +113,7 @@ class Act:
     name: str
     path: str
     recording: Recording
-    operator: live.OperatorSignals
+    operator: OperatorSignals
     visuals: RobotVisuals
 
     @property
@@ -112,7 +127,7 @@ class Act:
 
     def At(self, samples: Array, times: Array) -> Array:
         """Returns samples (N, k) between those (M, k) at the recording's times."""
-        return live.Between(times, self.recording.time, samples)
+        return Between(times, self.recording.time, samples)
 
 
 def AnimateRuns(
@@ -140,7 +155,7 @@ def AnimateRuns(
             name=name,
             path=f"{SCENE}/run_{i}",
             recording=run,
-            operator=live.FindOperator(run.signals, run["tool_position"].shape[1]),
+            operator=FindOperator(run.signals, run["tool_position"].shape[1]),
             visuals=RobotVisuals(run.scenario.robot),
         )
         for i, (name, run) in enumerate(recordings.items())
@@ -190,7 +205,7 @@ def _Newtons(acts: Sequence[Act]) -> float:
     sizes = [
         float(np.percentile(np.linalg.norm(force, axis=1), _SHARE)) for force in forces
     ]
-    return max(sizes) or live.NewtonsOf(acts[0].recording.scenario)
+    return max(sizes) or NewtonsOf(acts[0].recording.scenario)
 
 
 def PictureTimes(recordings: Sequence[Recording]) -> Array:
@@ -221,7 +236,7 @@ def _Moments(act: Act, times: Array) -> list[Moment]:
     elif operator.velocity is not None:
         samples["command"] = _CommandedPosition(act)
     if "environment_force" in recording.signals:
-        force = live.Opposite(recording["environment_force"])
+        force = Opposite(recording["environment_force"])
         assert force is not None
         samples["tool_force"] = force
     if operator.felt is not None:
@@ -229,7 +244,7 @@ def _Moments(act: Act, times: Array) -> list[Moment]:
         samples |= {"felt": operator.felt, "hand_force": operator.force}
     columns = {name: act.At(x, times) for name, x in samples.items()}
     if operator.felt is not None:
-        ages = live.BeadAges(act.Delay("return"))
+        ages = BeadAges(act.Delay("return"))
         past = act.At(recording["tool_position"], (times[:, None] - ages).ravel())
         columns["past"] = past.reshape(len(times), len(ages), act.num_axes)
     return [
@@ -267,11 +282,11 @@ def _Flights(act: Act, lane: str) -> list[Flight]:
 
     A continuous channel has no packets; what it carries is drawn as if it had.
     """
-    if act.operator.felt is None or (delay := act.Delay(lane)) < live.SHORTEST_DELAY:
+    if act.operator.felt is None or (delay := act.Delay(lane)) < SHORTEST_DELAY:
         return []
     scenario = act.recording.scenario
     channel = getattr(scenario, CHANNELS[lane])
-    sent = np.arange(0.0, float(act.recording.time[-1]), live.DotPeriod(delay))
+    sent = np.arange(0.0, float(act.recording.time[-1]), DotPeriod(delay))
     arrivals = channel.Arrivals(sent, scenario.duration, CHANNELS[lane])
     flights = []
     free_from: list[float] = []
@@ -545,8 +560,8 @@ def _Legend(acts: Sequence[Act], has_operator: bool) -> list[dict[str, str]]:
     def Dot(color: str, radius: int) -> str:
         return f'<circle cx="10" cy="7" r="{radius}" fill="{color}"/>'
 
-    command = f'<rect x="9" width="3" height="14" fill="{drawing.COMMAND_COLOR}"/>'
-    arrow = f'<path d="M0 6h12v-4l8 5l-8 5v-4h-12z" fill="{drawing.FORCE_COLOR}"/>'
+    command = f'<rect x="9" width="3" height="14" fill="{COMMAND_COLOR}"/>'
+    arrow = f'<path d="M0 6h12v-4l8 5l-8 5v-4h-12z" fill="{FORCE_COLOR}"/>'
     entries = {"the robot": Bar(tint)}
     forces = "force on the tool"
     if has_operator:
@@ -554,9 +569,9 @@ def _Legend(acts: Sequence[Act], has_operator: bool) -> list[dict[str, str]]:
             "ghost: the robot as the operator feels it": Bar(tint, 0.4),
             "the operator's hand": Dot(tint, 6),
             "packets to the operator: where the tool was when they left": Dot(
-                drawing.RETURN_COLOR, 4
+                RETURN_COLOR, 4
             ),
-            "packets to the robot: force and velocity": Dot(drawing.FORWARD_COLOR, 4),
+            "packets to the robot: force and velocity": Dot(FORWARD_COLOR, 4),
         }
         forces += ", and of the operator's hand"
     entries |= {forces: arrow, "where the commanded motion is": command}
