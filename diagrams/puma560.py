@@ -27,7 +27,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.laws.posture import PostureGains
+from teleop_drake.laws.task_space import PostureGains
 from teleop_drake.robots import Puma560Config
 from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.joint_friction import JointFriction

@@ -12,14 +12,19 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
 from teleop_drake.laws.gaussian_network import basis_functions
-from teleop_drake.laws.posture import PostureGains, orientation_torque, posture_torque
-from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+from teleop_drake.laws.task_space import (
+    PostureGains,
+    joint_torques,
+    orientation_torque,
+    posture_torque,
+    tool_kinematics,
+)
 from teleop_drake.laws.tracking import (
     disturbance_estimate,
-    dynamics_vector,
+    task_dynamics,
     tracking_error,
-    tracking_force_vector,
-    weights_rate_vector,
+    tracking_force,
+    weights_rate,
 )
 from teleop_drake.numerics.rigid_body import (
     RigidBodyTree,
@@ -127,10 +132,10 @@ def tool_motion(tool: Tool, num_axes: int, state: Array) -> Array:
 
 
 def tool_dynamics(tool: Tool, num_axes: int, q: Array, v: Array) -> Array:
-    """Returns dynamics_vector() of a plant at its tool."""
+    """Returns task_dynamics() of a plant at its tool."""
     at = _at_tool(tool, q, v)
     J = at.J[3 : 3 + num_axes]
-    return dynamics_vector(at.M, at.bias, J, at.acceleration[:num_axes])
+    return task_dynamics(at.M, at.bias, J, at.acceleration[:num_axes])
 
 
 def gravity_torque(tree: RigidBodyTree, state: Array) -> Array:
@@ -186,13 +191,13 @@ def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
             "widths": network.widths,
             "tool": _ReadTool(plant, int(frame.body().index()), X_BF),
         },
-        rate=(weights_rate_vector, *law),
+        rate=(weights_rate, *law),
         outputs={
             "basis": (basis_functions, "tool_position", "centres", "widths"),
             "dynamics": (tool_dynamics, "tool", n, "joint_position", "joint_velocity"),
             "auxiliary_error": (tracking_error, "gains", *motion),
             "control_force": (
-                tracking_force_vector, *law, "tool_velocity", "desired_velocity",
+                tracking_force, *law, "tool_velocity", "desired_velocity",
                 "desired_acceleration",
             ),
             "disturbance_estimate": (disturbance_estimate, "state", "basis"),

@@ -13,8 +13,7 @@ from teleop_drake.environments.surface import (
     UnitNormal,
 )
 from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.laws.contact import wall_force
-from teleop_drake.laws.relaxation import creep_rate, solid_force
+from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
 from teleop_drake.validation import REQUIRED, Number
 
 
@@ -174,7 +173,7 @@ class RelaxingTissue(Wall):
 
         F_e = (k d + k_1 (d - z)) n,    dz/dt = (d - z)/tau
 
-    with the unit normal n into the tissue and the indentation d; see laws.relaxation.
+    with the unit normal n into the tissue and the indentation d; see laws.contact.
     The force of the Maxwell branch is k_1 (d - z). This is not the thesis's.
 
     Ports: those of Wall; the velocity has no effect. State (continuous, 1): z, the way

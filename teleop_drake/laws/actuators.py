@@ -1,4 +1,4 @@
-"""Models of drives and sensors: friction of gears, sampled measurements."""
+"""Models of drives, joints and sensors: friction and sampled measurements."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def gear_friction(friction: Array, v: Array) -> Array:
-    """Returns what the friction of the gears takes from the force, in N (n).
+def delivered_force(friction: Array, F: Array, v: Array) -> Array:
+    """Returns the force F of a drive without what the friction of gears takes, N (n).
 
-        F_f = F_C v/sqrt(v^2 + v_s^2) + B v          on each axis
+        F - F_C v/sqrt(v^2 + v_s^2) - B v          on each axis
 
     Coulomb's friction, which the speed v_s makes smooth, and viscous friction. Well
     below v_s the gears creep as in a fluid of F_C/v_s; they do not stick.
@@ -19,13 +19,24 @@ def gear_friction(friction: Array, v: Array) -> Array:
         v: Velocity of the tool in m/s (n).
     """
     F_C, v_s, B = friction[0], friction[1], friction[2]
-    force: Array = F_C * v / np.sqrt(v * v + v_s**2) + B * v
-    return force
+    delivered: Array = F - (F_C * v / np.sqrt(v * v + v_s**2) + B * v)
+    return delivered
 
 
-def delivered_force(friction: Array, F: Array, v: Array) -> Array:
-    """Returns the force F of the drive without what gear_friction() takes, in N (n)."""
-    return F - gear_friction(friction, v)
+def friction_torque(forward: Array, backward: Array, speed: float, v: Array) -> Array:
+    """Returns the torque of Coulomb friction of joints, smooth through rest (nv).
+
+        tau = -s (mean + half s),  s = v/sqrt(v^2 + v_s^2),
+        mean = (C_+ + C_-)/2,  half = (C_+ - C_-)/2
+
+    C_+ and C_- are the friction torques while a joint moves forward and backward. For
+    |v| >> v_s it is -C_+ or C_-. At rest it is 0 and has the slope -mean/v_s: a joint
+    that a torque below C pushes creeps at less than v_s or so, and does not stick.
+    Because |half| <= mean, tau v <= 0: it takes energy and never gives any.
+    """
+    s = v / np.sqrt(v * v + speed * speed)
+    tau: Array = -s * ((forward + backward) / 2 + (forward - backward) / 2 * s)
+    return tau
 
 
 def quantized(resolution: float, value: Array) -> Array:

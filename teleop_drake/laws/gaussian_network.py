@@ -15,32 +15,14 @@ from teleop_drake.validation import CheckNumber, Refuse
 Array = NDArray[np.float64]
 
 
-def _lattice_axes(
-    lower: ArrayLike, upper: ArrayLike, count: Sequence[int]
-) -> tuple[Array, Array, list[int]]:
-    """Checks and converts the three descriptions of a lattice."""
-    low = np.array(lower, dtype=float, ndmin=1)
-    high = np.array(upper, dtype=float, ndmin=1)
-    if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
-        Refuse("lower, upper", [lower, upper], "vectors of one size")
-    if len(count) != low.size:
-        Refuse("count", count, f"{low.size} whole numbers, one for each axis")
-    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
-        allowed = "finite, lower less than upper on every axis"
-        Refuse("lower, upper", np.array([low, high]), allowed)
-    counts = [int(c) for c in count]
-    if any(c < 1 or c != given for c, given in zip(counts, count, strict=True)):
-        Refuse("count", count, "whole numbers >= 1")
-    return low, high, counts
-
-
 def equidistant_lattice(
     lower: ArrayLike, upper: ArrayLike, count: Sequence[int]
-) -> Array:
-    """Returns equidistant centres mu_i of the basis functions (3.1).
+) -> tuple[Array, Array]:
+    """Returns equidistant centres mu_i of the basis functions (3.1), and their spacing.
 
     The first and the last centre of an axis lie on its bounds. An axis with count 1
-    has its only centre in the middle.
+    has its only centre in the middle, and its whole length as spacing, as with count 2,
+    so that one function covers the whole interval.
 
     Args:
         lower: Lower bounds (m), in the unit of the network's input.
@@ -48,35 +30,25 @@ def equidistant_lattice(
         count: Number of centres per axis (m), each >= 1.
 
     Returns:
-        Centres (N, m), N = product of `count`; the last axis varies fastest.
-
-    Raises:
-        ValueError: If the sizes differ, a bound is not finite, lower >= upper or a
-            count is not an integer >= 1.
+        Centres (N, m), N = product of `count`, of which the last axis varies fastest;
+        and the distance of neighbouring centres per axis (m).
     """
-    low, high, counts = _lattice_axes(lower, upper, count)
+    low, high = (np.array(x, dtype=float, ndmin=1) for x in (lower, upper))
+    if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
+        Refuse("lower, upper", [lower, upper], "vectors of one size")
+    if not (np.isfinite([low, high]).all() and (low < high).all()):
+        allowed = "finite, lower less than upper on every axis"
+        Refuse("lower, upper", np.array([low, high]), allowed)
+    counts = np.array(count, dtype=int)
+    if counts.shape != low.shape or (counts != count).any() or (counts < 1).any():
+        Refuse("count", count, f"{low.size} whole numbers >= 1, one for each axis")
     axes = [
         np.linspace(a, b, c) if c > 1 else np.array([(a + b) / 2])
         for a, b, c in zip(low, high, counts, strict=True)
     ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, low.size)
-
-
-def lattice_spacing(lower: ArrayLike, upper: ArrayLike, count: Sequence[int]) -> Array:
-    """Returns the distance of neighbouring centres of equidistant_lattice, per axis.
-
-    An axis with count 1 has no neighbours. There the spacing is the axis's whole
-    length, as it is with count 2, so that one function covers the whole interval.
-
-    Returns:
-        Spacing (m), in the unit of the network's input.
-
-    Raises:
-        ValueError: If equidistant_lattice() refuses the lattice.
-    """
-    low, high, counts = _lattice_axes(lower, upper, count)
-    spacing: Array = (high - low) / np.maximum(np.array(counts) - 1, 1)
-    return spacing
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    spacing: Array = (high - low) / np.maximum(counts - 1, 1)
+    return centres.reshape(-1, low.size), spacing
 
 
 def gaussian_functions(
@@ -116,18 +88,15 @@ class GaussianNetwork:
     no factor 1/2 in the exponent: at one width from its centre a function is 1/e.
     The thesis states neither the bounds nor the width; both are choices of the user.
 
-    It holds no weights and does not change after its construction.
+    Attributes:
+        centres: The centres mu_i (N, m), read-only.
+        widths: The square roots of R's diagonal (m), read-only.
 
     Args:
         lower: Lower bounds of the lattice (m), in the unit of the input u.
         upper: Upper bounds of the lattice (m).
         count: Number of centres per axis (m).
-        width: Width of the functions in units of the lattice spacing, > 0. See
-            `lattice_spacing` for what this means on an axis with one centre.
-
-    Raises:
-        ValueError: If `width` is not positive and finite, or equidistant_lattice()
-            refuses the lattice.
+        width: Width of the functions in units of the lattice spacing, > 0.
     """
 
     def __init__(
@@ -139,47 +108,29 @@ class GaussianNetwork:
         width: float,
     ):
         CheckNumber("width", width, above=0)
-        self._centres = equidistant_lattice(lower, upper, count)
-        self._widths = width * lattice_spacing(lower, upper, count)
-        self._centres.setflags(write=False)
-        self._widths.setflags(write=False)
-
-    @property
-    def centres(self) -> Array:
-        """The centres mu_i (N, m), read-only."""
-        return self._centres
-
-    @property
-    def widths(self) -> Array:
-        """The square roots of R's diagonal (m), read-only."""
-        return self._widths
+        self.centres, spacing = equidistant_lattice(lower, upper, count)
+        self.widths: Array = width * spacing
+        self.centres.setflags(write=False)
+        self.widths.setflags(write=False)
 
     def as_numbers(self) -> Lattice:
         """Returns the network as machine code can read it."""
-        return Lattice(self._centres, self._widths)
+        return Lattice(self.centres, self.widths)
 
     @property
     def num_inputs(self) -> int:
         """Size m of the input u."""
-        return int(self._centres.shape[1])
+        return int(self.centres.shape[1])
 
     @property
     def num_functions(self) -> int:
         """Number N of basis functions."""
-        return len(self._centres)
+        return len(self.centres)
 
     def evaluate(self, u: Array) -> Array:
-        """Returns Phi(u).
-
-        Returns:
-            Phi (N), each in (0, 1].
-        """
-        return self.evaluate_with_rate(u, np.zeros(self.num_inputs))[0]
+        """Returns Phi(u) (N), each in (0, 1]."""
+        return basis_functions(u, self.centres, self.widths)
 
     def evaluate_with_rate(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
-        """Returns Phi(u) and dPhi/dt = dPhi/du u_dot, exactly.
-
-        Returns:
-            (Phi, Phi_dot), both (N); Phi_dot in 1/s.
-        """
-        return gaussian_functions(u, u_dot, self._centres, self._widths)
+        """Returns Phi(u) and dPhi/dt = dPhi/du u_dot in 1/s, both (N), exactly."""
+        return gaussian_functions(u, u_dot, self.centres, self.widths)

@@ -46,35 +46,12 @@ EMPTY_SPACE: Layer = _EmptySpace()
 """The space without any force in front of the first layer."""
 
 
-def spring_damper_force(
-    stiffness: float, reference: float, damping: float, x: float, v: float
-) -> float:
-    """Returns (2.14), with the stiffness acting from a layer's reference position.
-
-    Args:
-        stiffness: k_e in N/m.
-        reference: In m.
-        damping: d_e in N s/m.
-        x: In m.
-        v: In m/s.
-    """
-    return stiffness * (x - reference) + damping * v
-
-
-def layer_force(layer: Layer, x: float, v: float) -> float:
-    """Returns the force in N on a layer by a tool at x (m) with velocity v (m/s).
-
-    Equation (2.14), with the stiffness acting from the layer's reference position:
-    f_e = k_e (x - reference) + d_e v.
-    """
-    return spring_damper_force(layer.stiffness, layer.reference, layer.damping, x, v)
-
-
 def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     """Returns the force in N on the material by a tool (n).
 
-    Equations (2.14) to (2.16), with x taken along an axis. Across the axis a spring
-    pulls the tool towards it.
+    Equations (2.14) to (2.16), with x taken along an axis, and with the stiffness
+    acting from the layer's reference position. Across the axis a spring pulls the tool
+    towards it.
 
     Args:
         layer: Its row of layer_table().
@@ -85,7 +62,7 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     along, point = axis[0], axis[1]
     _, stiffness, reference, damping, lateral_stiffness = layer
     x, v = np.sum(p_WT * along), np.sum(v_WT * along)
-    F_x = spring_damper_force(stiffness, reference, damping, x, v)
+    F_x = stiffness * (x - reference) + damping * v
     offset = p_WT - point
     lateral = offset - np.sum(offset * along) * along
     F_e: Array = F_x * along + lateral_stiffness * lateral
@@ -100,18 +77,9 @@ def layer_table(layers: Sequence[Layer]) -> Array:
     Args:
         layers: By ascending start.
     """
-    return np.array(
-        [
-            (
-                layer.start,
-                layer.stiffness,
-                layer.reference,
-                layer.damping,
-                layer.lateral_stiffness,
-            )
-            for layer in (EMPTY_SPACE, *layers)
-        ]
-    )
+    names = ("start", "stiffness", "reference", "damping", "lateral_stiffness")
+    rows = (EMPTY_SPACE, *layers)
+    return np.array([[getattr(layer, name) for name in names] for layer in rows])
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

@@ -58,11 +58,6 @@ def injected_resistance(
     return np.minimum(r, maximum)
 
 
-def energy_rates(power: Array) -> Array:
-    """Returns [dE_in/dt; dE_out/dt] in W (2n)."""
-    return np.maximum(np.concatenate((power, -power)), 0.0)
-
-
 def master_mobility(
     F_h: Array, v: Array, budget: Array, horizon: float, maximum: float
 ) -> Array:
@@ -83,8 +78,9 @@ def energy_budget(initial: float, received: Array, spent: Array, scale: float) -
 
 
 def scaled_energy_rates(power: Array, scale: float) -> Array:
-    """Returns energy_rates() in 1/s, as shares of an energy (2n)."""
-    return energy_rates(power / scale)
+    """Returns [dE_in/dt; dE_out/dt] in 1/s, as shares of an energy (2n)."""
+    share = power / scale
+    return np.maximum(np.concatenate((share, -share)), 0.0)
 
 
 def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
@@ -95,3 +91,13 @@ def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
 def damped_force(F_hd: Array, damping: Array, v: Array) -> Array:
     """Returns the control force in N (n)."""
     return F_hd - damping * v
+
+
+def port_power(force: Array, velocity: Array) -> Array:
+    """Returns F . v, the power at one end of the communication, in W (1)."""
+    return np.array([np.sum(force * velocity)])
+
+
+def difference(of_two: Array) -> Array:
+    """Returns the first of two numbers minus the second, as a vector."""
+    return np.array([of_two[0] - of_two[1]])

@@ -1,4 +1,4 @@
-"""A robot's tool in task space, (2.6) to (2.13).
+"""An arm seen from its tool, (2.6) to (2.13), and the joints that the task leaves free.
 
 The task axes are the first n axes of the world, J the first n rows of Drake's
 translational Jacobian Jv_v_WT, and tau_e what the environment's reaction -F_e at the
@@ -7,12 +7,52 @@ tool does to the joints:
     v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
 
 The robot's state is x = [q; qdot]. Each function returns one vector, a port's value.
+
+Control of the joints that an arm's task leaves free.
+
+The task takes v = J_v(q) dq/dt (n). The law chooses the joint accelerations
+
+    a = w^2 (q_0 - q) - 2 zeta w dq/dt
+
+that would bring the posture q_0 back, and takes out of them what moves the rows J that
+others rule or that have a goal y of their own:
+
+    tau = M a + J^T Lambda (y - J a),    Lambda = (J M^-1 J^T)^-1.
+
+Then J M^-1 tau = y: without friction and bias the rows move as y says, whatever a is.
+The laws have q and q_0 in rad or m, dq/dt as v (nv), the mass matrix M (nv, nv),
+and rotations (3, 3); tau is in N m or N.
+
+* posture:      J = J_v, y = 0. That is tau = (1 - J_v^T Jbar^T) M a with the
+  dynamically consistent inverse Jbar = M^-1 J_v^T Lambda: a torque in the null space
+  of the task, which does not accelerate the tool (O. Khatib, "A unified approach for
+  motion and force control of robot manipulators: the operational space formulation",
+  IEEE J. Robotics and Automation 3, 1987, p. 43).
+* orientation:  J = [J_v; J_w], y = [0; -w^2 e - 2 zeta w omega], with the tool's
+  angular velocity omega = J_w dq/dt and e = 1/2 sum r_0k x r_k over the columns of its
+  rotations R_0 and R, which is sin(angle) times the axis from R_0 to R (J. Luh, M.
+  Walker and R. Paul, "Resolved-acceleration control of mechanical manipulators", IEEE
+  Trans. Automatic Control 25, 1980, p. 468). Joints that are still free hold q_0.
+
+Lambda is damped near singular poses (Y. Nakamura and H. Hanafusa, "Inverse kinematic
+solutions with singularity robustness for robot manipulator control", ASME J. Dynamic
+Systems, Measurement, and Control 108, 1986, p. 163). With A = J M^-1 J^T, scaled to
+ones on its diagonal, and 0 <= det A <= 1 as the measure of how far from one a pose is,
+
+    A + damping max(0, 1 - det A/near)^2 1
+
+takes the place of A. Poses with det A >= `near` are not concerned.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+# Added to A in any case, so that it can be inverted also where a row of J is zero.
+_FLOOR = 1e-13
 
 
 def tool_kinematics(num_axes: int, p_WT: Array, Jv_v_WT: Array, x: Array) -> Array:
@@ -30,3 +70,99 @@ def joint_torques(F_c: Array, F_e: Array, kinematics: Array) -> Array:
     tau = (F_c[:, np.newaxis] * J).sum(axis=0)
     tau_e = -(F_e[:, np.newaxis] * J).sum(axis=0)
     return np.concatenate((tau, tau_e))
+
+
+class PostureGains(NamedTuple):
+    """How the posture is held.
+
+    Attributes:
+        frequency: w in rad/s.
+        damping_ratio: zeta.
+        near: det A below which a pose counts as nearly singular.
+        damping: What is added to A at a singular pose.
+    """
+
+    frequency: float
+    damping_ratio: float
+    near: float
+    damping: float
+
+
+def posture_torque(
+    gains: PostureGains, M: Array, J_v: Array, q_0: Array, q: Array, v: Array
+) -> Array:
+    """Returns the torque that holds a posture beside the task, in N m or N (nv)."""
+    return _torque(gains, M, J_v, np.zeros(len(J_v)), q_0, q, v)
+
+
+def orientation_torque(
+    gains: PostureGains,
+    M: Array,
+    J_v: Array,
+    J_w: Array,
+    R_0: Array,
+    R: Array,
+    q_0: Array,
+    q: Array,
+    v: Array,
+) -> Array:
+    """Returns the torque that holds the tool's orientation, in N m or N (nv)."""
+    w, zeta = gains.frequency, gains.damping_ratio
+    omega = J_w @ v
+    y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
+    J, y = np.concatenate((J_v, J_w)), np.concatenate((np.zeros(len(J_v)), y))
+    return _torque(gains, M, J, y, q_0, q, v)
+
+
+def orientation_error(R_0: Array, R: Array) -> Array:
+    """Returns sin(angle) times the axis of the turn from R_0 to R (3)."""
+    error: Array = np.cross(R_0.T, R.T).sum(axis=0) / 2
+    return error
+
+
+def _torque(
+    gains: PostureGains, M: Array, J: Array, y: Array, q_0: Array, q: Array, v: Array
+) -> Array:
+    """Returns M a + J^T Lambda (y - J a)."""
+    w, zeta = gains.frequency, gains.damping_ratio
+    a = w * w * (q_0 - q) - 2 * zeta * w * v
+    # A = X^T X with X = L^-1 J^T, M = L L^T.
+    X = _forward(_factor(M), J.T)
+    force = _solve_damped(X.T @ X, y - J @ a, gains.near, gains.damping)
+    tau: Array = M @ a + J.T @ force
+    return tau
+
+
+def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
+    """Returns A^-1 b for a symmetric A, damped where it is nearly singular."""
+    scale = np.sqrt(np.diag(A) + 1e-30)
+    C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
+    L = _factor(C)
+    determinant = 1.0
+    for pivot in np.diag(L):
+        determinant *= pivot * pivot
+    share = max(0.0, 1 - determinant / near)
+    L = _factor(C + damping * share * share * np.eye(len(b)))
+    x = _forward(L, (b / scale).reshape(-1, 1))
+    # L^T from its last row on is lower triangular once more.
+    x = _forward(L.T[::-1, ::-1], x[::-1])[::-1]
+    solution: Array = x[:, 0] / scale
+    return solution
+
+
+def _factor(A: Array) -> Array:
+    """Returns L of A = L L^T."""
+    L = np.zeros_like(A)
+    for j in range(len(A)):
+        column = A[j:, j] - L[j:, :j] @ L[j, :j]
+        # What rounding takes below zero is next to nothing.
+        L[j:, j] = column / np.sqrt(max(column[0], 1e-18))
+    return L
+
+
+def _forward(L: Array, B: Array) -> Array:
+    """Returns L^-1 B."""
+    X = np.zeros_like(B)
+    for i in range(len(B)):
+        X[i] = (B[i] - L[i, :i] @ X[:i]) / L[i, i]
+    return X

@@ -25,7 +25,7 @@ opposite sign in (3.19) and (3.27), from a wrong sign in front of Phi^T w~ in (3
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,9 +93,7 @@ class TrackingGains:
 Gains = TrackingGains | TrackingNumbers
 
 
-def task_dynamics(
-    M: Array, bias: Array, J: Array, J_dot_qdot: Array
-) -> tuple[Array, Array]:
+def task_dynamics(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
     """Returns the robot's dynamics as its tool feels them (2.8 to 2.10).
 
     From M q'' + bias = J^T F and v = J q' follows M_r dv/dt + h_r = F with
@@ -108,15 +106,16 @@ def task_dynamics(
         J_dot_qdot: J' q' in m/s^2 (n).
 
     Returns:
-        (M_r in kg (n, n), h_r = C_r v + G_r in N (n)).
+        [M_r row by row in kg; h_r = C_r v + G_r in N] (n n + n).
 
     Raises:
         numpy.linalg.LinAlgError: If the pose is exactly singular.
     """
     # One inverse serves M^-1 J^T and M^-1 bias.
-    M_inv: NDArray[Any] = np.linalg.inv(M)
-    M_r: NDArray[Any] = np.linalg.inv(J @ (M_inv @ J.T))
-    return M_r, M_r @ (J @ (M_inv @ bias) - J_dot_qdot)
+    M_inv = np.linalg.inv(M)
+    M_r = np.linalg.inv(J @ (M_inv @ J.T))
+    h_r = M_r @ (J @ (M_inv @ bias) - J_dot_qdot)
+    return np.concatenate((M_r.ravel(), h_r))
 
 
 def tracking_error(gains: Gains, r: Array, v: Array, r_d: Array, v_d: Array) -> Array:
@@ -126,33 +125,6 @@ def tracking_error(gains: Gains, r: Array, v: Array, r_d: Array, v_d: Array) -> 
 
 def tracking_force(
     gains: Gains,
-    s: Array,
-    velocity_error: Array,
-    a_d: Array,
-    M_r: Array,
-    h_r: Array,
-    W: Array,
-    Phi: Array,
-) -> Array:
-    """Returns the control force F_c in N (n) (3.18)."""
-    a = a_d - gains.Lambda @ velocity_error - gains.G1 @ s
-    return W @ Phi + h_r + M_r @ a
-
-
-def weights_rate(gains: Gains, s: Array, M_r: Array, W: Array, Phi: Array) -> Array:
-    """Returns dW/dt in N/s (n, N) (3.27, its sign corrected); see tracking_force()."""
-    g = np.linalg.inv(M_r.T) @ s
-    return -gains.beta * (np.outer(g, Phi) + gains.nu * W)
-
-
-def dynamics_vector(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
-    """Returns task_dynamics() as a vector, [M_r row by row; h_r] (n n + n)."""
-    M_r, h_r = task_dynamics(M, bias, J, J_dot_qdot)
-    return np.concatenate((M_r.ravel(), h_r))
-
-
-def tracking_force_vector(
-    gains: Gains,
     dynamics: Array,
     weights: Array,
     Phi: Array,
@@ -161,20 +133,22 @@ def tracking_force_vector(
     v_d: Array,
     a_d: Array,
 ) -> Array:
-    """Returns tracking_force()."""
+    """Returns the control force F_c in N (n) (3.18); task_dynamics() has dynamics."""
     n = s.size
     M_r, h_r = dynamics[: n * n].reshape(n, n), dynamics[n * n :]
-    W = weights.reshape(n, Phi.size)
-    return tracking_force(gains, s, v - v_d, a_d, M_r, h_r, W, Phi)
+    a = a_d - gains.Lambda @ (v - v_d) - gains.G1 @ s
+    return disturbance_estimate(weights, Phi) + h_r + M_r @ a
 
 
-def weights_rate_vector(
+def weights_rate(
     gains: Gains, dynamics: Array, weights: Array, Phi: Array, s: Array
 ) -> Array:
-    """Returns weights_rate(), row by row; see tracking_force_vector()."""
+    """Returns dW/dt in N/s, row by row (3.27, its sign corrected)."""
     n = s.size
     M_r, W = dynamics[: n * n].reshape(n, n), weights.reshape(n, Phi.size)
-    return weights_rate(gains, s, M_r, W, Phi).ravel()
+    g = np.linalg.inv(M_r.T) @ s
+    rate: Array = -gains.beta * (np.outer(g, Phi) + gains.nu * W)
+    return rate.ravel()
 
 
 def disturbance_estimate(weights: Array, Phi: Array) -> Array:

@@ -61,20 +61,15 @@ def reflected_wave(velocity: Array, wave: Array, root: Array) -> Array:
     return np.asarray(root @ velocity - wave)
 
 
-def corrected_wave(wave: Array, correction: Array) -> Array:
-    """Returns the wave plus as much of a correction as does not add energy.
-
-    Each component stays between -|wave| and |wave|.
-    """
-    limit = np.abs(wave)
-    return np.asarray(np.clip(wave + correction, -limit, limit))
-
-
 def drift_correcting_wave(
     wave: Array, x_m: Array, p: Array, root: Array, rate: float
 ) -> Array:
-    """Returns the wave that pulls the tool to the master, adding no energy."""
-    return corrected_wave(wave, root / 2 @ (x_m - p) * rate)
+    """Returns the wave that pulls the tool to the master, adding no energy.
+
+    Each component stays between -|wave| and |wave|.
+    """
+    correction, limit = root / 2 @ (x_m - p) * rate, np.abs(wave)
+    return np.asarray(np.clip(wave + correction, -limit, limit))
 
 
 def filtered_wave_rate(wave: Array, received: Array, bandwidth: float) -> Array:

@@ -14,7 +14,7 @@ from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import Surface
 from teleop_drake.kernel import Kernel, Term
-from teleop_drake.laws.human_operator import (
+from teleop_drake.laws.operator import (
     HumanOperator,
     intended_velocity,
     rate_to_position,
@@ -33,7 +33,7 @@ _PADE_ORDER = 6
 
 
 class HumanHand(ModalOperator):
-    """The law of a human, behind the reaction delay; see laws.human_operator.
+    """The law of a human, behind the reaction delay; see laws.operator.
 
     | port | name             | size | unit                                     |
     |------|------------------|------|------------------------------------------|
@@ -122,7 +122,7 @@ class HumanConfig(OperatorConfig):
 
     The human makes the tool follow a goal that moves with `velocity` from its start, or
     keep that velocity, and perceives contact a reaction delay after it is felt. See
-    laws.human_operator for the equations and where they are from.
+    laws.operator for the equations and where they are from.
     """
 
     kind = "human"

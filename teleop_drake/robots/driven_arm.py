@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.laws.posture import PostureGains
+from teleop_drake.laws.task_space import PostureGains
 from teleop_drake.robots.base import Array, PlantRobotConfig
 from teleop_drake.robots.inverse_kinematics import (
     TOOL,
@@ -35,7 +35,7 @@ HOLDS = ("none", "posture", "orientation")
 MAX_FREQUENCY = 1000.0
 """Highest natural frequency of what an arm holds, rad/s."""
 
-# The measure det A of laws.posture at which damping begins, and what it grows to;
+# The measure det A of laws.task_space at which damping begins, and what it grows to;
 # assumed. The Puma's pose of the scenarios has 0.02.
 _NEAR, _DAMPING = 1e-3, 1e-2
 
@@ -44,7 +44,7 @@ _NEAR, _DAMPING = 1e-3, 1e-2
 class DrivenArmConfig(PlantRobotConfig):
     """An arm whose own controller carries it and holds what the task leaves free.
 
-    The equations are in laws.posture, systems.gravity_compensation and
+    The equations are in laws.task_space, systems.gravity_compensation and
     systems.joint_friction. A kind of your own needs LoadModel only.
     """
 

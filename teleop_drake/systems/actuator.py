@@ -7,8 +7,9 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, PassThrough, Saturation
 
-from teleop_drake.systems.gear_friction import GearFriction
-from teleop_drake.validation import FixedFields, Number
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.laws.actuators import delivered_force
+from teleop_drake.validation import CheckNumber, FixedFields, Number
 
 
 @dataclass(kw_only=True, eq=False)
@@ -41,6 +42,49 @@ class ActuatorConfig(FixedFields):
         return self.coulomb_friction > 0 or self.viscous_friction > 0
 
 
+class GearFriction(FixedBlock):
+    """Takes the friction of gears from a force.
+
+        F_out = F_in - F_C v/sqrt(v^2 + v_s^2) - B v          on each axis
+
+    Coulomb's friction F_C, made smooth by the speed v_s, and viscous friction B; see
+    laws.actuators.
+
+    | port | name          | size | unit |
+    |------|---------------|------|------|
+    | in   | drive_force   | n    | N    |
+    | in   | tool_velocity | n    | m/s  |
+    | out  | control_force | n    | N    |
+
+    State: none. Direct feedthrough: from both inputs.
+
+    It does not stick: a force below F_C moves the tool at a speed below v_s. Each task
+    axis has friction of its own, as if it had its own drive; friction in the joints of
+    an arm is another matter.
+
+    Args:
+        coulomb: F_C in N, >= 0.
+        speed: v_s in m/s, > 0.
+        viscous: B in N s/m, >= 0.
+    """
+
+    def __init__(self, *, num_axes: int, coulomb: float, speed: float, viscous: float):
+        CheckNumber("coulomb", coulomb, "N", minimum=0)
+        CheckNumber("speed", speed, "m/s", above=0)
+        CheckNumber("viscous", viscous, "N s/m", minimum=0)
+        inputs = ("drive_force", "tool_velocity")
+        FixedBlock.__init__(
+            self,
+            "gear_friction",
+            Kernel(
+                parameters={"friction": np.array([coulomb, speed, viscous])},
+                outputs={"control_force": (delivered_force, "friction", *inputs)},
+            ),
+            inputs=dict.fromkeys(inputs, num_axes),
+            outputs={"control_force": num_axes},
+        )
+
+
 class Actuator(Diagram):
     """Delivers the force that a control law asks for, late, limited and with losses.
 
@@ -62,20 +106,13 @@ class Actuator(Diagram):
 
     A motor's inertia is the robot's; a limit of torques in the joints, which depends on
     the pose, is too.
-
-    Args:
-        config: What the drive is like.
-        num_axes: Number n of axes, >= 1.
-
-    Raises:
-        ValueError: If a parameter is not allowed.
     """
 
     def __init__(self, config: ActuatorConfig, *, num_axes: int):
         Diagram.__init__(self)
         config.CheckNumbers("actuator")
         builder, n = DiagramBuilder(), num_axes
-        limit = math.inf if config.force_limit is None else config.force_limit
+        limit = config.force_limit or math.inf
         first = builder.AddNamedSystem(
             "force_limit", Saturation(np.full(n, -limit), np.full(n, limit))
         )
@@ -91,14 +128,13 @@ class Actuator(Diagram):
         velocity = builder.AddNamedSystem("tool_velocity", PassThrough(n))
         builder.ExportInput(velocity.get_input_port(), "tool_velocity")
         if config.has_friction:
-            gears = builder.AddNamedSystem(
-                "gear_friction",
+            gears = builder.AddSystem(
                 GearFriction(
                     num_axes=n,
                     coulomb=config.coulomb_friction,
                     speed=config.friction_speed,
                     viscous=config.viscous_friction,
-                ),
+                )
             )
             builder.Connect(force, gears.GetInputPort("drive_force"))
             builder.Connect(

@@ -1,15 +1,11 @@
 """Energy that goes into the channels and does not come out."""
 
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.laws.channel_energy import (
-    difference,
-    energy_rates,
-    port_power_vector,
-)
+from teleop_drake.kernel import FixedBlock, Kernel, Term
+from teleop_drake.laws.passivity import difference, port_power
 from teleop_drake.validation import CheckNumber
 
 
-class ChannelEnergy(KernelBlock):
+class ChannelEnergy(FixedBlock):
     """Balances the energy at both ends of the communication.
 
         power_in = F_m . v_m           d(energy_in)/dt  = power_in
@@ -49,38 +45,25 @@ class ChannelEnergy(KernelBlock):
     time delay", IEEE Trans. Autom. Control 34 (1989); observed over time by
     B. Hannaford and J.-H. Ryu, "Time-domain passivity control of haptic interfaces",
     IEEE Trans. Robot. Autom. 18 (2002).
-
-    Args:
-        num_axes: Number n of axes, >= 1.
-
-    Raises:
-        ValueError: If num_axes < 1.
     """
 
     def __init__(self, *, num_axes: int):
-        KernelBlock.__init__(self)
         CheckNumber("num_axes", num_axes, minimum=1)
-        self.set_name("channel_energy")
-        for end in ("master", "slave"):
-            self.DeclareVectorInputPort(f"{end}_force", num_axes)
-            self.DeclareVectorInputPort(f"{end}_velocity", num_axes)
-        self.DeclareContinuousState(2)
-        self.DeclareOutputs(
-            energy=1, power=1, power_in=1, power_out=1, energy_in=1, energy_out=1
-        )
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
         at_master = ("master_force", "master_velocity")
         at_slave = ("slave_force", "slave_velocity")
-        return Kernel(
-            rate=(energy_rates, *at_master, *at_slave),
-            outputs={
-                "energy": (difference, "state"),
-                "power": (difference, "rate"),
-                "power_in": (port_power_vector, *at_master),
-                "power_out": (port_power_vector, *at_slave),
-                "energy_in": ("state", 0, 1),
-                "energy_out": ("state", 1, 2),
-            },
+        outputs: dict[str, Term] = {
+            "energy": (difference, "state"),
+            "power": (difference, "rate"),
+            "power_in": (port_power, *at_master),
+            "power_out": (port_power, *at_slave),
+            "energy_in": ("state", 0, 1),
+            "energy_out": ("state", 1, 2),
+        }
+        FixedBlock.__init__(
+            self,
+            "channel_energy",
+            Kernel(rate=["power_in", "power_out"], outputs=outputs),
+            inputs=dict.fromkeys((*at_master, *at_slave), num_axes),
+            outputs=dict.fromkeys(outputs, 1),
+            state=[0.0, 0.0],
         )

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.kernel import Kernel, KernelBlock, Term
+from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
 from teleop_drake.validation import CheckChoice, Refuse
 
@@ -13,7 +13,7 @@ _LAWS: dict[str, Term] = {
 }
 
 
-class DisturbanceForce(KernelBlock):
+class DisturbanceForce(FixedBlock):
     """A force that depends on where the tool is and how fast it moves.
 
         linear    F_e = K r                                                      (3.7)
@@ -32,32 +32,25 @@ class DisturbanceForce(KernelBlock):
     Args:
         kind: linear or coupled; coupled needs two task axes.
         gain: K in N/m (n, n).
-
-    Raises:
-        ValueError: If there is no such kind or the gain does not fit it.
     """
 
     def __init__(self, *, kind: str, gain: ArrayLike):
-        KernelBlock.__init__(self)
         K = np.array(gain, dtype=float)
         CheckChoice("kind", kind, _LAWS)
         if K.ndim != 2 or K.shape[0] != K.shape[1] or not np.isfinite(K).all():
             Refuse("gain", gain, "a square, finite matrix")
         if kind == "coupled" and len(K) != 2:
             Refuse("gain", gain, "2 x 2 for kind coupled")
-        self._law = _LAWS[kind]
-        self._gain = K
-        self.set_name("disturbance_force")
-
-        self.DeclareVectorInputPort("tool_position", len(K))
-        self.DeclareVectorInputPort("tool_velocity", len(K))
-        self.DeclareOutputs(environment_force=len(K))
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return Kernel(
-            parameters={"gain": self._gain},
-            outputs={"environment_force": self._law},
-            # That of the linear law.
-            unused=("tool_velocity",),
+        n = len(K)
+        FixedBlock.__init__(
+            self,
+            "disturbance_force",
+            Kernel(
+                parameters={"gain": K},
+                outputs={"environment_force": _LAWS[kind]},
+                # That of the linear law.
+                unused=("tool_velocity",),
+            ),
+            inputs={"tool_position": n, "tool_velocity": n},
+            outputs={"environment_force": n},
         )

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.validation import FixedFields, Refuse, ScenarioError
+from teleop_drake.validation import FixedFields, Refuse, Within
 
 
 @dataclass(kw_only=True, eq=False)
@@ -21,22 +21,12 @@ class HapticDeviceConfig(FixedFields):
     denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
 
     def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        try:
-            with np.errstate(over="ignore"):
-                matrices = realize_transfer_function(self.numerator, self.denominator)
-        except ValueError as e:
-            raise ScenarioError(f"{path}.{e}") from None
+        """Checks every field."""
+        with np.errstate(over="ignore"), Within(path):
+            matrices = realize_transfer_function(self.numerator, self.denominator)
         if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
-            Refuse(
-                f"{path}.denominator",
-                self.denominator,
-                "coefficients that can be divided by the first one",
-            )
+            allowed = "coefficients that can be divided by the first one"
+            Refuse(f"{path}.denominator", self.denominator, allowed)
 
 
 class HapticDevice(Diagram):
@@ -68,10 +58,6 @@ class HapticDevice(Diagram):
         numerator: Coefficients of H's numerator, highest power of s first.
         denominator: Coefficients of H's denominator, highest power first.
         num_axes: Number n of axes, >= 1.
-
-    Raises:
-        ValueError: If H is improper, a coefficient is not finite, the denominator's
-            first one is zero or num_axes < 1.
     """
 
     def __init__(self, *, numerator: ArrayLike, denominator: ArrayLike, num_axes: int):

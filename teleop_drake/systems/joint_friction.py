@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.kernel import Kernel, KernelBlock, Term
-from teleop_drake.laws.joint_friction import friction_torque
+from teleop_drake.kernel import FixedBlock, Kernel, Term
+from teleop_drake.laws.actuators import friction_torque
 from teleop_drake.validation import CheckNumber, Refuse
 
 
-class JointFriction(KernelBlock):
-    """Torque of Coulomb friction, regularised; see laws.joint_friction.
+class JointFriction(FixedBlock):
+    """Torque of Coulomb friction, regularised; see laws.actuators.
 
         tau = -s ((C_+ + C_-)/2 + (C_+ - C_-)/2 s),   s = v/sqrt(v^2 + v_s^2)
 
@@ -27,32 +27,26 @@ class JointFriction(KernelBlock):
         forward: C_+ of each joint in N m or N, >= 0 (nv).
         backward: C_- of each joint, as many.
         speed: v_s in rad/s or m/s, > 0.
-
-    Raises:
-        ScenarioError: If a parameter is not allowed.
     """
 
     def __init__(self, *, forward: ArrayLike, backward: ArrayLike, speed: float):
-        KernelBlock.__init__(self)
         for name, value in (("forward", forward), ("backward", backward)):
             if np.shape(value) != np.shape(forward) or not (
                 np.isfinite(value).all() and (np.asarray(value) >= 0).all()
             ):
                 Refuse(name, value, "finite numbers >= 0, one for each joint (N m)")
         CheckNumber("speed", speed, "rad/s", above=0)
-        self._forward = np.array(forward, dtype=float)
-        self._backward = np.array(backward, dtype=float)
-        self._speed = float(speed)
-        nv = self._forward.size
-        self.DeclareVectorInputPort("joint_velocity", nv)
-        self.DeclareOutputs(friction_torque=nv)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
         parameters = {
-            "forward": self._forward,
-            "backward": self._backward,
-            "speed": self._speed,
+            "forward": np.array(forward, dtype=float),
+            "backward": np.array(backward, dtype=float),
+            "speed": float(speed),
         }
         law: Term = (friction_torque, *parameters, "joint_velocity")
-        return Kernel(parameters=parameters, outputs={"friction_torque": law})
+        nv = np.size(forward)
+        FixedBlock.__init__(
+            self,
+            "joint_friction",
+            Kernel(parameters=parameters, outputs={"friction_torque": law}),
+            inputs={"joint_velocity": nv},
+            outputs={"friction_torque": nv},
+        )

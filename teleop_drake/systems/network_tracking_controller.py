@@ -16,10 +16,10 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
     disturbance_estimate,
-    dynamics_vector,
+    task_dynamics,
     tracking_error,
-    tracking_force_vector,
-    weights_rate_vector,
+    tracking_force,
+    weights_rate,
 )
 from teleop_drake.validation import Refuse
 
@@ -107,7 +107,7 @@ class _Tracking:
     def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
         """Evaluates the law; called by Drake several times in every step."""
         derivatives.SetFromVector(
-            weights_rate_vector(
+            weights_rate(
                 self._gains,
                 self.get_cache_entry(self._dynamics).Eval(context),
                 self._GetWeights(context),
@@ -137,7 +137,7 @@ class _Tracking:
             return matrix if matrix.dtype == float else matrix.view(Duals)
 
         output.set_value(
-            dynamics_vector(
+            task_dynamics(
                 M=Known(plant.CalcMassMatrix(plant_context)),
                 bias=plant.CalcBiasTerm(plant_context)
                 - plant.CalcGravityGeneralizedForces(plant_context),
@@ -160,7 +160,7 @@ class _Tracking:
 
     def _CalcControlForce(self: Any, context: Any, output: Any) -> None:
         output.SetFromVector(
-            tracking_force_vector(
+            tracking_force(
                 self._gains,
                 self.get_cache_entry(self._dynamics).Eval(context),
                 self._GetWeights(context),

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import LeafSystem_
 
 from teleop_drake.kernel.convertible import Convertible
-from teleop_drake.laws.posture import (
+from teleop_drake.laws.task_space import (
     PostureGains,
     orientation_torque,
     posture_torque,
@@ -71,7 +71,7 @@ class PostureHold(_Hold, Convertible):
 
         tau = M a + J^T Lambda (y - J a),  Lambda = (J M^-1 J^T)^-1 damped
 
-    laws.posture has what a, J and y are, and where it is from. The torque does not
+    laws.task_space has what a, J and y are, and where it is from. The torque does not
     accelerate the tool along the task axes.
 
     | port | name        | size    | unit                      |

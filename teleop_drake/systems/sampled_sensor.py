@@ -46,9 +46,6 @@ class SampledSensor(KernelBlock):
         noise: Standard deviation of the noise in the unit of the signal, >= 0.
         seed: >= 0.
         stream: Name of the sensor. Other names make independent noise.
-
-    Raises:
-        ValueError: If a parameter is not allowed.
     """
 
     def __init__(
@@ -105,11 +102,7 @@ class SamplingConfig(FixedFields):
     noise: float = Number(0.0, minimum=0)
 
     def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field."""
         self.CheckNumbers(path)
         for name in ("resolution", "noise"):
             value = getattr(self, name)
@@ -139,11 +132,7 @@ class SensorConfig(FixedFields):
         return {"encoder": self.encoder, "force": self.force}
 
     def Check(self, path: str) -> None:
-        """Checks every field.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
+        """Checks every field."""
         for name, config in self.sampled.items():
             config.Check(f"{path}.{name}")
         if self.seed < 0:

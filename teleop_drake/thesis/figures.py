@@ -454,7 +454,7 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     scenario = recording.scenario
     n = scenario.num_axes
     network = scenario.controller.network
-    centres = equidistant_lattice(network.lower, network.upper, network.count)
+    centres, _ = equidistant_lattice(network.lower, network.upper, network.count)
     weights = recording[signal].reshape(-1, n, len(centres))
     x_values = np.unique(centres[:, 0])
     # Centres on either side of the straight path look alike.

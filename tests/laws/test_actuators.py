@@ -1,4 +1,4 @@
-"""Friction of gears and sampled sensors, as numbers."""
+"""Friction of gears and joints, and sampled sensors, as numbers."""
 
 import numpy as np
 from hypothesis import given
@@ -6,29 +6,39 @@ from hypothesis import strategies as st
 
 from teleop_drake.laws.actuators import (
     delivered_force,
-    gear_friction,
+    friction_torque,
     next_normal,
     next_random,
     next_sample,
     quantized,
 )
 
-FRICTION = np.array([0.3, 0.01, 0.2])
-
 
 def test_friction_far_from_its_speed_and_near_zero():
     v = np.array([-50.0, -1e-9, 0.0, 1e-9, 50.0])
     expected = [-0.3 - 10, -3e-8 - 2e-10, 0, 3e-8 + 2e-10, 0.3 + 10]
-    np.testing.assert_allclose(gear_friction(FRICTION, v), expected, rtol=1e-6)
-    force = delivered_force(FRICTION, np.ones(5), v)
-    np.testing.assert_allclose(force, 1 - np.array(expected), rtol=1e-6)
+    force = delivered_force(np.array([0.3, 0.01, 0.2]), np.ones(5), v)
+    np.testing.assert_allclose(1 - force, expected, rtol=1e-6)
 
 
 @given(st.floats(-10, 10), st.floats(0, 5), st.floats(1e-4, 1), st.floats(0, 5))
 def test_friction_dissipates(v, coulomb, speed, viscous):
-    (force,) = gear_friction(np.array([coulomb, speed, viscous]), np.array([v]))
+    law = np.array([coulomb, speed, viscous])
+    (force,) = -delivered_force(law, np.zeros(1), np.array([v]))
     assert force * v >= 0
     assert abs(force) <= (coulomb + viscous * abs(v)) * (1 + 1e-12)
+    tau = friction_torque(np.array([coulomb]), np.array([viscous]), speed, np.array(v))
+    assert (tau * v <= 0).all()
+
+
+def test_friction_of_joints_is_the_published_one_and_creeps_at_rest():
+    forward, backward = np.array([2.0, 0.5]), np.array([1.0, 0.7])
+    for sign, expected in ((1, -forward), (-1, backward)):
+        v = sign * np.array([40.0, 50.0])
+        tau = friction_torque(forward, backward, 0.01, v)
+        np.testing.assert_allclose(tau, expected, rtol=1e-6)
+    slope = friction_torque(forward, backward, 0.05, np.full(2, 1e-7)) / 1e-7
+    np.testing.assert_allclose(slope, [-1.5 / 0.05, -0.6 / 0.05], rtol=1e-5)
 
 
 def test_quantized():

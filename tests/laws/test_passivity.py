@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.laws.passivity import (
-    energy_rates,
     injected_resistance,
     master_mobility,
+    scaled_energy_rates,
     slave_damping,
 )
 
@@ -32,8 +32,8 @@ def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
 
 
 def test_energy_flows_one_way_at_a_time():
-    rates = energy_rates(np.array([2.0, -3.0]))
-    assert rates.tolist() == [2.0, 0.0, 0.0, 3.0]
+    rates = scaled_energy_rates(np.array([2.0, -3.0]), 2.0)
+    assert rates.tolist() == [1.0, 0.0, 0.0, 1.5]
 
 
 def test_the_ports_differ_in_what_leaves():

@@ -5,7 +5,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.posture import PostureGains
+from teleop_drake.laws.task_space import PostureGains
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.robots import Puma560Config

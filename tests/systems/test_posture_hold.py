@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.laws.posture import orientation_error
+from teleop_drake.laws.task_space import orientation_error
 from teleop_drake.robots import Puma560Config
 from teleop_drake.robots.inverse_kinematics import ToolRotation
 from teleop_drake.systems.posture_hold import PostureHold

@@ -48,14 +48,14 @@ def test_noise_is_that_of_the_seed_and_of_the_stream():
             seed=seed,
             stream=stream,
         )
-        sample, _ = Samples(sensor, 5.0)
+        sample, _ = Samples(sensor, 3.0)
         return sample - np.sin(0.03 * np.arange(len(sample)))
 
     first = Noise(1, "force")
     assert np.std(first) == pytest.approx(0.2, rel=0.1)
     np.testing.assert_array_equal(first, Noise(1, "force"))
     for other in (Noise(2, "force"), Noise(1, "encoder")):
-        assert abs(np.corrcoef(first, other)[0, 1]) < 0.15
+        assert abs(np.corrcoef(first, other)[0, 1]) < 0.2
 
 
 def test_its_kernel_is_the_block():

@@ -9,7 +9,6 @@ import runs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.laws.layered_force import layer_force
 from teleop_drake.numerics.step_polynomials import DEGREE, shares
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
@@ -22,6 +21,11 @@ Function = Callable[[np.ndarray], np.ndarray]
 V_D = 1e-3
 PUNCTURE = 0.0075
 SURFACE = 0.015
+
+
+def layer_force(layer, x, v):
+    """(2.14), with the spring unloaded at the layer's reference."""
+    return layer.stiffness * (x - layer.reference) + layer.damping * v
 
 
 @dataclasses.dataclass
