@@ -61,8 +61,9 @@ def realize_transfer_function(
     B = np.zeros((order, 1))
     B[-1:] = 1.0
     # What remains of the numerator after the constant part of H.
-    C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
-    D = num[:1, np.newaxis]
+    # Drake takes no view of one element with a stride of its own.
+    C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1].copy()
+    D = num[:1, np.newaxis].copy()
     if num_axes > 1:
         A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
     return A, B, C, D
