@@ -54,8 +54,8 @@ class AdaptiveBackstepping(FixedBlock):
         dPsi/dt = beta2 proj[g (F_c - F_e)^T + Upsilon (Psi0 - Psi)]      (4.52, 5.51)
         dW3/dt  = -beta3 (z Phi^T + nu3 W3)                               (4.52, 5.51)
 
-    with proj[] of (4.53), which keeps Psi invertible. The proof, and why the sign of
-    dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
+    with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and why the sign
+    of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
     F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
     networks have the tool's position as their input.
 
@@ -135,14 +135,9 @@ class AdaptiveBackstepping(FixedBlock):
                 sizes={"errors": 2 * n},
             ),
             inputs=dict.fromkeys(LAW_INPUTS, n),
-            outputs={
-                "control_force": n,
-                "psi": n * n,
-                "weights_1": n * N,
-                "weights_3": n * N,
-                "auxiliary_error": n,
-                "control_force_error": n,
-            },
+            outputs={"control_force": n, "psi": n * n}
+            | dict.fromkeys(("weights_1", "weights_3"), n * N)
+            | dict.fromkeys(("auxiliary_error", "control_force_error"), n),
             state=pack_state(initial_state(gains, N)),
         )
 
@@ -230,30 +225,31 @@ class BacksteppingParameters(FixedFields):
     identity) or an n x n matrix.
     """
 
-    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 5.2).
+    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 4.2,
+    # 5.2).
     Lambda: np.ndarray | float = 1.0
     # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
-    # P G1 (eq. 5.22).
+    # P G1 (eq. 4.23, 5.22).
     G1: np.ndarray | float = REQUIRED
-    # Gain on z, 1/s; symmetric positive definite (eq. 5.31).
+    # Gain on z, 1/s; symmetric positive definite (eq. 4.32, 5.31).
     G2: np.ndarray | float = REQUIRED
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
     P: np.ndarray | float = 1.0
-    # beta of every update law that has none of its own below, >= 0 (eq. 5.51).
+    # beta of every update law that has none of its own below, >= 0 (eq. 4.52, 5.51).
     adaptation_rate: float = Number(0.1, minimum=0)
     # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: where
     # forces are f times as large, what they multiply is f^2, f^4 and 1 times as large.
     beta1: float | None = Number(None, minimum=0)
     beta2: float | None = Number(None, minimum=0)
     beta3: float | None = Number(None, minimum=0)
-    # nu of every update law, >= 0 (eq. 5.51).
+    # nu of every update law, >= 0 (eq. 4.52, 5.51).
     leakage: float = Number(0.1, minimum=0)
-    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 5.51).
+    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 4.52, 5.51).
     supervision: float = Number(1.0, minimum=0, maximum=1)
     # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
     # the start pose (eq. 5.52); smallest singular value > minimum_psi.
     initial_psi: np.ndarray | float | str = "auto"
-    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 5.53).
+    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 4.53, 5.53).
     minimum_psi: float = Number(0.1, "1/kg", above=0)
     # Lattice of both networks.
     network: NetworkConfig = field(default_factory=NetworkConfig)
@@ -299,8 +295,7 @@ class BacksteppingParameters(FixedFields):
         field = f"{path}.initial_psi"
         D_e = facts.Told("environment_damping", field)
         weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
-        psi: Array = weight @ np.linalg.inv(facts.Told("inertia", field))
-        return psi
+        return np.asarray(weight @ np.linalg.inv(facts.Told("inertia", field)))
 
     def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
         """Refuses a Psi that cannot be inverted at time 0, or would not stay so."""

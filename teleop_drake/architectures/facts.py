@@ -105,12 +105,9 @@ class Facts:
             [*device.numerator, *factor], device.denominator
         )
         if not value > 0:
-            Refuse(
-                path,
-                None,
-                "a number, because none derives from haptic_device, whose "
-                f"{name} at low frequency is {value:g} {unit}",
-            )
+            told = f"whose {name} at low frequency is {value:g} {unit}"
+            allowed = f"a number, because none derives from haptic_device, {told}"
+            Refuse(path, None, allowed)
         return value
 
     def DeviceGain(self) -> float:

@@ -276,12 +276,9 @@ class WaveVariablesConfig(ArchitectureConfig):
         is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
         is_open |= bool(line.forward_bandwidth or line.return_bandwidth)
         if facts.has_no_delay and not is_open:
-            Refuse(
-                f"{path}.master_damping",
-                line.master_damping,
-                "null without delay, or there must be a bandwidth: the wave would go "
-                "round in no time",
-            )
+            allowed = "null without delay, or there must be a bandwidth: the wave would"
+            place = f"{path}.master_damping"
+            Refuse(place, line.master_damping, f"{allowed} go round in no time")
         start: list[float] = facts.start.tolist()
         # No waves under way, and both at the start.
         packet = [*[0.0] * len(start), *start]

@@ -83,13 +83,13 @@ class BacksteppingGains:
         beta1: Adaptation rate of W1, >= 0.
         beta2: Adaptation rate of Psi, >= 0.
         beta3: Adaptation rate of W3, >= 0.
-        nu1: Leakage of W1, >= 0 (4.52).
-        nu3: Leakage of W3, >= 0 (4.52).
-        Upsilon: Supervision, pulls Psi back to Psi0, in [0, 1] (4.52).
+        nu1: Leakage of W1, >= 0 (4.52, 5.51).
+        nu3: Leakage of W3, >= 0 (4.52, 5.51).
+        Upsilon: Supervision, pulls Psi back to Psi0, in [0, 1] (4.52, 5.51).
         Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n), its
             determinant positive as that of Psi* is, all singular values greater
             than `Psi_min`.
-        Psi_min: Limit of the projection in 1/kg, > 0 (4.53).
+        Psi_min: Limit of the projection in 1/kg, > 0 (4.53, 5.53).
 
     Raises:
         ValueError: If a gain is not finite, has another size than Lambda or is not
@@ -222,7 +222,7 @@ def damped_force_error(
 
 
 def project(Psi: Array, update: Array, Psi_min: float) -> Array:
-    """Returns proj[update] of (4.53), which keeps Psi invertible.
+    """Returns proj[update] of (4.53, 5.53), which keeps Psi invertible.
 
     Generalises (4.53) from a scalar to a matrix: the singular values of Psi, as it
     moves along proj[update], do not fall below Psi_min.
@@ -325,7 +325,7 @@ def damped_rate(
     Psi_dot = g_column * dF + gains.Upsilon * (gains.Psi0 - Psi)
     # 1/sigma_min <= |Psi^-1|: far from the limit this spares a decomposition.
     if (Psi_inv * Psi_inv).sum() * Psi_min**2 > 0.9:
-        Psi_dot = project(Psi, Psi_dot, Psi_min)  # (4.53)
+        Psi_dot = project(Psi, Psi_dot, Psi_min)  # (4.53, 5.53)
     Psi_dot = gains.beta2 * Psi_dot
     W3_dot = gains.beta3 * (-z[:, np.newaxis] * Phi - gains.nu3 * W3)
 

@@ -147,8 +147,7 @@ def weights_rate(
     n = s.size
     M_r, W = dynamics[: n * n].reshape(n, n), weights.reshape(n, Phi.size)
     g = np.linalg.inv(M_r.T) @ s
-    rate: Array = -gains.beta * (np.outer(g, Phi) + gains.nu * W)
-    return rate.ravel()
+    return np.ravel(-gains.beta * (np.outer(g, Phi) + gains.nu * W))
 
 
 def disturbance_estimate(weights: Array, Phi: Array) -> Array:

@@ -21,23 +21,16 @@ delay", IEEE Trans. Automatic Control 34 (1989); G. Niemeyer and J.-J. E. Slotin
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from teleop_drake.validation import CheckGain, Refuse
+from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
 
 
-def wave_root(impedance: ArrayLike) -> Array:
-    """Returns S = (2 b)^(1/2), the symmetric root (n, n) in (N s/m)^(1/2).
-
-    Raises:
-        ValueError: If it is not.
-    """
-    b = np.array(impedance, dtype=float)
-    if b.ndim != 2:
-        Refuse("impedance", b, "an n x n matrix (N s/m)")
-    values, vectors = np.linalg.eigh(CheckGain("impedance", b, len(b)))
+def wave_root(b: Array) -> Array:
+    """Returns S = (2 b)^(1/2), the symmetric root (n, n) in (N s/m)^(1/2)."""
+    values, vectors = np.linalg.eigh(b)
     return np.asarray(vectors @ np.diag(np.sqrt(2 * values)) @ vectors.T)
 
 
@@ -68,8 +61,8 @@ def drift_correcting_wave(
 
     Each component stays between -|wave| and |wave|.
     """
-    correction, limit = root / 2 @ (x_m - p) * rate, np.abs(wave)
-    return np.asarray(np.clip(wave + correction, -limit, limit))
+    corrected, limit = wave + root / 2 @ (x_m - p) * rate, np.abs(wave)
+    return np.asarray(np.clip(corrected, -limit, limit))
 
 
 def filtered_wave_rate(wave: Array, received: Array, bandwidth: float) -> Array:
