@@ -9,14 +9,9 @@ packet holds is the architecture's own affair; those of the thesis are
 """
 
 from collections.abc import Sequence
+from typing import Any
 
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    InputPort,
-    OutputPort,
-    System,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from teleop_drake.architectures import (
@@ -29,7 +24,6 @@ from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStatio
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.actuator import Actuator
-from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.systems.sampled_sensor import SampledSensor
 from teleop_drake.validation import Refuse
 
@@ -96,12 +90,7 @@ def MakeMasterStation(
     )
     device = builder.AddNamedSystem(
         "haptic_device",
-        haptic_device
-        or HapticDevice(
-            numerator=scenario.haptic_device.numerator,
-            denominator=scenario.haptic_device.denominator,
-            num_axes=n,
-        ),
+        haptic_device or scenario.haptic_device.MakeDevice(n),
     )
     force = operator.GetOutputPort("force_command")
     command = operator.GetOutputPort("velocity_command")
@@ -132,7 +121,7 @@ def MakeMasterStation(
 
 def _AddMasterSide(
     builder: DiagramBuilder, master_side: System | None, n: int
-) -> tuple[dict[str, InputPort], dict[str, OutputPort]]:
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Adds the master side, None for the thesis's, and returns its ports by name."""
     if master_side is None:
         unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
@@ -207,10 +196,6 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
 
     Returns:
         The station, a Diagram; the slave side itself where both are ideal.
-
-    Raises:
-        ScenarioError: If a parameter is not allowed.
-        RuntimeError: If the slave side lacks a port.
     """
     if scenario.actuator.is_ideal and scenario.sensor.is_ideal:
         return slave_side
@@ -220,10 +205,8 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     measured = _AddSensors(builder, scenario)
     for name, port in measured.items():
         builder.Connect(port, law.GetInputPort(name))
-    outputs = {
-        law.get_output_port(i).get_name(): law.get_output_port(i)
-        for i in range(law.num_output_ports())
-    }
+    ports = map(law.get_output_port, range(law.num_output_ports()))
+    outputs = {port.get_name(): port for port in ports}
     if not scenario.actuator.is_ideal:
         n = scenario.num_axes
         drive = builder.AddSystem(Actuator(scenario.actuator, num_axes=n))
@@ -232,14 +215,17 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
         outputs["control_force"] = drive.GetOutputPort("control_force")
         velocity = builder.GetSubsystemByName("tool_velocity").get_output_port()
         builder.Connect(velocity, drive.GetInputPort("tool_velocity"))
-    for name, port in (outputs | _Telemetry(measured)).items():
+    for name, port in measured.items():
+        if isinstance(port.get_system(), SampledSensor):
+            outputs[f"measured_{name.rpartition('_')[2]}"] = port
+    for name, port in outputs.items():
         builder.ExportOutput(port, name)
     station = builder.Build()
     station.set_name("controller")
     return station
 
 
-def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, OutputPort]:
+def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, Any]:
     """Adds inputs and sensors; returns what is measured by the law's names for it."""
     n, sensor = scenario.num_axes, scenario.sensor
     measured = {}
@@ -253,17 +239,15 @@ def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, Output
     ):
         if config.sample_period is None:
             continue
-        block = builder.AddNamedSystem(
-            f"{name}_sensor",
-            SampledSensor(
-                sample_period=config.sample_period,
-                initial_value=list(start),
-                resolution=config.resolution,
-                noise=config.noise,
-                seed=sensor.seed,
-                stream=name,
-            ),
+        block = SampledSensor(
+            sample_period=config.sample_period,
+            initial_value=list(start),
+            resolution=config.resolution,
+            noise=config.noise,
+            seed=sensor.seed,
+            stream=name,
         )
+        builder.AddNamedSystem(f"{name}_sensor", block)
         builder.Connect(measured[target], block.get_input_port())
         measured[target] = block.GetOutputPort("sample")
         if name == "encoder":
@@ -271,23 +255,11 @@ def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, Output
     return measured
 
 
-def _Telemetry(measured: dict[str, OutputPort]) -> dict[str, OutputPort]:
-    """Returns what sensors show, by the names under which it is recorded."""
-    return {
-        f"measured_{name.rpartition('_')[2]}": port
-        for name, port in measured.items()
-        if isinstance(port.get_system(), SampledSensor)
-    }
+def ResolveController(scenario: Scenario) -> Any:
+    """Returns the config of the scenario's architecture with every default derived.
 
-
-def ResolveController(scenario: Scenario) -> object:
-    """Returns the parameters of the scenario's architecture with every default derived.
-
-    Returns:
-        An object of the architecture's own class; gains are n x n matrices.
-
-    Raises:
-        ScenarioError: If a default cannot be derived.
+    Gains are n x n matrices; see ArchitectureConfig.Resolve. What cannot be derived is
+    refused.
     """
     controller = scenario.controller
     return controller.Chosen().Resolve(scenario.Facts(), controller.path)

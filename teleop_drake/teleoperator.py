@@ -1,5 +1,7 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
+from typing import Any
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
@@ -14,18 +16,7 @@ from teleop_drake.stations import (
 from teleop_drake.validation import Refuse
 
 
-def MakeTeleoperator(
-    scenario: ScenarioLike,
-    *,
-    control_law: System | None = None,
-    architecture: Architecture | None = None,
-    robot: System | None = None,
-    environment: System | None = None,
-    forward_channel: System | None = None,
-    return_channel: System | None = None,
-    operator: System | None = None,
-    haptic_device: System | None = None,
-) -> Diagram:
+def MakeTeleoperator(scenario: ScenarioLike, **own: Any) -> Diagram:
     """Makes the teleoperator, six systems with the names of Fig. 2.1.
 
         master -> forward_channel -> controller -> robot <-> environment
@@ -69,18 +60,7 @@ def MakeTeleoperator(
         RuntimeError: If a system of yours lacks a port.
     """
     builder = DiagramBuilder()
-    AddTeleoperator(
-        builder,
-        scenario,
-        control_law=control_law,
-        architecture=architecture,
-        robot=robot,
-        environment=environment,
-        forward_channel=forward_channel,
-        return_channel=return_channel,
-        operator=operator,
-        haptic_device=haptic_device,
-    )
+    AddTeleoperator(builder, scenario, **own)
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
     return teleoperator
@@ -105,13 +85,6 @@ def AddTeleoperator(
     such as a meter of energy (see analysis.energy). Afterwards
     `builder.GetSubsystemByName("master")` finds a system. The ports of systems of your
     own are those that MakeTeleoperator() states.
-
-    Raises:
-        ScenarioError: If the scenario is not valid.
-        ValueError: If both a control law and an architecture are given, or a packet
-            does not have the width of its initial value, or an output of a system of
-            yours has the name of another signal of the loop.
-        RuntimeError: If a system of yours lacks a port.
     """
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
@@ -137,28 +110,20 @@ def AddTeleoperator(
         ),
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
-    if forward_channel is None:
-        forward_channel = scenario.forward_channel.MakeChannel(
-            size=master.GetOutputPort("forward_packet").size(),
-            initial_value=architecture.initial_forward_packet,
-            duration=scenario.duration,
-            stream="forward_channel",
-        )
-    if return_channel is None:
-        return_channel = scenario.return_channel.MakeChannel(
-            size=controller.GetOutputPort("return_packet").size(),
-            initial_value=architecture.initial_return_packet,
-            duration=scenario.duration,
-            stream="return_channel",
-        )
-    for name, system in (
-        ("forward_channel", forward_channel),
-        ("controller", controller),
-        ("robot", robot),
-        ("environment", environment),
-        ("return_channel", return_channel),
+    channels = {"forward_channel": forward_channel, "return_channel": return_channel}
+    for name, sender, packet, initial_value in (
+        ("forward_channel", master, "forward", architecture.initial_forward_packet),
+        ("return_channel", controller, "return", architecture.initial_return_packet),
     ):
-        builder.AddNamedSystem(name, system)
+        channels[name] = channels[name] or getattr(scenario, name).MakeChannel(
+            size=sender.GetOutputPort(f"{packet}_packet").size(),
+            initial_value=initial_value,
+            duration=scenario.duration,
+            stream=name,
+        )
+    systems = {"controller": controller, "robot": robot, "environment": environment}
+    for name in ("forward_channel", *systems, "return_channel"):
+        builder.AddNamedSystem(name, (channels | systems)[name])
     _CloseLoop(builder)
 
 

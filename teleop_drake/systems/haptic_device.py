@@ -28,6 +28,12 @@ class HapticDeviceConfig(FixedFields):
             allowed = "coefficients that can be divided by the first one"
             Refuse(f"{path}.denominator", self.denominator, allowed)
 
+    def MakeDevice(self, num_axes: int) -> "HapticDevice":
+        """Makes the device."""
+        return HapticDevice(
+            numerator=self.numerator, denominator=self.denominator, num_axes=num_axes
+        )
+
 
 class HapticDevice(Diagram):
     """Turns the velocity error which the operator feels into the haptic force.
