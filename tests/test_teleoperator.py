@@ -1,5 +1,7 @@
 """Tests of the whole loop's structure."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -30,8 +32,10 @@ FIGURE_2_1 = {
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 
 
-@pytest.mark.parametrize("name", TASKS)
-@pytest.mark.parametrize("kind", ARCHITECTURES)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [*product(TASKS, ARCHITECTURES[:1]), *product(TASKS[-1:], ARCHITECTURES[1:])],
+)
 def test_depth_one_is_figure_2_1(name, kind):
     diagram = MakeTeleoperator(LoadScenario(name, {"controller.kind": kind}))
     assert {system.get_name() for system in diagram.GetSystems()} == FIGURE_2_1
@@ -63,15 +67,14 @@ def test_every_system_is_named():
 
 
 @pytest.mark.parametrize("kind", ARCHITECTURES)
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
-def test_no_delay_makes_no_algebraic_loop(name, kind):
+def test_no_delay_makes_no_algebraic_loop(kind):
     scenario = LoadScenario(
-        name,
+        "two_dof_combined",
         {
             "controller.kind": kind,
             "forward_channel.delay": 0.0,
             "return_channel.delay": 0.0,
-            "duration": 0.2,
+            "duration": 0.05,
         },
     )
     assert simulate(scenario).termination == "completed"
@@ -137,7 +140,7 @@ class Honey(LeafSystem):
 
 def test_environment_and_robot_of_ones_own():
     scenario = LoadScenario(
-        "one_dof", {"controller.kind": "direct_force", "duration": 5.0}
+        "one_dof", {"controller.kind": "direct_force", "duration": 1.0}
     )
     recording = simulate(
         scenario,
