@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.figures.block_diagram import WriteDiagram
-    from teleop_drake.figures.explore import Explore
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import AddScene, MakeReplay
     from teleop_drake.linear_model.ports import LinearizePorts
+    from teleop_drake.page import Explore, WritePage
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
         LoadScenario,
@@ -58,6 +58,7 @@ __all__ = [
     "Sweep",
     "TrackingScenario",
     "WriteDiagram",
+    "WritePage",
     "simulate",
 ]
 
@@ -66,9 +67,9 @@ _PLACES = {
     "linear_model.ports": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
-    "figures.explore": ["Explore"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["AddScene", "MakeReplay"],
+    "page": ["Explore", "WritePage"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),

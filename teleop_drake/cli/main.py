@@ -80,9 +80,10 @@ _COMMANDS = {
     "and other values.",
     "analyze": "Find the delays at which the loop is stable, and why it fails at "
     "others.",
-    "replay": "Show a run, or several, in 3-D: in the browser, or as a page.",
-    "drive": "Drive a scenario with your own hand, in real time, in a browser.",
+    "replay": "Show a run, or several, in 3-D: opens a page, or writes it.",
+    "drive": "Drive a scenario with your own hand, in real time: opens a page.",
     "diagram": "Draw the block diagram of a scenario.",
+    "page": "Write the block diagram as a page in which it simulates.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
     "completion": "Let the tab key of a shell complete commands and scenarios.",

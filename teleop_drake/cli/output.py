@@ -71,6 +71,17 @@ def WriteText(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def OpenInBrowser(page: str, name: str) -> None:
+    """Writes a page where files do not stay, and opens it in the browser."""
+    import tempfile
+    import webbrowser
+
+    path = Path(tempfile.mkdtemp(prefix="teleop-drake-")) / name
+    WriteText(path, page)
+    has_browser = webbrowser.open(path.as_uri())
+    print("Opened:" if has_browser else "Open in a browser:", path)
+
+
 def ToJson(value: Any) -> str:
     """Returns a value as JSON text that ends with a line break."""
     # NaN is not JSON; RunSummary has none.

@@ -27,6 +27,7 @@ from teleop_drake.integrator.problem import (
     STEPS,
     TRIES,
     Delays,
+    Memory,
     Problem,
     Transitions,
     make_memory,
@@ -130,6 +131,16 @@ class CompiledRun:
         if isinstance(evaluator.function, Evaluate):
             numbers = 0.0, accuracy, max_step
             self._integrate = CompileIntegrator(self._problem, self._memory, *numbers)
+
+    @property
+    def problem(self) -> Problem:
+        """What is integrated."""
+        return self._problem
+
+    @property
+    def memory(self) -> Memory:
+        """Where it is."""
+        return self._memory
 
     @property
     def time(self) -> float:

@@ -14,7 +14,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,7 +24,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
 
-_SUFFIXES = (".svg", ".png", ".pdf", ".dot")
+_SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
 
 # Between the pictures of two levels, in points.
 _GAP = 18.0
@@ -129,7 +129,8 @@ def WriteDiagram(
     format. A .dot file has one graph of boxes in boxes, as `DiagramDot` returns it.
 
     Args:
-        path: ends in .svg, .png (200 dots per inch), .pdf or .dot.
+        path: ends in .svg, .png (200 dots per inch), .pdf, .dot or .html, a page in
+            which boxes open at a click, so that max_depth has no effect.
         max_depth: how many levels of nested diagrams to open, see `DiagramDot`.
 
     Raises:
@@ -143,7 +144,10 @@ def WriteDiagram(
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
-    if suffix == ".dot":
+    if suffix == ".html":
+        # The page is made of pictures that this module makes.
+        content = import_module("teleop_drake.page").DiagramPage(system).html.encode()
+    elif suffix == ".dot":
         content = DiagramDot(system, max_depth=max_depth).encode()
     else:
         content = _Render(system, max_depth, "png" if suffix == ".png" else "svg")
@@ -161,7 +165,7 @@ def _CheckDepth(max_depth: int | None) -> None:
 
 def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
     """Returns the picture of a diagram, and of each in it that is to be opened."""
-    pictures = [_Layout(dot, file_format) for dot in _LevelDots(system, max_depth)]
+    pictures = [LayOut(dot, file_format) for dot in _LevelDots(system, max_depth)]
     if len(pictures) == 1:
         return pictures[0]
     return (_JoinPngs if file_format == "png" else _JoinSvgs)(pictures)
@@ -315,7 +319,7 @@ def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
     return feedback
 
 
-def _Layout(dot: str, file_format: str) -> bytes:
+def LayOut(dot: str, file_format: str) -> bytes:
     """Lays DOT text out as svg or png."""
     program = shutil.which("dot") or _EmbeddedDot()
     if program is None:

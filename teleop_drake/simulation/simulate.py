@@ -262,7 +262,7 @@ def _MakeRecording(
             *_NotesOfBlocks(diagram, run),
             *notes,
         ],
-        has_constant_command=scenario is None or _HasConstantCommand(diagram),
+        has_constant_command=scenario is None or HasConstantCommand(diagram),
     )
 
 
@@ -272,7 +272,7 @@ def _NotesOfBlocks(diagram: Diagram, run: Outcome) -> list[str]:
     return [note for x in systems for note in x.RunNotes(*run.series[:2])]
 
 
-def _HasConstantCommand(diagram: Diagram) -> bool:
+def HasConstantCommand(diagram: Diagram) -> bool:
     """Returns whether the operator in a diagram, if there is one, tells so."""
     if not diagram.HasSubsystemNamed("master"):
         return True

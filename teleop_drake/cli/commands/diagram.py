@@ -13,8 +13,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="FILE",
-        help="FILE.svg, .png, .pdf (needs the extra `pdf`) or .dot (default: DOT text "
-        "to stdout)",
+        help="FILE.svg, .png, .pdf (needs the extra `pdf`), .dot, or .html, in which "
+        "boxes open at a click (default: DOT text to stdout)",
     )
     parser.add_argument(
         "--depth",

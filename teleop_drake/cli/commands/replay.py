@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.output import CheckHtml
+from teleop_drake.cli.output import CheckHtml, OpenInBrowser
 from teleop_drake.cli.progress import Simulate
-from teleop_drake.cli.server import PageServer, PortOf
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -36,46 +35,19 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         metavar="FILE.html",
-        help="write the page, which opens without a network (default: serve it)",
-    )
-    parser.add_argument(
-        "--port",
-        metavar="N",
-        help="serve the page there (default: the first free port from 7000 on)",
-    )
-    parser.add_argument(
-        "--host",
-        default="localhost",
-        metavar="ADDRESS",
-        help="serve it to whom this address reaches; 0.0.0.0: to the whole network "
-        "(default: localhost, to this machine)",
+        help="write the page, which opens without a network (default: open it)",
     )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
 def Execute(args: argparse.Namespace) -> int:
     """Shows recordings, or simulates and shows what comes out."""
-    if args.out is not None and args.port is not None:
-        raise BadInput(f"--port = {args.port!r}: must be left out with --out")
     CheckHtml(args.out, "--out")
-    port = PortOf(args.port)
-    # What cannot be served is said before it is simulated.
-    server = PageServer(args.host, port) if args.out is None else None
-    try:
-        return _Show(args, server)
-    finally:
-        if server is not None:
-            server.Close()
-
-
-def _Show(args: argparse.Namespace, server: PageServer | None) -> int:
-    """Makes the page, and writes or serves it."""
     recordings = _Recordings(args)
-    is_file = args.scenario.endswith(_SUFFIX)
-    is_interrupted = not is_file and any(
+    is_interrupted = not args.scenario.endswith(_SUFFIX) and any(
         recording.termination == "interrupted" for recording in recordings.values()
     )
-    if is_interrupted and server is not None:
+    if is_interrupted and args.out is None:
         return INTERRUPTED
 
     from teleop_drake.figures.scene import MakeReplay
@@ -84,12 +56,11 @@ def _Show(args: argparse.Namespace, server: PageServer | None) -> int:
         replay = MakeReplay(recordings)
     except ValueError as e:
         raise BadInput(e) from None
-    if server is None:
+    if args.out is None:
+        OpenInBrowser(replay.html, "replay.html")
+    else:
         replay.Save(args.out)
         print(f"Written: {args.out}")
-    else:
-        print(f"{replay.title}: {server.url} (Ctrl-C ends it)", flush=True)
-        server.Serve(replay.html)
     return INTERRUPTED if is_interrupted else 0
 
 

@@ -1,0 +1,85 @@
+"""The commands `teleop-drake page` and `teleop-drake drive`."""
+
+import argparse
+import sys
+
+from teleop_drake.cli import options
+from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
+from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of both commands."""
+    has_hand = parser.prog.endswith(" drive")
+    options.AddScenarioOptions(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE.html",
+        required=not has_hand,
+        help="the page to write" + " instead of opening it" * has_hand,
+    )
+    parser.add_argument(
+        "--controllers",
+        metavar="A,B,...",
+        help="controllers side by side; `all`: every architecture (default: those that "
+        "the task compares)",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="KEY=LO:HI",
+        help="a number of the scenario that has a slider; repeatable",
+    )
+    parser.add_argument("--quiet", action="store_true", help="print no notes")
+    parser.set_defaults(has_hand=has_hand)
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Writes the page, and opens it if it has no name."""
+    CheckHtml(args.output, "--output")
+    options.LoadToRun(args)
+    kinds = None if args.controllers is None else options.ControllersOf(args.controllers)
+    if kinds is not None and args.controller is not None:
+        raise BadInput(
+            f"--controller = {args.controller!r}: must be left out with --controllers"
+        )
+    if args.controller is not None:
+        kinds = [args.controller]
+
+    from teleop_drake.compiler.flatten import UnsupportedSystem
+    from teleop_drake.page import MakePage
+
+    try:
+        page = MakePage(
+            args.scenario,
+            controllers=kinds,
+            vary=dict(map(_Range, args.vary)),
+            overrides=options.OverridesOf(args),
+            has_hand=args.has_hand,
+        )
+    except (ValueError, UnsupportedSystem) as e:
+        raise BadInput(e) from None
+    except RuntimeError as e:
+        # Nothing here can lay out a diagram; the message says what to install.
+        return Fail(FAILED, e)
+    if not args.quiet:
+        for note in page.notes:
+            print(f"Note: {note}", file=sys.stderr)
+    if args.output is None:
+        OpenInBrowser(page.html, f"{args.command_name}.html")
+    else:
+        page.Save(args.output)
+        print(f"Written: {args.output}")
+    return 0
+
+
+def _Range(text: str) -> tuple[str, tuple[float, float]]:
+    """Returns the key and the range of --vary."""
+    key, _, values = text.partition("=")
+    try:
+        low, high = map(float, values.split(":"))
+    except ValueError:
+        raise BadInput(f"--vary = {text!r}: must be KEY=LO:HI") from None
+    return key, (low, high)

@@ -1,0 +1,83 @@
+"""The levels of a block diagram as pictures whose ports and wires have names."""
+
+import functools
+import inspect
+import re
+from typing import Any
+
+from pydrake.systems.framework import Diagram, System
+
+from teleop_drake.figures.block_diagram import DiagramDot, LayOut
+from teleop_drake.page.model import Systems
+
+_BOX = re.compile(r"^s(\d+) \[")
+_PORT = re.compile(r'<TD PORT="([uy]\d+)"')
+_HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
+_NODE_OF_DIAGRAM = re.compile(r"^s0(in|out) \[")
+_WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$")
+
+
+def Levels(diagram: System) -> list[dict[str, Any]]:
+    """Returns a picture of each diagram in a diagram, the outermost first.
+
+    Each has its `path`, the picture `svg` as bytes, and `boxes`: by the number that the
+    picture has for a system its path, class and first sentence, and its ports' names.
+    Elements with the attribute `data-at` are a box ("1"), a port or a wire ("1:y0").
+    """
+    paths = {system.GetSystemPathname(): path for system, path in Systems(diagram)}
+    return [
+        {
+            "path": path,
+            "svg": _Picture(DiagramDot(level, max_depth=1)),
+            "boxes": [
+                _Box(system, paths[system.GetSystemPathname()])
+                for system in (level, *level.GetSystems())
+            ],
+        }
+        for level, path in Systems(diagram)
+        if isinstance(level, Diagram)
+    ]
+
+
+def _Box(system: System, path: str) -> dict[str, Any]:
+    text = "" if isinstance(system, Diagram) else inspect.getdoc(type(system)) or ""
+    inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
+    return {
+        "path": path,
+        "kind": type(system).__name__,
+        "says": " ".join(text.partition("\n\n")[0].split()),
+        "u": [port.get_name() for port in inputs],
+        "y": [port.get_name() for port in outputs],
+    }
+
+
+@functools.lru_cache(maxsize=64)
+def _Picture(dot: str) -> bytes:
+    """Lays a level out, with names at boxes, ports and wires."""
+    lines, box = [], "0"
+    for line in dot.splitlines():
+        if found := _BOX.match(line):
+            box = found[1]
+        elif _NODE_OF_DIAGRAM.match(line):
+            box = "0"
+        line = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
+        line = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', line)
+        if found := _WIRE.match(line):
+            attributes = found[5] + ", " if found[5] else ""
+            line = line.removesuffix(found[4] or "")
+            line += f' [{attributes}id="wire {found[2]}:{found[3]}"]'
+        lines.append(line)
+    svg = LayOut("\n".join(lines), "svg").decode()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(
+        r"<!--.*?-->\n?|<title>.*?</title>\n?| font-family=\"[^\"]*\"", "", svg
+    )
+    svg = re.sub(
+        r'<g id="a_[^"]*">\s*<a xlink:href="([^"]*)"[^>]*>', r'<g data-at="\1">', svg
+    )
+    svg = svg.replace("</a>\n</g>", "</g>").replace("</a></g>", "</g>")
+    svg = re.sub(
+        r'<g id="wire ([^"]*)" class="edge">', r'<g data-at="\1" class="edge">', svg
+    )
+    return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1).encode()

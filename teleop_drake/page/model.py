@@ -1,0 +1,266 @@
+"""A run as a page needs it: a program, its numbers, and where its signals are."""
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram, InputPortIndex, PortDataType, System
+
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import OutputOf, Source
+from teleop_drake.environments.surface import Surface, SurfacesOf
+from teleop_drake.operators.hand import HandOperator
+from teleop_drake.page.wasm import MakeModule
+from teleop_drake.scenario import AnyScenario, AsTeleoperation
+from teleop_drake.signals import NamedSignals, UnitOf
+from teleop_drake.simulation.simulator import EVENT_ACCURACY
+from teleop_drake.simulation.stepping import LongestStep
+from teleop_drake.tasks import TaskOf
+from teleop_drake.teleoperator import MakeTeleoperator
+
+Array = NDArray[np.float64]
+
+# Of a port table's row in a block's docstring: the port's name and its unit.
+_ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
+
+# Of Memory: what does not begin as zeros.
+_START = ("clock", "x", "m", "m_before", "y", "next_packets", "ticks")
+
+# What a unit may be called that is none.
+_NO_UNIT = ("", "any", "of signal", "-", "1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A run of a diagram.
+
+    Attributes:
+        diagram: What is simulated.
+        run: Its run, in Python, which has not begun.
+        numbers: All that may differ between runs of one program, by name: the arrays of
+            Problem, of Memory what does not begin as zeros, and what the page itself
+            takes: `run` (duration, accuracy, longest step, speed at which it has
+            diverged, delay of the command), `v_d`, and `surfaces` (point, normal).
+        surfaces: Of the environment.
+    """
+
+    diagram: Diagram
+    run: CompiledRun
+    numbers: dict[str, Array]
+    surfaces: tuple[Surface, ...]
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """All that a module and a page rely on, whatever the numbers are."""
+        program = self.run.evaluator.program
+        fields = Fields(self.run.problem)
+        return (
+            program.text,
+            program.sizes,
+            *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
+            tuple(surface.name for surface in self.surfaces),
+        )
+
+    def Module(self) -> bytes:
+        """Returns the run as WebAssembly; see wasm.MakeModule()."""
+        run = self.run
+        arguments = (run.problem, run.memory, 0.0, 0.0, 0.0)
+        return MakeModule(run.evaluator.program, *arguments)
+
+    def Headers(self) -> dict[str, list[Any]]:
+        """Returns name, shape and whether numbers are whole of each array.
+
+        They stand in the order of a header of `problem` and of `memory`; see
+        typed_values.Header().
+        """
+        return {
+            name: [
+                [field, list(array.shape), array.dtype.kind == "i"]
+                for field, array in Fields(value).items()
+            ]
+            for name, value in (
+                ("problem", self.run.problem),
+                ("memory", self.run.memory),
+            )
+        }
+
+    def Ports(self) -> dict[str, tuple[int, int, str]]:
+        """Returns begin and size in y and the unit of each port that has a place there.
+
+        Their names are `path:port`; the path of the diagram itself is empty.
+        """
+        program, blocks = self.run.evaluator.program, self.run.evaluator.blocks
+        result: dict[str, tuple[int, int, str]] = {}
+
+        def Note(system: System, path: str, port: Any, place: slice | None) -> None:
+            if place is not None:
+                unit = Unit(system, port.get_name())
+                name = f"{path}:{port.get_name()}"
+                result[name] = place.start, place.stop - place.start, unit
+
+        for system, path in Systems(self.diagram):
+            for i in range(system.num_output_ports()):
+                port = system.get_output_port(i)
+                if port.get_data_type() == PortDataType.kVectorValued:
+                    source = OutputOf(blocks, system, i)
+                    Note(system, path, port, program.signals.get(source))
+        indices = {
+            block.system.GetSystemPathname(): i for i, block in enumerate(blocks)
+        }
+        for system, path in Systems(self.diagram):
+            for k in range(system.num_input_ports()):
+                leaf, name = _LeafInput(system, k)
+                i = indices[leaf.GetSystemPathname()]
+                source = blocks[i].inputs.get(name, Source(i, name))
+                place = program.signals.get(source, program.fed.get(source))
+                Note(system, path, system.get_input_port(k), place)
+        return result
+
+    def Feed(self) -> tuple[int, int] | None:
+        """Returns begin and size in y of what a hand commands; None without a hand."""
+        evaluator = self.run.evaluator
+        for i, block in enumerate(evaluator.blocks):
+            if isinstance(block.system, HandOperator):
+                place = evaluator.program.fed[Source(i, "line")]
+                return place.start, place.stop - place.start
+        return None
+
+    def Signals(self) -> dict[str, str]:
+        """Returns the port of each signal that a recording has, by its name."""
+        paths = {
+            system.GetSystemPathname(): path for system, path in Systems(self.diagram)
+        }
+        return {
+            name: f"{paths[port.get_system().GetSystemPathname()]}:{port.get_name()}"
+            for name, port in NamedSignals(self.diagram.GetSystems()).items()
+        }
+
+
+def _LeafInput(system: System, index: int) -> tuple[System, str]:
+    """Returns a block in a system and its port that an input of the system leads to."""
+    while isinstance(system, Diagram):
+        system, index = system.GetInputPortLocators(InputPortIndex(index))[0]
+    return system, system.get_input_port(int(index)).get_name()
+
+
+def _IsWiring(name: str, array: NDArray[Any]) -> bool:
+    """Returns whether an array of Problem says what belongs to what."""
+    return array.dtype.kind == "i" and not name.endswith("_ranges")
+
+
+def Systems(diagram: System, path: str = "") -> Iterator[tuple[System, str]]:
+    """Yields a diagram and all systems in it, each with its path as `robot/plant`."""
+    yield diagram, path
+    if isinstance(diagram, Diagram):
+        for system in diagram.GetSystems():
+            name = system.get_name()
+            yield from Systems(system, f"{path}/{name}" if path else name)
+
+
+def Unit(system: System, port: str) -> str:
+    """Returns the unit of a port, as its block's table says; "" if nothing does."""
+    table = dict(_ROW.findall(inspect.getdoc(type(system)) or ""))
+    unit = UnitOf(port) or table.get(port, "")
+    return "" if unit in _NO_UNIT else unit
+
+
+def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
+    """Returns the arrays in a named tuple of named tuples, by their dotted names."""
+    if isinstance(value, np.ndarray):
+        return {path: value}
+    return {
+        name: array
+        for field in value._fields
+        for name, array in Fields(
+            getattr(value, field), f"{path}.{field}" if path else field
+        ).items()
+    }
+
+
+def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
+    """Returns the run of a scenario.
+
+    Args:
+        scenario: A valid one.
+        has_hand: Whether a hand that is not known yet takes the operator's place.
+
+    Raises:
+        UnsupportedSystem: If a block of it has no kernel; it is named.
+    """
+    task = TaskOf(scenario)
+    surgeon = getattr(scenario, "surgeon", None)
+    v_d = np.asarray(getattr(surgeon, "velocity", []), float)
+    diagram = task.MakeDiagram(scenario)
+    if has_hand:
+        operator = HandOperator(num_axes=AsTeleoperation(scenario).num_axes)
+        diagram = MakeTeleoperator(AsTeleoperation(scenario), operator=operator)
+    return MakeModel(
+        diagram,
+        scenario.simulator,
+        scenario.duration,
+        speed=task.MakeSpeedLimit(scenario).speed,
+        v_d=v_d,
+        delay=getattr(getattr(scenario, "forward_channel", None), "delay", 0.0),
+    )
+
+
+def MakeModel(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    *,
+    speed: float = np.inf,
+    v_d: Array | None = None,
+    delay: float = 0.0,
+) -> Model:
+    """Returns the run of a diagram.
+
+    Args:
+        diagram: What to simulate.
+        config: How accurately.
+        duration: How long, s.
+        speed: Of the tool, at which the run has diverged, m/s.
+        v_d: The commanded velocity, m/s.
+        delay: Of the command, s.
+
+    Raises:
+        UnsupportedSystem: If a block of it has no kernel; it is named.
+    """
+    context = diagram.CreateDefaultContext()
+    context.SetAccuracy(EVENT_ACCURACY)
+    diagram.ExecuteInitializationEvents(context)
+    max_step = min(config.max_step_size, LongestStep(diagram, of_delays=False))
+    run = CompiledRun(
+        Evaluator(diagram, context),
+        context,
+        end=duration,
+        accuracy=config.accuracy,
+        max_step=max_step,
+    )
+    surfaces: tuple[Surface, ...] = ()
+    if diagram.HasSubsystemNamed("environment"):
+        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment")) or ()
+    planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
+    numbers = {
+        **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
+        **{
+            f"memory.{name}": x
+            for name, x in Fields(run.memory).items()
+            if name in _START
+        },
+        "run": np.array([duration, config.accuracy, max_step, speed, delay]),
+        "v_d": np.zeros(0) if v_d is None else v_d,
+        "surfaces": np.array(planes, float),
+    }
+    return Model(
+        diagram=diagram,
+        run=run,
+        numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
+        surfaces=surfaces,
+    )

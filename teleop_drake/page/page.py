@@ -1,0 +1,466 @@
+"""Writes the living diagram: one HTML file in which a block diagram simulates."""
+
+import base64
+import dataclasses
+import html
+import json
+import os
+import re
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module, resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.figures.scene.scene import NewtonsOf
+from teleop_drake.figures.style import COLORS, AxisLabel
+from teleop_drake.files import Replacing
+from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
+from teleop_drake.page.levels import Levels
+from teleop_drake.page.model import MakeModel, Model, ModelOf
+from teleop_drake.page.wasm import Packed
+from teleop_drake.scenario import (
+    AnyScenario,
+    AsTeleoperation,
+    LoadScenario,
+    Scenario,
+    ScenarioError,
+    ScenarioToYaml,
+)
+from teleop_drake.scenario.tree import GetPath, ToTree
+from teleop_drake.simulation.simulate import HasConstantCommand
+from teleop_drake.sweep import ALIASES
+from teleop_drake.tasks import TaskOf
+from teleop_drake.validation import Refuse
+
+_DELAYS = ("forward_delay", "return_delay")
+
+# The least delay of a slider, s: without any the program is another one.
+_LEAST_DELAY = 0.005
+
+# The largest one is at least this, s, and at least twice that of the scenario.
+_LARGE_DELAY = 0.5
+
+# The longest drive, s.
+_LONGEST_DRIVE = 600.0
+
+# The fastest that a hand commands, in multiples of |surgeon.velocity|.
+_FULL_SPEED = 2.0
+
+# Fields of whole numbers.
+_WHOLE = ("seed",)
+
+Ranges = Mapping[str, Sequence[float]]
+
+
+@dataclass(kw_only=True)
+class _Input:
+    """A number that can be changed.
+
+    Attributes:
+        key: Dotted path in the scenario, or an alias of several.
+        low, high, value: Its range, and its value in the scenario.
+        is_wanted: Whether it is an error if it cannot be changed.
+        changes: Of each controller.
+    """
+
+    key: str
+    low: float
+    high: float
+    value: float
+    is_wanted: bool
+    changes: list[Change] = field(default_factory=list)
+
+    @property
+    def stops(self) -> list[float]:
+        """Its values if it is not continuous."""
+        are_whole = self.key.rpartition(".")[2] in _WHOLE
+        return Stops(self.low, self.high, self.value, are_whole=are_whole)
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether it is, for every controller."""
+        return not any(change.stops for change in self.changes)
+
+
+class Page:
+    """A living diagram as one HTML file; a notebook shows it where it is the result.
+
+    Attributes:
+        html: The file.
+        notes: What it lacks, and why: a sentence each.
+    """
+
+    def __init__(self, html: str, notes: list[str]):
+        self.html, self.notes = html, notes
+
+    def Save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the file; it appears complete or not at all."""
+        with Replacing(path) as temporary:
+            Path(temporary).write_text(self.html, encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Returns a frame with the page, which needs no kernel."""
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" '
+            'style="border: 0"></iframe>'
+        )
+
+
+def Explore(
+    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    controllers: Sequence[str] | None = None,
+    **ranges: Sequence[float],
+) -> Page:
+    """Returns the living diagram for a notebook, with a slider for each range.
+
+    Args:
+        **ranges: Numbers of the scenario, `delay` among them, with the least and the
+            largest value of each. All other arguments and errors are those of
+            MakePage().
+    """
+    vary = {key: (min(values), max(values)) for key, values in ranges.items()}
+    return MakePage(
+        scenario_or_diagram, controllers=controllers, vary=vary, overrides=overrides
+    )
+
+
+def WritePage(
+    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    path: str | os.PathLike[str],
+    **options: Any,
+) -> list[str]:
+    """Writes a living diagram.
+
+    Args:
+        path: Where to.
+        **options: All else is as MakePage() takes it.
+
+    Returns:
+        What the page lacks, and why: a sentence each.
+
+    Raises:
+        OSError: If the file cannot be written. All others are those of MakePage().
+    """
+    page = MakePage(scenario_or_diagram, **options)
+    page.Save(path)
+    return page.notes
+
+
+def MakePage(
+    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    *,
+    controllers: Sequence[str] | None = None,
+    vary: Ranges | None = None,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    duration: float = 10.0,
+    has_hand: bool = False,
+) -> Page:
+    """Makes a page that shows a block diagram and simulates it.
+
+    It opens from disk in any browser of today, needs no network and asks for nothing
+    outside of itself.
+
+    Args:
+        scenario_or_diagram: A scenario, its name or file; or any diagram whose blocks
+            have kernels.
+        controllers: Kinds that are shown side by side; None: those that the task
+            compares. A diagram has none.
+        vary: Numbers of the scenario that can be changed, with the least and the
+            largest value of each. The delays, where they are constant, are always
+            among them.
+        overrides: For the scenario, as LoadScenario takes them.
+        duration: Of a diagram's runs, s.
+        has_hand: Whether whoever opens the page takes the operator's place.
+
+    Raises:
+        UnsupportedSystem: If a block has no kernel; it is named.
+        ScenarioError: If a scenario or a range is not allowed, or two of `vary` change
+            a number together.
+    """
+    notes: list[str] = []
+    inputs: list[_Input] = []
+    hand = None
+    if isinstance(scenario_or_diagram, Diagram):
+        if controllers or vary:
+            Refuse("vary", [*(controllers or ()), *(vary or ())], "none of a diagram")
+        config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
+        config.use_error_control = True
+        title = scenario_or_diagram.get_name()
+        models = {title: MakeModel(scenario_or_diagram, config, duration)}
+    else:
+        load = _Loader(scenario_or_diagram, overrides)
+        scenario = load({})
+        title = scenario.name
+        kinds = TaskOf(scenario).controllers if controllers is None else controllers
+        kinds = list(kinds) or [scenario.controller.kind]
+        if has_hand:
+            hand = _Hand(AsTeleoperation(scenario))
+        makers = {kind: _Maker(load, kind, has_hand) for kind in kinds}
+        models = {kind: make({}) for kind, make in makers.items()}
+        inputs = _Inputs(scenario, vary or {}, makers, models, notes)
+    data = {**_Data(title, models, inputs, notes), "hand": hand}
+    return Page(_Html(title, data), notes)
+
+
+def DiagramPage(diagram: Diagram) -> Page:
+    """Makes a page that shows any block diagram of Drake and simulates nothing."""
+    title = diagram.get_name() or "diagram"
+    shown: dict[str, Any] = {"kind": title, "levels": Levels(diagram)}
+    shown |= {"ports": {}, "signals": {}}
+    data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
+    return Page(_Html(title, data), [])
+
+
+def _Hand(scenario: Scenario) -> dict[str, Any]:
+    """Returns what the page takes for a hand."""
+    v_d = np.asarray(scenario.surgeon.velocity, float)
+    return {
+        "num_axes": v_d.size,
+        "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
+        "newtons": NewtonsOf(scenario),
+        "command": f"teleop-drake compare {scenario.name} --controllers all "
+        "--set surgeon.kind=recorded --set surgeon.file=hand.csv",
+    }
+
+
+def _Loader(
+    source: str | os.PathLike[str] | AnyScenario,
+    overrides: Mapping[str, Any] | Sequence[str],
+) -> Callable[[Mapping[str, Any]], AnyScenario]:
+    """Returns what loads a scenario with more overrides."""
+    items = overrides.items() if isinstance(overrides, Mapping) else ()
+    own = [f"{k}={json.dumps(v)}" for k, v in items] or list(overrides)
+
+    def Load(more: Mapping[str, Any]) -> AnyScenario:
+        pairs = [*own, *(f"{key}={value!r}" for key, value in more.items())]
+        if isinstance(source, str | os.PathLike):
+            return LoadScenario(source, pairs)
+        with tempfile.TemporaryDirectory(prefix="teleop-drake-") as folder:
+            file = Path(folder) / "scenario.yaml"
+            file.write_text(ScenarioToYaml(source), encoding="utf-8")
+            return LoadScenario(file, pairs)
+
+    return Load
+
+
+def _Maker(
+    load: Callable[[Mapping[str, Any]], AnyScenario], kind: str, has_hand: bool
+) -> Callable[[Mapping[str, float]], Model]:
+    """Returns what makes the run of a controller at values of inputs."""
+
+    def Make(values: Mapping[str, float]) -> Model:
+        more: dict[str, Any] = {}
+        for key, value in values.items():
+            for path in ALIASES.get(key, (key,)):
+                is_whole = key.rpartition(".")[2] in _WHOLE
+                more[path] = int(value) if is_whole else float(value)
+        scenario = load({**_KindOf(kind), **more})
+        if has_hand:
+            scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
+        TaskOf(scenario).Check(scenario)
+        return ModelOf(scenario, has_hand=has_hand)
+
+    def _KindOf(kind: str) -> dict[str, str]:
+        own = load({}).controller.kind
+        return {} if kind == own else {"controller.kind": _Bare(kind)}
+
+    return Make
+
+
+class _Bare(str):
+    """A text that stands in YAML without quotes."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def _Inputs(
+    scenario: AnyScenario,
+    vary: Ranges,
+    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
+    models: Mapping[str, Model],
+    notes: list[str],
+) -> list[_Input]:
+    """Returns the inputs of a page."""
+    tree = ToTree(scenario)
+    inputs: list[_Input] = []
+    for key in (*_DELAYS, *vary):
+        if key == "delay":
+            continue
+        wanted = vary.get(key, vary.get("delay") if key in _DELAYS else None)
+        try:
+            value = GetPath(tree, ALIASES.get(key, (key,))[0])
+        except ScenarioError:
+            if key in _DELAYS:
+                continue  # The tracking of chapter 3 has no channels.
+            raise
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            Refuse(key, value, "a number in the scenario, to be varied")
+        if wanted is None:
+            wanted = _LEAST_DELAY, max(_LARGE_DELAY, 2 * value)
+        low, high = wanted
+        if not low < high:
+            Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
+        if not low <= value <= high:
+            low, high = min(low, value), max(high, value)
+        is_wanted = key in vary or (key in _DELAYS and "delay" in vary)
+        one = _Input(key=key, low=low, high=high, value=value, is_wanted=is_wanted)
+        if not any(other.key == key for other in inputs):
+            inputs.append(one)
+    found = [one for one in inputs if _FindChanges(one, makers, notes)]
+    try:
+        _CheckInputs(found, makers, models)
+    except NotSums as error:
+        if any(one.is_wanted for one in found):
+            raise ScenarioError(f"vary = {error}") from None
+        notes.append(f"the delays have no sliders: {error}")
+        return []
+    return found
+
+
+def _FindChanges(
+    one: _Input,
+    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
+    notes: list[str],
+) -> bool:
+    """Finds out what an input changes; returns whether it can be one."""
+    try:
+        for make in makers.values():
+            change = FindChange(
+                one.key,
+                one.low,
+                one.high,
+                one.value,
+                lambda v, make=make: make({one.key: v}),  # type: ignore[misc]
+                one.stops,
+                are_whole=one.key.rpartition(".")[2] in _WHOLE,
+            )
+            one.changes.append(change)
+    except ScenarioError as error:
+        if one.is_wanted:
+            raise
+        notes.append(f"{one.key} has no slider: {error}")
+        return False
+    return True
+
+
+def _CheckInputs(
+    inputs: Sequence[_Input],
+    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
+    models: Mapping[str, Model],
+) -> None:
+    for i, (kind, make) in enumerate(makers.items()):
+        CheckSums(
+            models[kind].numbers,
+            {
+                one.key: (
+                    one.value,
+                    (one.low, one.high) if one.is_continuous else one.stops,
+                    one.changes[i],
+                )
+                for one in inputs
+            },
+            make,
+        )
+
+
+def _Data(
+    title: str, models: Mapping[str, Model], inputs: Sequence[_Input], notes: list[str]
+) -> dict[str, Any]:
+    """Returns all that the page's script takes."""
+    return {
+        "title": title,
+        "version": _Version(),
+        "notes": notes,
+        "inputs": [
+            {
+                "name": one.key,
+                "label": AxisLabel(one.key),
+                "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
+                "value": one.value,
+                "min": one.low if one.is_continuous else one.stops[0],
+                "max": one.high if one.is_continuous else one.stops[-1],
+                "stops": None if one.is_continuous else one.stops,
+            }
+            for one in inputs
+        ],
+        "controllers": [
+            {
+                "kind": kind,
+                "color": COLORS[i % len(COLORS)],
+                "module": model.Module(),
+                "headers": model.Headers(),
+                "constant_command": HasConstantCommand(model.diagram),
+                "width": model.run.evaluator.program.sizes[0],
+                "numbers": model.numbers,
+                "ports": model.Ports(),
+                "signals": model.Signals(),
+                "feed": model.Feed(),
+                "levels": Levels(model.diagram),
+                "surfaces": [surface.name for surface in model.surfaces],
+                "changes": {
+                    one.key: {
+                        "slopes": one.changes[i].slopes,
+                        "stops": one.changes[i].stops,
+                    }
+                    for one in inputs
+                },
+            }
+            for i, (kind, model) in enumerate(models.items())
+        ],
+    }
+
+
+def _Version() -> str:
+    """Returns the version of the package, which itself imports this file by name."""
+    return str(import_module("teleop_drake").__version__)
+
+
+def _Html(title: str, data: dict[str, Any]) -> str:
+    """Returns the page: its parts, and the model as text that says nothing to HTML."""
+    parts = {
+        name: resources.files("teleop_drake.page").joinpath(name).read_text("utf-8")
+        for name in ("page.html", "page.css", "loop.js", "page.js")
+    }
+    texts = {
+        "title": html.escape(title),
+        "version": html.escape(_Version()),
+        "style": parts["page.css"],
+        "script": parts["loop.js"] + parts["page.js"],
+        "model": base64.b64encode(Packed(_Bytes(data))).decode(),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], parts["page.html"])
+
+
+def _Bytes(data: dict[str, Any]) -> bytes:
+    """Returns data as the size of its JSON, the JSON, and what stands in that by place.
+
+    That are bytes, as {"$b": [begin, size]}, and arrays, as {"$f": [begin, count]}. The
+    same ones have the same place.
+    """
+    places: dict[bytes, int] = {}
+    rest = bytearray()
+
+    def Place(part: bytes) -> int:
+        if part not in places:
+            places[part] = len(rest)
+            rest.extend(part + bytes(-len(part) % 8))
+        return places[part]
+
+    def Default(value: Any) -> Any:
+        if isinstance(value, bytes):
+            return {"$b": [Place(value), len(value)]}
+        array = np.asarray(value, np.float64)
+        return {"$f": [Place(array.tobytes()), array.size]}
+
+    text = json.dumps(data, default=Default, allow_nan=False).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + bytes(rest)

@@ -1,0 +1,89 @@
+"""What inputs change in a run: the numbers of a run at any of their values."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.page.inputs import Added, CheckSums, FindChange, NotSums, Stops
+from teleop_drake.page.model import ModelOf
+from teleop_drake.scenario import LoadScenario, ScenarioError
+
+STIFFNESS = "environment.layers.bone.stiffness"
+
+
+def Make(values, name="one_dof", more=()):
+    return ModelOf(LoadScenario(name, {**dict(more), **values}))
+
+
+def Change(key, low, high, at, **more):
+    are_whole = key.endswith("seed")
+    stops = Stops(low, high, at, are_whole=are_whole)
+    change = FindChange(
+        key, low, high, at, lambda v: Make({key: v}, **more), stops, are_whole=are_whole
+    )
+    return stops, change
+
+
+def AssertNumbers(key, value, at, stops, change, **more):
+    """Compares with the run of the scenario that has the value."""
+    base, expected = Make({key: at}, **more).numbers, Make({key: value}, **more).numbers
+    for name, z in base.items():
+        z = Added(z, z, name, value, at, stops, change)
+        np.testing.assert_allclose(z, expected[name], rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("key", "low", "high", "at"),
+    [("forward_channel.delay", 0.01, 0.7, 0.1), (STIFFNESS, 50.0, 400.0, 60.0)],
+)
+def test_a_number_that_enters_as_it_is_is_continuous(key, low, high, at):
+    stops, change = Change(key, low, high, at)
+    assert change.slopes and not change.stops
+    value = float(np.random.default_rng(3).uniform(low, high))
+    AssertNumbers(key, value, at, stops, change)
+
+
+def test_another_one_has_stops():
+    """The first estimate is the inverse of the mass."""
+    law = {"controller.kind": "adaptive_backstepping", "controller.initial_psi": "auto"}
+    stops, change = Change("robot.mass", 0.5, 3.0, 2.0, more=law)
+    assert change.stops and not change.slopes
+    AssertNumbers("robot.mass", stops[7], 2.0, stops, change, more=law)
+
+
+def test_seeds_are_whole_numbers():
+    channel = {
+        "kind": "network",
+        "delay": 0.1,
+        "sample_period": 0.05,
+        "jitter": {"kind": "normal", "std": 0.01},
+    }
+    more = {"more": {"forward_channel": channel, "duration": 1.0}}
+    stops, change = Change("forward_channel.seed", 0.0, 3.0, 0.0, **more)
+    assert stops == [0.0, 1.0, 2.0, 3.0]
+    AssertNumbers("forward_channel.seed", 2.0, 0.0, stops, change, **more)
+
+
+def test_what_changes_nothing_or_the_program_is_refused():
+    with pytest.raises(ScenarioError, match="another one"):
+        Change("forward_channel.delay", 0.0, 0.2, 0.1)
+    with pytest.raises(ScenarioError, match="changes something"):
+        Change("environment.layers.free.damping", 0.0, 0.0, 0.0)
+
+
+def test_two_inputs_whose_product_enters_are_refused():
+    line = {"x": np.array([2.0])}
+
+    class Product:
+        def __init__(self, values):
+            a, b = values.get("a", 1.0), values.get("b", 2.0)
+            self.numbers = {"x": np.array([a * b])}
+            self.structure = ()
+
+    inputs = {}
+    for key, at in (("a", 1.0), ("b", 2.0)):
+        change = FindChange(
+            key, 0.5, 3.0, at, lambda v, k=key: Product({k: v}), [], are_whole=False
+        )
+        inputs[key] = at, (0.5, 3.0), change
+    with pytest.raises(NotSums, match=r"^a, b: .*change x together"):
+        CheckSums(line, inputs, Product)

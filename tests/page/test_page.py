@@ -1,0 +1,191 @@
+"""The living diagram in a real browser: it opens, simulates, and answers to clicks."""
+
+import importlib.util
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Gain, Integrator, Sine
+from wasm_runs import RunModule
+
+import teleop_drake
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.page import WritePage
+from teleop_drake.page.model import MakeModel
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.tasks.metrics import RunMetrics
+
+# What one of them compiles, the others find on the disk.
+pytestmark = pytest.mark.xdist_group("machine_code")
+
+STIFFNESS = "environment.layers.bone.stiffness"
+
+# Before everything else in the page.
+WATCH = """<body><script>
+const errors = [];
+addEventListener("error", (e) => errors.push(e.message));
+addEventListener("unhandledrejection", (e) => errors.push(String(e.reason)));
+console.error = (...x) => errors.push(x.join(" "));
+</script>"""
+
+LOOK = """
+(async () => {
+  await teleop.ready;
+  const scope = () => document.querySelector(".scope canvas").toDataURL();
+  const run = (kind) => teleop.run(kind).then((r) => ({ ...r, sampled:
+    teleop.sample(r, "tool_position", [0.5, 7.9, 16.1]) }));
+  const inputs = teleop.inputs, before = scope();
+  const first = await run("direct_force");
+  await teleop.set("delay", 0.0731);
+  await teleop.set("STIFFNESS", 93.7);
+  const second = {};
+  for (const kind of teleop.controllers) second[kind] = await run(kind);
+  const shown = state.runs.map((r) => r.metrics);
+  const click = (which) => document.querySelector(which).dispatchEvent(
+    new MouseEvent("click", { bubbles: true }));
+  const scopes = () =>
+    [...document.querySelectorAll(".scope")].map((x) => x.dataset.port);
+  const after = scope(), found = [scopes()];
+  click("[data-box='controller']");
+  const crumbs = document.getElementById("crumbs").textContent;
+  click("[data-port='controller/pack:packet'], .node [data-port^='controller/']");
+  found.push(scopes());
+  const wrong = [];
+  for (const [name, value] of [["delay", 9], ["stiff", 1]]) {
+    try { await teleop.set(name, value); } catch (e) { wrong.push(e.message); }
+  }
+  return { errors, inputs, controllers: teleop.controllers, first, second, shown, found,
+    crumbs, wrong, hasChanged: before !== after,
+    asked: performance.getEntriesByType("resource").map((x) => x.name) };
+})()
+""".replace("STIFFNESS", STIFFNESS)
+
+
+def OpenBrowser(page, size=(1280, 720)):
+    """The browser that makes the pictures of the README, with a page."""
+    if not (shutil.which("chromium") or shutil.which("google-chrome")):
+        pytest.skip("no browser: `apt-get install chromium` brings one")
+    script = Path(__file__).parents[2] / "diagrams/scene/make_pictures.py"
+    spec = importlib.util.spec_from_file_location("make_pictures", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Browser(page, size)
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    page = tmp_path_factory.mktemp("page") / "loop.html"
+    assert WritePage("one_dof", page, vary={STIFFNESS: (50.0, 400.0)}) == []
+    assert page.stat().st_size < 250_000
+    text = page.read_text("utf-8")
+    assert f"teleop-drake {teleop_drake.__version__}" in text
+    page.write_text(text.replace("<body>", WATCH, 1), "utf-8")
+    browser = OpenBrowser(page)
+    try:
+        return browser.Evaluate(LOOK)
+    finally:
+        browser.Close()
+
+
+def test_it_opens_without_errors_or_a_network(seen):
+    assert seen["errors"] == []
+    assert seen["asked"] == []
+
+
+def test_inputs_are_those_of_the_scenario(seen):
+    assert list(seen["inputs"]) == ["delay", "forward_delay", "return_delay", STIFFNESS]
+    assert seen["inputs"]["delay"]["value"] == 0.1
+    assert seen["inputs"][STIFFNESS]["unit"] == "N/m"
+    assert seen["wrong"][0] == "delay = 9: must be from 0.005 to 0.5"
+    assert seen["wrong"][1].startswith("input stiff: must be one of delay,")
+
+
+def AssertSame(result, kind, values):
+    """Compares with the native run of a scenario.
+
+    Both locate events on polynomials through their rows, which are not the same ones.
+    """
+    native = simulate(LoadScenario("one_dof", {"controller.kind": kind, **values}))
+    assert [x["name"] for x in result["events"]] == [x.name for x in native.events]
+    times = [x["time"] for x in result["events"]]
+    assert times == pytest.approx([x.time for x in native.events], rel=0, abs=1e-6)
+    position = native.Interpolate("tool_position", np.array([0.5, 7.9, 16.1]))[:, 0]
+    span = np.ptp(native["tool_position"])
+    assert result["sampled"][0] == pytest.approx(position, rel=0, abs=1e-6 * span)
+    expected = FlattenMetrics(RunMetrics(native))
+    assert expected.keys() - result["metrics"] == {"diverged", "diverged_at"}
+    for name, value in result["metrics"].items():
+        assert value == pytest.approx(expected[name], rel=1e-6), name
+
+
+def test_runs_are_those_of_simulate(seen):
+    assert seen["controllers"] == ["direct_force", "adaptive_backstepping"]
+    AssertSame(seen["first"], "direct_force", {})
+    for kind, result in seen["second"].items():
+        AssertSame(result, kind, {"delay": 0.0731, STIFFNESS: 93.7})
+
+
+def test_the_picture_has_the_values_beside_it(seen):
+    assert seen["hasChanged"]
+    assert seen["shown"] == [x["metrics"] for x in seen["second"].values()]
+
+
+def test_a_click_opens_a_box_and_another_one_adds_a_signal(seen):
+    assert seen["crumbs"].startswith("loop")
+    assert seen["crumbs"].endswith("controller")
+    before, after = seen["found"]
+    assert len(after) == len(before) + 1
+    assert after[0].startswith("controller/")
+
+
+def test_names_with_html_are_text(tmp_path):
+    text = "<b>x<b>"
+    source = Path(teleop_drake.__file__).parent / "scenarios/one_dof.yaml"
+    path = tmp_path / f"{text}.yaml"
+    path.write_text(source.read_text("utf-8"), "utf-8")
+    WritePage(path, tmp_path / "a.html", controllers=["direct_force"])
+    page = (tmp_path / "a.html").read_text("utf-8")
+    assert text not in page and "&lt;b&gt;x" in page
+
+
+def test_what_is_no_number_is_refused(tmp_path):
+    for key, words in (("robot.model", "a number"), ("robot.nothing", "unknown key")):
+        with pytest.raises(ScenarioError, match=words):
+            WritePage("one_dof", tmp_path / "a.html", vary={key: (0.0, 1.0)})
+
+
+class Own(LeafSystem):
+    """A block of a user's, without a kernel."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+
+
+def test_a_diagram_by_hand_runs_and_a_block_without_a_kernel_is_named(tmp_path):
+    builder = DiagramBuilder()
+    sine = builder.AddNamedSystem("sine", Sine(1.0, 1.0, 0.0, 1))
+    own = builder.AddNamedSystem("own", Own())
+    builder.Connect(sine.get_output_port(0), own.get_input_port())
+    with pytest.raises(UnsupportedSystem, match=r"'own' .* no kernel"):
+        WritePage(builder.Build(), tmp_path / "a.html")
+    model = MakeModel(ByHand(), SimulatorConfig(), 1.0)
+    times, rows, _ = RunModule(model)
+    begin, _, _ = model.Ports()["x:y0"]
+    assert rows[-1, begin] == pytest.approx(math.exp(-times[-1]), rel=1e-3)
+
+
+def ByHand():
+    """dx/dt = -x, x(0) = 1."""
+    builder = DiagramBuilder()
+    x = builder.AddNamedSystem("x", Integrator([1.0]))
+    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
+    builder.Connect(x.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), x.get_input_port())
+    return builder.Build()

@@ -1,0 +1,85 @@
+"""A page's module run by wasmtime, as the page's own script runs it in a browser."""
+
+import math
+
+import numpy as np
+import wasmtime
+
+from teleop_drake.numerics.step_polynomials import DEGREE
+from teleop_drake.page.model import Model
+
+_ROOM = {"steps": 20_000, "values": 20_000, "row_times": 4096, "rows": 4096}
+_ROOM["row_ends"] = _ROOM["rows"]
+
+
+class Instance:
+    """A module in memory, with the numbers of a model."""
+
+    def __init__(self, model: Model):
+        self._store = wasmtime.Store()
+        module = wasmtime.Module(self._store.engine, model.Module())
+        linker, self._end = wasmtime.Linker(self._store.engine), 0
+        double = wasmtime.ValType.f64()
+        for needed in module.imports:
+            kind = needed.type
+            if isinstance(kind, wasmtime.MemoryType):
+                self._end = 65536 * kind.limits.min
+                kind = wasmtime.MemoryType(wasmtime.Limits(1000, None))
+                self._memory = wasmtime.Memory(self._store, kind)
+                item = self._memory
+            else:
+                function = wasmtime.FuncType([double] * len(kind.params), [double])
+                item = wasmtime.Func(self._store, function, getattr(math, needed.name))
+            linker.define(self._store, needed.module, needed.name, item)
+        self._run = linker.instantiate(self._store, module).exports(self._store)["run"]
+        self._places: dict[str, tuple[int, list[int], bool]] = {}
+        self._headers = []
+        for group, fields in model.Headers().items():
+            header = []
+            for name, shape, is_whole in fields:
+                shape = [_ROOM.get(name, shape[0]), *shape[1:]]
+                values = model.numbers.get(f"{group}.{name}")
+                place = self._Allocate(8 * math.prod(shape))
+                self._places[name] = place, shape, is_whole
+                header += [place, *shape]
+                if values is not None:
+                    kind = np.int64 if is_whole else np.float64
+                    self._Write(place, values.astype(kind))
+            self._headers.append(self._Allocate(8 * len(header)))
+            self._Write(self._headers[-1], np.array(header, np.int64))
+
+    def _Allocate(self, size: int) -> int:
+        place, self._end = self._end, self._end + size
+        missing = self._end - self._memory.data_len(self._store)
+        if missing > 0:
+            self._memory.grow(self._store, -(-missing // 65536))
+        return place
+
+    def _Write(self, place: int, array: np.ndarray) -> None:
+        self._memory.write(self._store, array.tobytes(), place)
+
+    def Read(self, name: str) -> np.ndarray:
+        """Returns an array as it is now."""
+        place, shape, is_whole = self._places[name]
+        data = self._memory.read(self._store, place, place + 8 * math.prod(shape))
+        return np.frombuffer(data, np.int64 if is_whole else float).reshape(shape)
+
+    def Run(self, end: float, accuracy: float, max_step: float):
+        """Returns times and rows up to a time, and how it ended."""
+        status, pieces = 1, []
+        while status == 1 and (not pieces or len(pieces[-1][0])):
+            status = self._run(self._store, *self._headers, end, accuracy, max_step)
+            counts = self.Read("counts").copy()
+            num, counts[4] = counts[4], 0
+            names = ("row_times", "rows", "row_ends")
+            pieces.append(tuple(self.Read(name)[:num] for name in names))
+            self._Write(self._places["counts"][0], counts)
+        return *(np.concatenate(x) for x in zip(*pieces, strict=True)), status
+
+
+def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the times, rows and steps of a whole run."""
+    end, accuracy, max_step, *_ = model.numbers["run"]
+    times, rows, ends, status = Instance(model).Run(end, accuracy, max_step)
+    assert status == 0
+    return times, rows, np.flatnonzero(ends)[:, np.newaxis] + np.arange(-DEGREE, 1)
