@@ -13,7 +13,9 @@ from pydrake.systems.primitives import Gain, Integrator, Sine
 from wasm_runs import RunModule
 
 import teleop_drake
+from teleop_drake.cli import main
 from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.page import WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -189,3 +191,67 @@ def ByHand():
     builder.Connect(x.get_output_port(), gain.get_input_port())
     builder.Connect(gain.get_output_port(), x.get_input_port())
     return builder.Build()
+
+
+DRIVE = """
+(async () => {
+  await teleop.ready;
+  const key = (type, key) => document.dispatchEvent(
+    new KeyboardEvent(type, { key, bubbles: true }));
+  const wait = (ms) => new Promise((go) => setTimeout(go, ms));
+  key("keydown", "d");
+  await wait(200);
+  key("keydown", "ArrowRight");
+  while (state.drive && state.cursor < 0.6) await wait(20);
+  key("keyup", "ArrowRight");
+  while (state.drive && state.cursor < 0.8) await wait(20);
+  key("keydown", "Escape");
+  while (document.getElementById("saved").hidden || state.isBusy) await wait(20);
+  const csv = await (await fetch(document.getElementById("save").href)).text();
+  const end = state.hand.at(-1)[0], ends = {};
+  for (const kind of teleop.controllers) {
+    const run = await teleop.run(kind);
+    ends[kind] = teleop.sample(run, "tool_position", [end]);
+  }
+  return { csv, end, ends, command: document.getElementById("repeat").textContent };
+})()
+"""
+
+
+def test_a_hand_drives_and_can_be_repeated(tmp_path):
+    page = tmp_path / "drive.html"
+    assert main(["drive", "two_dof_collision", "--output", str(page), "--quiet"]) == 0
+    browser = OpenBrowser(page)
+    try:
+        seen = browser.Evaluate(DRIVE)
+    finally:
+        browser.Close()
+
+    assert seen["end"] > 0.7
+    (tmp_path / "hand.csv").write_text(seen["csv"])
+    settings = [
+        word.replace("hand.csv", str(tmp_path / "hand.csv"))
+        for word in seen["command"].split()
+        if "=" in word
+    ]
+    assert list(seen["ends"]) == ["direct_force", "adaptive_backstepping"]
+    for kind, position in seen["ends"].items():
+        kind_and_end = [f"controller.kind={kind}", f"duration={seen['end']}"]
+        native = simulate(LoadScenario("two_dof_collision", settings + kind_and_end))
+        moved = native["tool_position"][-1] - native["tool_position"][0]
+        assert moved[0] > 0.02
+        assert np.ravel(position) == pytest.approx(
+            native["tool_position"][-1], rel=0, abs=1e-6
+        )
+
+
+def test_any_diagram_is_a_page_without_a_model(tmp_path):
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("own", Own())
+    WriteDiagram(builder.Build(), tmp_path / "a.html")
+    browser = OpenBrowser(tmp_path / "a.html")
+    try:
+        look = "teleop.ready.then(() => document.getElementById('diagram').textContent)"
+        assert "own" in browser.Evaluate(look)
+    finally:
+        browser.Close()

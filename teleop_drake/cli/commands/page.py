@@ -40,7 +40,9 @@ def Execute(args: argparse.Namespace) -> int:
     """Writes the page, and opens it if it has no name."""
     CheckHtml(args.output, "--output")
     options.LoadToRun(args)
-    kinds = None if args.controllers is None else options.ControllersOf(args.controllers)
+    kinds = (
+        None if args.controllers is None else options.ControllersOf(args.controllers)
+    )
     if kinds is not None and args.controller is not None:
         raise BadInput(
             f"--controller = {args.controller!r}: must be left out with --controllers"
