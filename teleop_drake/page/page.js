@@ -579,8 +579,9 @@ async function start() {
   }
   await Promise.all(loops.map((loop) => loop.compile()));
   const { signals, ports } = loops[0], first = ["tool_velocity", "environment_force", "tool_position"];
-  const wanted = signals.tool_velocity ? first : Object.keys(signals).slice(0, 3);
-  state.scopes = wanted.map((name) => signals[name]).filter((port) => ports[port]);
+  const usual = signals.tool_velocity ? first : Object.keys(signals).slice(0, 3);
+  state.scopes = (data.scopes.length ? data.scopes : usual).map((name) => signals[name])
+    .filter((port) => ports[port]);
   state.window = [0, loops[0].numbers.run[0]];
   makeScopes();
   await refresh();

@@ -36,7 +36,7 @@ from teleop_drake.scenario.tree import GetPath, ToTree
 from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckChoice, Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
 
@@ -117,6 +117,7 @@ def Explore(
     overrides: Mapping[str, Any] | Sequence[str] = (),
     *,
     controllers: Sequence[str] | None = None,
+    signals: Sequence[str] = (),
     **ranges: Sequence[float],
 ) -> Page:
     """Returns the living diagram for a notebook, with a slider for each range.
@@ -128,7 +129,11 @@ def Explore(
     """
     vary = {key: (min(values), max(values)) for key, values in ranges.items()}
     return MakePage(
-        scenario_or_diagram, controllers=controllers, vary=vary, overrides=overrides
+        scenario_or_diagram,
+        controllers=controllers,
+        signals=signals,
+        vary=vary,
+        overrides=overrides,
     )
 
 
@@ -158,6 +163,7 @@ def MakePage(
     scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
     *,
     controllers: Sequence[str] | None = None,
+    signals: Sequence[str] = (),
     vary: Ranges | None = None,
     overrides: Mapping[str, Any] | Sequence[str] = (),
     duration: float = 10.0,
@@ -173,6 +179,8 @@ def MakePage(
             have kernels.
         controllers: Kinds that are shown side by side; None: those that the task
             compares. A diagram has none.
+        signals: That are in the scopes at first, by the names that recordings have;
+            empty: velocity, force and position of the tool.
         vary: Numbers of the scenario that can be changed, with the least and the
             largest value of each. The delays, where they are constant, are always
             among them.
@@ -206,7 +214,11 @@ def MakePage(
         makers = {kind: _Maker(load, kind, has_hand) for kind in kinds}
         models = {kind: make({}) for kind, make in makers.items()}
         inputs = _Inputs(scenario, vary or {}, makers, models, notes)
+    known = set().union(*(model.Signals() for model in models.values()))
+    for signal in signals:
+        CheckChoice("signals", signal, sorted(known))
     data = {**_Data(title, models, inputs, notes), "hand": hand}
+    data["scopes"] = list(signals)
     return Page(_Html(title, data), notes)
 
 
@@ -289,41 +301,51 @@ def _Inputs(
     models: Mapping[str, Model],
     notes: list[str],
 ) -> list[_Input]:
-    """Returns the inputs of a page."""
-    tree = ToTree(scenario)
-    inputs: list[_Input] = []
-    for key in (*_DELAYS, *vary):
-        if key == "delay":
-            continue
-        wanted = vary.get(key, vary.get("delay") if key in _DELAYS else None)
+    """Returns the inputs of a page.
+
+    Where the delays change a number together, as gains that derive from the round trip,
+    they are one input.
+    """
+    # Each key by the name that it has as an option.
+    names = {paths[0]: alias for alias, paths in ALIASES.items() if alias in _DELAYS}
+    vary = {names.get(key, key): values for key, values in vary.items()}
+    reason = NotSums()
+    others = [key for key in vary if key not in ("delay", *_DELAYS)]
+    choices: list[tuple[str, ...]] = [_DELAYS, ("delay",)]
+    if len(others) == len(vary):
+        choices.append(())
+    for delays in choices:
+        inputs = [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
+        found = [x for x in inputs if x is not None and _FindChanges(x, makers, notes)]
         try:
-            value = GetPath(tree, ALIASES.get(key, (key,))[0])
-        except ScenarioError:
-            if key in _DELAYS:
-                continue  # The tracking of chapter 3 has no channels.
-            raise
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            Refuse(key, value, "a number in the scenario, to be varied")
-        if wanted is None:
-            wanted = _LEAST_DELAY, max(_LARGE_DELAY, 2 * value)
-        low, high = wanted
-        if not low < high:
-            Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
-        if not low <= value <= high:
-            low, high = min(low, value), max(high, value)
-        is_wanted = key in vary or (key in _DELAYS and "delay" in vary)
-        one = _Input(key=key, low=low, high=high, value=value, is_wanted=is_wanted)
-        if not any(other.key == key for other in inputs):
-            inputs.append(one)
-    found = [one for one in inputs if _FindChanges(one, makers, notes)]
+            _CheckInputs(found, makers, models)
+            if not delays:
+                notes.append(f"the delays have no sliders: {reason}")
+            return found
+        except NotSums as error:
+            reason = error
+    raise ScenarioError(f"vary = {reason}") from None
+
+
+def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> _Input | None:
+    """Returns an input with its range; None if it is a delay that there is not."""
+    is_delay = key in ("delay", *_DELAYS)
+    wanted = vary.get(key, vary.get("delay") if is_delay else None)
     try:
-        _CheckInputs(found, makers, models)
-    except NotSums as error:
-        if any(one.is_wanted for one in found):
-            raise ScenarioError(f"vary = {error}") from None
-        notes.append(f"the delays have no sliders: {error}")
-        return []
-    return found
+        value = GetPath(ToTree(scenario), ALIASES.get(key, (key,))[0])
+    except ScenarioError:
+        if is_delay:
+            return None  # The tracking of chapter 3 has no channels.
+        raise
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        Refuse(key, value, "a number in the scenario, to be varied")
+    low, high = wanted or (_LEAST_DELAY, max(_LARGE_DELAY, 2 * value))
+    if not low < high:
+        Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
+    low, high = min(low, value), max(high, value)
+    return _Input(
+        key=key, low=low, high=high, value=value, is_wanted=wanted is not None
+    )
 
 
 def _FindChanges(
