@@ -60,7 +60,7 @@ def test_only_commands_that_are_for_files_have_a_folder_unasked():
             if "--out" in action.option_strings:
                 folders[name] = action.default
                 assert (action.default == "out") == ("(default: out)" in action.help)
-    asked = {"run", "analyze", "replay", "drive", "docs"}
+    asked = {"run", "analyze", "replay", "docs"}
     assert {name for name, folder in folders.items() if folder is None} >= asked
 
 
