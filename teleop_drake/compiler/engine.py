@@ -4,12 +4,11 @@ from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, System
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
 
 from teleop_drake.compiler.compile import CompileIntegrator
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import Source
 from teleop_drake.compiler.source import Program
 from teleop_drake.integrator.advance import (
     DONE,
@@ -217,18 +216,6 @@ class CompiledRun:
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
         return self._times[: self._num_rows], self._rows[: self._num_rows]
-
-    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
-        """Sets an input that is not connected; nothing may jump thereby.
-
-        Args:
-            system: The block, anywhere in the diagram.
-            port: Its input port, which its kernel takes something from.
-            values: What comes in from now on.
-        """
-        blocks = self.evaluator.blocks
-        place = [block.system for block in blocks].index(system)
-        self._memory.y[self.evaluator.program.fed[Source(place, port)]] = values
 
     def _MakesStepShorter(self, error: Exception) -> bool:
         """Rejects the step that has raised an error; returns whether it was too long.

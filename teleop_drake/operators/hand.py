@@ -3,12 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from teleop_drake.kernel import Term
-from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
-from teleop_drake.validation import Refuse
+from teleop_drake.operators.modes import Array, ModalOperator
 
 
 class HandOperator(ModalOperator):
@@ -16,13 +12,13 @@ class HandOperator(ModalOperator):
 
         v_d(t) = before + (after - before) (t - begin)/(end - begin)
 
-    within [begin, end], and held before and after. Whoever runs the simulation sets the
-    input `line` between two advances, the first of which ends at `end`: v_d is
-    continuous then, and is not smooth only where a step ends.
+    within [begin, end], and held before and after. The page sets the input `line`
+    between two pictures, each of which ends at its `end`: v_d is continuous then, and
+    is not smooth only where a step ends.
 
-    | port | name | size   | unit                                           |
-    |------|------|--------|------------------------------------------------|
-    | in   | line | 2 + 2n | [begin; end; before; after], s and m/s; see Line() |
+    | port | name | size   | unit                                      |
+    |------|------|--------|-------------------------------------------|
+    | in   | line | 2 + 2n | [begin; end; before; after], s and m/s |
 
     As long as nothing is connected to it, and it has no value, v_d is zero. All other
     ports, state, modes, initial value and feedthrough are those of ModalOperator.
@@ -31,17 +27,6 @@ class HandOperator(ModalOperator):
     """
 
     optional_inputs = ("line",)
-
-    @staticmethod
-    def Line(*, begin: float, end: float, before: ArrayLike, after: ArrayLike) -> Array:
-        """Returns what the input `line` takes: times in s, v_d in m/s (n) each.
-
-        Raises:
-            ValueError: If a value is not finite, or the end is not after the beginning.
-        """
-        if not end > begin:
-            Refuse("end", end, f"> {begin} (s)")
-        return np.array([begin, end, *CheckVelocity(before), *CheckVelocity(after)])
 
     def DeclareMore(self) -> None:
         """Declares the input of the hand."""

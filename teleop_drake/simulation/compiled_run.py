@@ -4,13 +4,14 @@ import time as clock
 import weakref
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, System
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram
 
 from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.integrator.problem import SAME
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
@@ -19,11 +20,6 @@ from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.simulation.structure import Loop, Structure, WhyNotSolved
 from teleop_drake.tasks import TaskOf
-
-Array = NDArray[np.float64]
-
-# Instants closer together than this, in s, are one to the integrator.
-_SAME = 1e-12
 
 # Programs that have agreed with their diagrams. Later runs of a structure differ in
 # their parameters alone.
@@ -70,7 +66,7 @@ def RunCompiled(
         accuracy=config.accuracy,
         max_step=min(config.max_step_size, longest_step),
     )
-    outcome = _Stepper(run, job).Run()
+    outcome = _Run(run, job)
     if loop is not None:
         outcome.TakeStatistics(channel for channel, _ in loop.channels.values())
         return outcome
@@ -100,82 +96,46 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
     return ""
 
 
-class _Stepper:
-    """A run in machine code; see LiveRun.
-
-    Args:
-        run: The run.
-        job: What it is.
-    """
-
-    def __init__(self, run: CompiledRun, job: Job):
-        self._run, self._job = run, job
-        self._interruption, self._pace = Interruption(), Pace(job.duration)
-        self._places = SignalPlaces(run.evaluator, job.diagram)
-        # Without a tool, whatever is computed has to stay finite.
-        self._watched = self._places.get("tool_velocity", slice(None))
-        self._steps: list[NDArray[np.int64]] = []
-        self._termination, self._reason, self._is_too_fast = "completed", "", False
-
-    @property
-    def time(self) -> float:
-        """How far the run is, s."""
-        return self._run.time
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether it cannot go on: it diverged, or was interrupted."""
-        return self._termination != "completed" or self._interruption.has_come
-
-    def AdvanceTo(self, time: float) -> None:
-        """Simulates until a time, or less far if the run ends before."""
-        run, end = self._run, min(time, self._job.duration)
-        limit, progress = self._job.speed_limit, self._job.progress
-        while run.time < end - _SAME and not (self.has_ended and self._steps):
+def _Run(run: CompiledRun, job: Job) -> Outcome:
+    """Runs to the end of a job, or less far."""
+    limit, pace, start = job.speed_limit, Pace(job.duration), clock.monotonic()
+    places = SignalPlaces(run.evaluator, job.diagram)
+    # Without a tool, whatever is computed has to stay finite.
+    watched = places.get("tool_velocity", slice(None))
+    steps: list[NDArray[np.int64]] = []
+    termination, reason, is_too_fast = "completed", "", False
+    with Interruption() as interruption:
+        while run.time < job.duration - SAME and not (
+            steps and (reason or interruption.has_come)
+        ):
             num_before = len(run.Rows()[0])
-            _, rows, steps = run.Advance(end)
-            self._steps.append(steps + num_before)
-            self._pace.Check(run.num_tries, run.time)
-            speeds = np.linalg.norm(rows[:, self._watched], axis=1)
+            _, rows, new_steps = run.Advance(job.duration)
+            steps.append(new_steps + num_before)
+            pace.Check(run.num_tries, run.time)
+            speeds = np.linalg.norm(rows[:, watched], axis=1)
             too_fast = speeds[~(speeds <= limit.speed)]
             if too_fast.size > 0:
-                self._is_too_fast = bool(np.isfinite(too_fast[0]))
-                self._termination, self._reason = "diverged", limit.Reason(too_fast[0])
+                is_too_fast = bool(np.isfinite(too_fast[0]))
+                termination, reason = "diverged", limit.Reason(too_fast[0])
                 del run.visited[-1:]  # Beyond the limit numbers are of any size.
             elif run.failure or run.error is not None:
-                self._termination, self._reason = "diverged", _ReasonOf(run)
-            if progress is not None:
-                progress(run.time)
-
-    def Signals(self) -> dict[str, Array]:
-        """Returns all signals as they are now, by name; see simulate()."""
-        row = self._run.Rows()[1][-1]
-        return {name: row[place] for name, place in self._places.items()}
-
-    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
-        """Sets an input that is not connected; nothing may jump thereby."""
-        self._run.Feed(system, port, values)
-
-    def Run(self) -> Outcome:
-        """Does the job."""
-        run, start = self._run, clock.monotonic()
-        with self._interruption as interruption:
-            self._job.Advance(self)
-        if interruption.has_come:  # However it ended, as in Drake's Simulator.
-            self._termination = "interrupted"
-            self._reason = "interrupted by the user"
-        times, rows = run.Rows()
-        signals = {name: rows[:, place] for name, place in self._places.items()}
-        return Outcome(
-            engine="compiled",
-            series=(times, signals, np.concatenate(self._steps)),
-            steps=run.num_steps,
-            derivative_evaluations=run.num_evaluations,
-            wall_time=clock.monotonic() - start,
-            termination=self._termination,
-            reason=self._reason,
-            is_too_fast=self._is_too_fast,
-        )
+                termination, reason = "diverged", _ReasonOf(run)
+            if job.progress is not None:
+                job.progress(run.time)
+    if interruption.has_come:  # However it ended, as in Drake's Simulator.
+        termination, reason = "interrupted", "interrupted by the user"
+    times, rows = run.Rows()
+    signals = {name: rows[:, place] for name, place in places.items()}
+    return Outcome(
+        engine="compiled",
+        series=(times, signals, np.concatenate(steps)),
+        steps=run.num_steps,
+        derivative_evaluations=run.num_evaluations,
+        wall_time=clock.monotonic() - start,
+        termination=termination,
+        reason=reason,
+        is_too_fast=is_too_fast,
+    )
 
 
 def _ReasonOf(run: CompiledRun) -> str:

@@ -4,8 +4,7 @@ import math
 import time as clock
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, Diagram, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.signals import SignalsOf
@@ -16,8 +15,6 @@ from teleop_drake.simulation.failures import (
 )
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
-
-Array = NDArray[np.float64]
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -35,8 +32,8 @@ def RunInDrake(job: Job) -> Outcome:
             simulator.Initialize()
         try:
             with NamingBlocks():
-                if not run.has_ended:
-                    job.Advance(run)
+                if not (run.failure or interruption.has_come):
+                    simulator.AdvanceTo(job.duration)
         except KeyboardInterrupt:
             interruption.has_come = True
         except Exception as error:
@@ -79,19 +76,18 @@ class Recorder:
 
     Attributes:
         names: Of the signals, in the order of a sample's values.
-        inner_context: In which the outputs within a step are evaluated.
     """
 
     def __init__(self, diagram: Diagram, root_context: Context):
         signals = SignalsOf(diagram)
         self.names = list(signals)
-        self.inner_context = root_context.Clone()
+        self._inner_context = root_context.Clone()
         self._at_end, self._inside = (
             [
                 (port.Eval, port.get_system().GetMyContextFromRoot(root))
                 for port in signals.values()
             ]
-            for root in (root_context, self.inner_context)
+            for root in (root_context, self._inner_context)
         )
         self._diagram = diagram
         self._root_context = root_context
@@ -99,18 +95,14 @@ class Recorder:
         self._step_ends: list[int] = []
         self._state = self._rate = self._mode = np.empty(0)
 
-    def Now(self) -> list[np.ndarray]:
-        """Returns the signals' values."""
-        return [evaluate(context) for evaluate, context in self._at_end]
-
     def Sample(self) -> list[np.ndarray]:
         """Takes a sample now, and those in the step that ends; returns its values."""
         time, root = self._root_context.get_time(), self._root_context
-        values = self.Now()
+        values = [evaluate(context) for evaluate, context in self._at_end]
         state = root.get_continuous_state_vector().CopyToVector()
         rate, mode = self._RateIn(root), _DiscreteState(root)
         if self._rows and time > self._rows[-1][0]:
-            self.inner_context.SetTimeStateAndParametersFrom(root)
+            self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
                 self._SampleBeginning()
             self._SampleInside(time, state, rate)
@@ -127,7 +119,7 @@ class Recorder:
 
     def _SampleBeginning(self) -> None:
         """Takes a sample at the beginning of the step, after what happened there."""
-        inner, begin = self.inner_context, self._rows[-1][0]
+        inner, begin = self._inner_context, self._rows[-1][0]
         inner.SetTime(begin)
         inner.SetContinuousState(self._state)
         self._rate = self._RateIn(inner)
@@ -136,7 +128,7 @@ class Recorder:
 
     def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
         """Takes the samples between the last one and a time."""
-        inner, begin = self.inner_context, self._rows[-1][0]
+        inner, begin = self._inner_context, self._rows[-1][0]
         h = end - begin
         for s in shares(DEGREE)[1:-1].tolist():
             inner.SetTime(begin + s * h)
@@ -165,7 +157,7 @@ def _DiscreteState(context: Context) -> np.ndarray:
 
 
 class _DrakeRun:
-    """A run in Drake's Simulator; see LiveRun. It watches each step, and records.
+    """A run in Drake's Simulator: it watches each step, and records.
 
     Attributes:
         recorder: What it records with.
@@ -185,35 +177,10 @@ class _DrakeRun:
         self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
         self._watched = self._watched or list(range(len(names)))
 
-    @property
-    def time(self) -> float:
-        """How far the run is, s."""
-        return float(self._simulator.get_context().get_time())
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether it cannot go on: it diverged, or was interrupted."""
-        return bool(self.failure) or self.interruption.has_come
-
-    def AdvanceTo(self, time: float) -> None:
-        """Simulates until a time, or less far if the run ends before."""
-        self._simulator.AdvanceTo(time)
-
-    def Signals(self) -> dict[str, Array]:
-        """Returns all signals as they are now, by name; see simulate()."""
-        return dict(zip(self.recorder.names, self.recorder.Now(), strict=True))
-
-    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
-        """Sets an input that is not connected; nothing may jump thereby."""
-        root = self._simulator.get_mutable_context()
-        for each in (root, self.recorder.inner_context):
-            context = system.GetMyMutableContextFromRoot(each)
-            system.GetInputPort(port).FixValue(context, np.asarray(values, dtype=float))
-
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends the run if it cannot go on."""
-        now = self.recorder.Sample()
-        time, diagram, limit = self.time, self._job.diagram, self._job.speed_limit
+        now, time = self.recorder.Sample(), root_context.get_time()
+        diagram, limit = self._job.diagram, self._job.speed_limit
         self._num_samples += 1
         self._pace.Check(self._num_samples + self._simulator.CountRejected(), time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))

@@ -5,10 +5,8 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import FrameType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
@@ -19,40 +17,12 @@ from teleop_drake.scenario.scenario import MAX_STEPS
 from teleop_drake.tasks.base import SpeedLimit
 from teleop_drake.validation import ScenarioError
 
-Array = NDArray[np.float64]
-
 # Steps of a run, among them those that were tried in vain and events at one instant.
 # Error control may want a few more than a run is forced to take.
 _MOST_STEPS = 2 * MAX_STEPS
 
 # In so many steps a run shows its pace.
 _STRETCH = 10_000
-
-
-class LiveRun(Protocol):
-    """A run that goes on step by step and can be fed, as simulate() gives it away."""
-
-    @property
-    def time(self) -> float:
-        """How far the run is, s."""
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether it cannot go on: it diverged, or was interrupted."""
-
-    def AdvanceTo(self, time: float) -> None:
-        """Simulates until a time in s, or less far if the run ends before."""
-
-    def Signals(self) -> dict[str, Array]:
-        """Returns all signals as they are now, by name; see simulate()."""
-
-    def Feed(self, system: System, port: str, values: ArrayLike) -> None:
-        """Sets an input that is not connected; nothing may jump thereby.
-
-        Args:
-            system: The block, anywhere in the diagram.
-            values: What comes in from now on.
-        """
 
 
 class Job(NamedTuple):
@@ -64,7 +34,6 @@ class Job(NamedTuple):
         duration: How long, s.
         speed_limit: When to end early.
         progress: Called now and then with the simulated time in s.
-        advance: As simulate() takes it.
     """
 
     diagram: Diagram
@@ -72,14 +41,6 @@ class Job(NamedTuple):
     duration: float
     speed_limit: SpeedLimit
     progress: Callable[[float], None] | None
-    advance: Callable[[LiveRun, float], None] | None
-
-    def Advance(self, run: LiveRun) -> None:
-        """Advances a run to its end, or as its user wants."""
-        if self.advance is None:
-            run.AdvanceTo(self.duration)
-        else:
-            self.advance(run, self.duration)
 
 
 @dataclass(kw_only=True)

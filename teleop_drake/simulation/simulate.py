@@ -23,7 +23,7 @@ from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioL
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.drake_run import RunInDrake
-from teleop_drake.simulation.run import Job, LiveRun, Outcome
+from teleop_drake.simulation.run import Job, Outcome
 from teleop_drake.simulation.stepping import SystemsIn
 from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
@@ -59,7 +59,6 @@ def simulate(
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
-    advance: Callable[[LiveRun, float], None] | None = None,
 ) -> Recording:
     """Simulates a scenario, or a Diagram, from its start and records its signals.
 
@@ -115,9 +114,6 @@ def simulate(
             once for each structure of a diagram and then runs many times as fast;
             `auto`: machine code where possible. What cannot be compiled is run by
             Drake, and a note in the recording says why.
-        advance: Takes the run at its start and the duration in s, and calls AdvanceTo()
-            as often as it likes, to feed inputs in between for example; it may return
-            earlier. None: AdvanceTo(duration) at once.
 
     Returns:
         The recording.
@@ -133,7 +129,7 @@ def simulate(
         _CheckDiagram(scenario, duration, teleoperator or task)
         assert isinstance(scenario, Diagram) and duration is not None
         config = simulator or DefaultSimulator()
-        job = Job(scenario, config, duration, _Finite(), progress, advance)
+        job = Job(scenario, config, duration, _Finite(), progress)
         run, notes = _Run(job, engine)
         return _MakeRecording(None, job, run, notes)
     scenario = AsScenario(scenario)
@@ -156,7 +152,7 @@ def simulate(
 
     speed_limit = task.MakeSpeedLimit(scenario)
     config, duration = scenario.simulator, scenario.duration
-    job = Job(diagram, config, duration, speed_limit, progress, advance)
+    job = Job(diagram, config, duration, speed_limit, progress)
     run, notes = _Run(job, engine, structure, loop)
     _EndAtJointLimit(diagram, run)
     if run.is_too_fast:
