@@ -100,7 +100,7 @@ def test_accepted_scenarios_complete_or_diverge(case):
 
 @pytest.mark.slow
 @given(odd_scenarios())
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_many_accepted_scenarios_complete_or_diverge(case):
     check(*case)
 
