@@ -90,6 +90,9 @@ _COMMANDS = {
     "docs": "Say where the documentation is, or write it as HTML.",
 }
 
+# Commands that another one's file has.
+_FILES = {"drive": "page"}
+
 # Commands that run nothing of a scenario.
 _WITHOUT_OWN_KINDS = ("list", "show", "completion", "docs")
 
@@ -118,7 +121,8 @@ class _CommandParser(_Parser):
         """Adds the options of the command, if it does not have them yet."""
         if self.get_default("command") is None:
             name = self.prog.split()[-1]
-            command = importlib.import_module(f"teleop_drake.cli.commands.{name}")
+            file = _FILES.get(name, name)
+            command = importlib.import_module(f"teleop_drake.cli.commands.{file}")
             command.AddOptions(self)
             self.set_defaults(command=command.Execute)
 
