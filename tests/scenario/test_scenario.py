@@ -439,7 +439,7 @@ BAD_ONE_DOF = [
     ("duration", "override 'duration': must be PATH=VALUE"),
     ("duration=2020-13-01", "override of 'duration': must be valid YAML (month"),
     ("duration=!!python/name:os.system x", "override of 'duration' at line 1"),
-    ('description="\\ud800"', "description = '\\ud800': must be text"),
+    ('description="\\ud800"', "override of 'description' at line 1"),
 ]
 
 
@@ -558,11 +558,12 @@ def test_suggestions(override, suggestion):
     [
         (b"", "must hold a mapping of scenario fields, not null"),
         (b"[1, 2]", r"must hold a mapping of scenario fields, not \[1, 2\]"),
-        (b"robot: [", "at line 1, column 9: must be valid YAML"),
+        (b"robot: [}", "at line 1, column 9: must be valid YAML"),
         (b"a: 1\nduration: 1\nduration: 2", r"column 1: .*duplicate key 'duration'"),
         (b"robot: {model: slider, model: slider}", "duplicate key 'model'"),
         (b"\xff\xfe\x00", "must be readable as UTF-8 text"),
         (b"\x00", "must be valid YAML"),
+        (b"[" * 101, "must be valid YAML .nested more than 100 deep"),
         (b"? {a: b}\n: 1", "must be valid YAML"),
         (b"1: 2", "^1 = 2: unknown key 1, must be one of name"),
         (b"robot: 1", "^robot = 1: must be a mapping"),
