@@ -15,10 +15,14 @@ import teleop_drake.simulation
 from teleop_drake.cli import main
 from teleop_drake.cli.main import MakeParser
 from teleop_drake.cli.options import ControllersOf
-from teleop_drake.environments import layered_force_field
+from teleop_drake.environments import ENVIRONMENT_KINDS, layered_force_field
+from teleop_drake.operators import OPERATOR_KINDS
 from teleop_drake.recording import LoadRecording
+from teleop_drake.robots import ROBOT_KINDS
 from teleop_drake.scenario import (
     ARCHITECTURES,
+    CONTROLLERS,
+    TRACKING_CONTROLLERS,
     LoadScenario,
     ScenarioNames,
     ScenarioToYaml,
@@ -95,10 +99,15 @@ def test_list(capsys):
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert len(line.split()) > 5
     assert "Studies\n  league, sample_period, sensitivity, tolerance\n" in out
-    assert "direct_force, adaptive_backstepping, network_tracking" in out
-    assert ", ".join(ARCHITECTURES[2:]) in out
-    assert "slider, two_link_arm" in out
-    assert "layers, hunt_crossley, friction_wall, standard_linear_solid" in out
+    kinds = dict(zip(*2 * [iter(out.splitlines()[-12:])], strict=True))
+    for title, table in {
+        "Environments": ENVIRONMENT_KINDS.names,
+        "Operators": OPERATOR_KINDS.names,
+        "Robots": ROBOT_KINDS.names,
+        "Controllers": CONTROLLERS + TRACKING_CONTROLLERS,
+        "Other architectures": ARCHITECTURES[2:],
+    }.items():
+        assert sorted(kinds[title].strip().split(", ")) == sorted(table)
 
 
 def test_show(capsys):

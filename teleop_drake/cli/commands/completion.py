@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from teleop_drake.cli.commands.list import KindsOf
+
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
@@ -32,8 +34,8 @@ def Complete(parser: Any) -> None:
 
     completers = {
         "scenario": _ScenarioNames,
-        "controller": _ControllerNames,
-        "controllers": lambda **_: [*_ControllerNames(), "all"],
+        "controller": lambda **_: KindsOf("architectures"),
+        "controllers": lambda **_: [*KindsOf("architectures"), "all"],
     }
     for command in parser._subparsers._group_actions[0].choices.values():
         command.AddOptionsOfCommand()
@@ -49,9 +51,3 @@ def _ScenarioNames(**_: Any) -> list[str]:
     """Returns the built-in scenarios, without the second that Drake's import takes."""
     folder = Path(__file__).parents[2] / "scenarios"
     return [path.stem for path in folder.glob("*.yaml")]
-
-
-def _ControllerNames(**_: Any) -> list[str]:
-    from teleop_drake.architectures import ARCHITECTURES
-
-    return list(ARCHITECTURES)
