@@ -62,7 +62,8 @@ _NUM_CIRCLE_POINTS = 64
 _NUM_SWEEP_POINTS = 2000
 _NUM_POLE_POINTS = 80
 
-_GOLDEN = (math.sqrt(5) - 1) / 2
+# Points of each finer sweep around one of them.
+_NUM_INNER_POINTS = 17
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,15 +147,21 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
         return []
     crossings = _passages_of_the_origin(loop)
     grid = sweep_frequencies(loop)
-    gains = np.log(np.maximum(np.abs(eigenloci(loop, grid)), 1e-300))
-    for i in range(gains.shape[1]):
-        w, g = _refine(loop, grid, gains[:, i], i)
+    for i, gains in enumerate(_gains(loop, grid).T):
+        w, g = _add_extrema(loop, grid, gains, i)
         # A neutral root is where |l| tends to 1 for w to 0: no crossing.
         is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
         w, g = w[is_sure], g[is_sure]
         for k in np.flatnonzero((g[:-1] > 0) != (g[1:] > 0)):
-            frequency = _bisect(loop, w[k], w[k + 1], i)
-            value = complex(eigenloci(loop, np.array([frequency]))[0, i])
+            inner = w[k : k + 2]
+            while inner[0] < np.nextafter(inner[-1], 0):
+                inner = np.linspace(inner[0], inner[-1], _NUM_INNER_POINTS)
+                is_above = _gains(loop, inner)[:, i] > 0
+                is_above[[0, -1]] = g[k : k + 2] > 0
+                first = int(np.argmax(is_above != is_above[0]))
+                inner = inner[first - 1 : first + 1]
+            frequency = float(inner[-1])
+            value = complex(eigenloci(loop, inner[-1:])[0, i])
             phase = float(np.angle(value) + np.pi) % (2 * np.pi)
             # Rounding must not make a whole turn of none.
             if phase > 2 * np.pi * (1 - _AXIS_TOLERANCE):
@@ -177,20 +184,6 @@ def neutral_root_count(loop: StateSpace) -> int:
     return int(np.sum(sizes <= _AXIS_TOLERANCE * np.linalg.norm(loop.A)))
 
 
-def unstable_root_count(loop: StateSpace, slow: float = 0.0) -> int:
-    """Returns the number of roots right of the imaginary axis without delay.
-
-    Roots on the axis do not count, and those at 0 are on it.
-
-    Args:
-        slow: Below which size in 1/s a root is not told from one at 0.
-    """
-    roots = np.linalg.eigvals(closed_loop_matrix(loop))
-    roots = roots[np.abs(roots) > max(slow, _SLOW * float(np.linalg.norm(loop.A)))]
-    scale = np.maximum(np.abs(roots), np.linalg.norm(loop.A) * 1e-3)
-    return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
-
-
 def is_delay_robust(loop: StateSpace) -> bool:
     """Returns whether an arbitrarily small delay leaves all roots where they were.
 
@@ -209,7 +202,7 @@ def is_delay_robust(loop: StateSpace) -> bool:
 def unstable_roots(
     loop: StateSpace,
     max_delay: float,
-    crossings: list[Crossing] | None = None,
+    crossings: list[Crossing],
     slow: float = 0.0,
 ) -> tuple[Array, NDArray[np.int_]]:
     """Returns how many roots of (1) are unstable, as a function of the delay.
@@ -217,16 +210,19 @@ def unstable_roots(
     Args:
         loop: L, minimal, such that is_delay_robust(loop).
         max_delay: Up to which delay in s.
-        crossings: Those of find_crossings(loop) that count, if they are known.
+        crossings: Those of find_crossings(loop) that count.
         slow: Below which size in 1/s a root is not told from one at 0.
 
     Returns:
         Delays (K) in s, ascending from 0, and the number of unstable roots from each to
         the next, the last one to max_delay (K).
     """
-    if crossings is None:
-        crossings = find_crossings(loop)
-    count = unstable_root_count(loop, slow)
+    roots = np.linalg.eigvals(closed_loop_matrix(loop))
+    size = float(np.linalg.norm(loop.A))
+    roots = roots[np.abs(roots) > max(slow, _SLOW * size)]
+    # Roots on the axis do not count, and those at 0 are on it.
+    scale = np.maximum(np.abs(roots), 1e-3 * size)
+    count = int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
         if crossing.frequency == 0:
@@ -254,7 +250,7 @@ def unstable_roots(
 def stable_delays(
     loop: StateSpace,
     max_delay: float,
-    crossings: list[Crossing] | None = None,
+    crossings: list[Crossing],
     slow: float = 0.0,
 ) -> list[tuple[float, float]]:
     """Returns every interval of delays in which the loop is stable.
@@ -263,7 +259,7 @@ def stable_delays(
 
     Args:
         max_delay: Up to which delay in s; an interval that ends there goes on.
-        crossings: Those of find_crossings(loop) that count, if they are known.
+        crossings: Those of find_crossings(loop) that count.
         slow: Below which size in 1/s a root is not told from one at 0.
     """
     if not is_delay_robust(loop):
@@ -281,7 +277,7 @@ def stable_delays(
 
 
 def delay_margin(
-    loop: StateSpace, crossings: list[Crossing] | None = None, slow: float = 0.0
+    loop: StateSpace, crossings: list[Crossing], slow: float = 0.0
 ) -> Crossing | None:
     """Returns the crossing at which growing delay first makes the loop unstable.
 
@@ -289,11 +285,9 @@ def delay_margin(
     loop is not stable without delay, or with every delay.
 
     Args:
-        crossings: Those of find_crossings(loop) that count, if they are known.
+        crossings: Those of find_crossings(loop) that count.
         slow: Below which size in 1/s a root is not told from one at 0.
     """
-    if crossings is None:
-        crossings = find_crossings(loop)
     outward = [crossing for crossing in crossings if crossing.direction > 0]
     if not outward:
         return None
@@ -353,52 +347,31 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     return passages
 
 
-def _gain(loop: StateSpace, frequency: float, i: int) -> float:
-    value = abs(eigenloci(loop, np.array([frequency]))[0, i])
-    return math.log(max(value, 1e-300))
+def _gains(loop: StateSpace, frequencies: Array) -> Array:
+    """Returns log |l| of all eigenloci (K, m)."""
+    return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
 
 
-def _refine(loop: StateSpace, w: Array, g: Array, i: int) -> tuple[Array, Array]:
+def _add_extrema(loop: StateSpace, w: Array, g: Array, i: int) -> tuple[Array, Array]:
     """Adds the extrema at which g = log |l_i| changes sign between two points."""
-    inner, before, after = g[1:-1], g[:-2], g[2:]
+    size = np.abs(g)
     is_closest = (
-        (np.abs(inner) <= np.abs(before))
-        & (np.abs(inner) <= np.abs(after))
-        & ((inner > 0) == (before > 0))
-        & ((inner > 0) == (after > 0))
-        & (np.abs(inner) < 0.5)
+        (size[1:-1] <= np.minimum(size[:-2], size[2:]))
+        & ((g[1:-1] > 0) == (g[:-2] > 0))
+        & ((g[1:-1] > 0) == (g[2:] > 0))
+        & (size[1:-1] < 0.5)
         # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
-        & (np.abs(inner) > _MAGNITUDE_TOLERANCE)
+        & (size[1:-1] > _MAGNITUDE_TOLERANCE)
     )
-    added_w, added_g = [], []
     for k in np.flatnonzero(is_closest) + 1:
         sign = 1.0 if g[k] > 0 else -1.0
-        low, high = math.log(w[k - 1]), math.log(w[k + 1])
-        for _ in range(60):
-            width = _GOLDEN * (high - low)
-            left, right = high - width, low + width
-            if sign * _gain(loop, math.exp(left), i) < sign * _gain(
-                loop, math.exp(right), i
-            ):
-                high = right
-            else:
-                low = left
-        extremum = math.exp((low + high) / 2)
-        value = _gain(loop, extremum, i)
-        if sign * value < 0:
-            added_w.append(extremum)
-            added_g.append(value)
-    w, g = np.append(w, added_w), np.append(g, added_g)
+        low, high = w[k - 1], w[k + 1]
+        for _ in range(12):
+            inner = np.geomspace(low, high, _NUM_INNER_POINTS)
+            values = _gains(loop, inner)[:, i]
+            least = int(np.clip(np.argmin(sign * values), 1, len(inner) - 2))
+            low, high = inner[least - 1], inner[least + 1]
+        if sign * values[least] < 0:
+            w, g = np.append(w, inner[least]), np.append(g, values[least])
     order = np.argsort(w)
     return w[order], g[order]
-
-
-def _bisect(loop: StateSpace, low: float, high: float, i: int) -> float:
-    """Returns the frequency between low and high where log |l_i| changes sign."""
-    is_above = _gain(loop, low, i) > 0
-    while low < (middle := (low + high) / 2) < high:
-        if (_gain(loop, middle, i) > 0) == is_above:
-            low = middle
-        else:
-            high = middle
-    return float(high)

@@ -11,16 +11,26 @@ import pytest
 from grids import Slow
 from scipy.linalg import eigvals
 
+from teleop_drake.numerics import delay_margin as numerics
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
-    delay_margin,
     find_crossings,
     is_delay_robust,
     neutral_root_count,
-    stable_delays,
-    unstable_roots,
 )
 from teleop_drake.numerics.state_space import StateSpace
+
+
+def delay_margin(loop):
+    return numerics.delay_margin(loop, find_crossings(loop))
+
+
+def stable_delays(loop, max_delay):
+    return numerics.stable_delays(loop, max_delay, find_crossings(loop))
+
+
+def unstable_roots(loop, max_delay):
+    return numerics.unstable_roots(loop, max_delay, find_crossings(loop))
 
 
 def Retarded(A0, A1):
