@@ -8,16 +8,14 @@ graphviz-pure.
 """
 
 import io
-import math
 import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from pydrake.systems.framework import Diagram, System
 
@@ -26,8 +24,9 @@ from teleop_drake.validation import Refuse
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
 
-# Between the pictures of two levels, in points.
-_GAP = 18.0
+# How the levels stand that a picture opens: below each other in the order of their
+# insertion, which dot counts from the bottom, and even on the left.
+_BELOW_EACH_OTHER = 'graph [pack=18, packmode="array_itc1"]'
 
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
@@ -52,6 +51,9 @@ _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
 
 # Graphviz 2.43 draws an arrowhead on some lines in spite of dir=none.
 _NO_ARROW = "[dir=none, arrowsize=0]"
+
+# How the frame of a diagram begins in Drake's DOT text, and without a line.
+_FRAME, _NO_FRAME = "diagram {\ncolor=black", "diagram {\ncolor=white"
 
 # The lines of Drake's DOT text that carry the process-wide number of a system.
 _NUMBERED_LINE = re.compile(
@@ -84,8 +86,14 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     Raises:
         ValueError: if max_depth is negative.
     """
-    _CheckDepth(max_depth)
-    numbers: dict[str, int] = {}
+    # Drake ends the process on a negative depth.
+    if max_depth is not None and max_depth < 0:
+        Refuse("max_depth", max_depth, "null, 0 or positive")
+    return _Dot(system, max_depth, {})
+
+
+def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
+    """Returns the DOT text of a system, whose numbers are added to `numbers`."""
 
     def Number(drake_id: str) -> int:
         return numbers.setdefault(drake_id, len(numbers))
@@ -125,8 +133,8 @@ def WriteDiagram(
     The file appears complete or not at all, and replaces one of the same name.
 
     A picture of more than one level has each diagram by itself, first the whole with
-    its parts as closed boxes, then these boxes opened, arranged for a page in landscape
-    format. A .dot file has one graph of boxes in boxes, as `DiagramDot` returns it.
+    its parts as closed boxes, then below it these boxes opened. A .dot file has one
+    graph of boxes in boxes, as `DiagramDot` returns it.
 
     Args:
         path: ends in .svg, .png (200 dots per inch), .pdf, .dot or .html, a page in
@@ -157,35 +165,28 @@ def WriteDiagram(
         temporary.write_bytes(content)
 
 
-def _CheckDepth(max_depth: int | None) -> None:
-    # Drake ends the process on a negative depth.
-    if max_depth is not None and max_depth < 0:
-        Refuse("max_depth", max_depth, "null, 0 or positive")
-
-
 def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
     """Returns the picture of a diagram, and of each in it that is to be opened."""
-    pictures = [LayOut(dot, file_format) for dot in _LevelDots(system, max_depth)]
-    if len(pictures) == 1:
-        return pictures[0]
-    return (_JoinPngs if file_format == "png" else _JoinSvgs)(pictures)
-
-
-def _LevelDots(system: System, max_depth: int | None) -> list[str]:
-    """Returns the DOT text of a diagram, and of each in it that is to be opened.
-
-    They stand by their depth, each with its own parts as closed boxes.
-    """
-    _CheckDepth(max_depth)
-    if not isinstance(system, Diagram) or max_depth in (0, 1):
-        return [DiagramDot(system, max_depth=max_depth)]
+    if not isinstance(system, Diagram) or max_depth == 0:
+        return LayOut(DiagramDot(system, max_depth=max_depth), file_format)
     levels, deepest, depth = [system], [system], 1
     while deepest and depth != max_depth:
         parts = [part for outer in deepest for part in outer.GetSystems()]
         deepest = [part for part in parts if isinstance(part, Diagram)]
         levels += deepest
         depth += 1
-    return [DiagramDot(level, max_depth=1) for level in levels]
+    if len(levels) == 1:
+        return LayOut(DiagramDot(system, max_depth=1), file_format)
+    numbers: dict[str, int] = {}
+    text = ["}"]
+    for level in levels:
+        dot = _Dot(level, 1, numbers)
+        # A frame of its own, wide enough for the lines that run around the boxes.
+        dot = dot.replace("digraph _", "subgraph cluster_level", 1)
+        dot = dot.replace("rankdir=LR", "margin=30", 1)
+        text.append(dot.replace(_FRAME, f"{_NO_FRAME}\nmargin=8", 1))
+    text += [_BELOW_EACH_OTHER, "rankdir=LR", "digraph levels {"]
+    return LayOut("\n".join(reversed(text)), file_format)
 
 
 class _Edge:
@@ -330,7 +331,7 @@ def LayOut(dot: str, file_format: str) -> bytes:
         )
     # Dot's frame of a diagram is made for the boxes in it, and lines that run
     # around them leave it. The picture is made for both.
-    inner = dot.replace("diagram {\ncolor=black", "diagram {\ncolor=white", 1)
+    inner = dot.replace(_FRAME, _NO_FRAME, 1)
     picture = _RunDot(program, inner, file_format)
     if inner == dot:
         return picture
@@ -347,11 +348,6 @@ def _FramedPng(png: bytes) -> bytes:
     image = Image.open(io.BytesIO(png)).convert("RGB")
     width, height = image.size
     ImageDraw.Draw(image).rectangle((2, 2, width - 3, height - 3), outline=0, width=3)
-    return _Png(image)
-
-
-def _Png(image: Any) -> bytes:
-    """Returns a picture of PIL as a file."""
     file = io.BytesIO()
     image.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
     return file.getvalue()
@@ -377,70 +373,6 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
     # A PNG has no such text.
     return run.stdout.replace(_FONTS, _MORE_FONTS)
-
-
-def _Arrange(
-    sizes: Sequence[tuple[float, float]], gap: float
-) -> tuple[list[tuple[float, float]], tuple[float, float]]:
-    """Puts pictures in rows, in their order, so that all are as large as possible.
-
-    Returns:
-        The left upper corner of each, and width and height of all.
-    """
-    # The width of a row is that of some neighbours.
-    limits = {
-        sum(w + gap for w, _ in sizes[i:j])
-        for i in range(len(sizes))
-        for j in range(i + 1, len(sizes) + 1)
-    }
-    found = []
-    for limit in sorted(limits):
-        corners: list[tuple[float, float]] = []
-        x = y = row_height = width = 0.0
-        for w, h in sizes:
-            if x > 0 and x + w > limit:
-                x, y, row_height = 0.0, y + row_height + gap, 0.0
-            corners.append((x, y))
-            x, row_height = x + w + gap, max(row_height, h)
-            width = max(width, x - gap)
-        found.append((corners, (width, y + row_height)))
-    # How much a picture has to shrink for a page in landscape format.
-    return min(found, key=lambda x: max(x[1][0] / math.sqrt(2), x[1][1]))
-
-
-def _JoinSvgs(svgs: Sequence[bytes]) -> bytes:
-    """Puts pictures of graphs beside and below each other."""
-    # Left, top, width and height of each.
-    views = [ElementTree.fromstring(svg).attrib["viewBox"].split() for svg in svgs]
-    boxes = [tuple(map(float, view)) for view in views]
-    corners, (width, height) = _Arrange([(box[2], box[3]) for box in boxes], _GAP)
-    parts = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<svg width="{width:g}pt" height="{height:g}pt" '
-        f'viewBox="0 0 {width:g} {height:g}" xmlns="http://www.w3.org/2000/svg" '
-        'xmlns:xlink="http://www.w3.org/1999/xlink">',
-    ]
-    for i, (svg, box, (x, y)) in enumerate(zip(svgs, boxes, corners, strict=True)):
-        text = svg.decode()
-        graph = text[text.index("<g ") : text.rindex("</svg>")]
-        # No two elements may have one name.
-        graph = re.sub(r'\bid="', f'id="level{i}_', graph)
-        parts.append(f'<g transform="translate({x - box[0]:g} {y - box[1]:g})">')
-        parts.append(f"{graph}</g>")
-    return "\n".join([*parts, "</svg>", ""]).encode()
-
-
-def _JoinPngs(pngs: Sequence[bytes]) -> bytes:
-    """Puts pictures of graphs beside and below each other."""
-    from PIL import Image
-
-    images = [Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
-    gap = _GAP * _PNG_DPI / 72
-    corners, (width, height) = _Arrange([image.size for image in images], gap)
-    page = Image.new("RGB", (math.ceil(width), math.ceil(height)), "white")
-    for image, (x, y) in zip(images, corners, strict=True):
-        page.paste(image, (round(x), round(y)))
-    return _Png(page)
 
 
 def _SvgToPdf(svg: bytes) -> bytes:

@@ -209,22 +209,29 @@ def test_every_suffix_gives_a_file_of_its_kind(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
-def test_levels_stand_beside_each_other_on_a_page():
-    """Each opened box by itself, in pictures that do not overlap; A4 holds them all."""
+def test_levels_stand_below_each_other_on_a_page():
+    """Each opened box by itself, in its order; A4 holds them all."""
     svg = RenderSvg(MakeDiagram(LoadScenario("two_dof_combined")), max_depth=2)
     root = ElementTree.fromstring(svg.encode())
     width, height = (float(root.attrib[x][:-2]) for x in ("width", "height"))
     # In points: text of 14 has 5.5 or more on the page.
-    assert 14 * min(842 / width, 595 / height) > 5.5
+    assert 14 * min(595 / width, 842 / height) > 5.5
     names = re.findall(r">name=(\w+)<", svg)
     assert {names.count(x) for x in ("master", "controller", "robot")} == {2}
     assert names.count("plant") == 1
     # What is not connected is counted, and what is connected is there.
     assert re.search(r">\d+ more<", svg)
     assert "geometry_query" not in svg and "applied_generalized_force" in svg
-    sizes = [(4.0, 2.0), (3.0, 1.0), (3.0, 1.0)]
-    corners, size = rendering._Arrange(sizes, 0.5)
-    assert (corners, size) == ([(0, 0), (0, 2.5), (3.5, 2.5)], (6.5, 3.5))
+    # The frames: one below the other, even on the left, and the whole is the first.
+    frames = sorted(
+        [tuple(map(float, point.split(","))) for point in points.split()]
+        for points in re.findall(r"cluster_level.*?points=\"(.*?)\"", svg, re.S)
+    )
+    tops, bottoms = (sorted(f(y for _, y in x) for x in frames) for f in (min, max))
+    assert len(tops) == 4 and all(map(float.__lt__, bottoms, tops[1:]))
+    assert frames[-1][0][0] - frames[0][0][0] < 40
+    y = re.search(r' y="([-.\d]+)"[^>]*>name=teleoperator<', svg)[1]
+    assert tops[0] < float(y) < bottoms[0]
     identifiers = re.findall(r'\bid="(.*?)"', svg)
     assert len(identifiers) == len(set(identifiers)) > 50
 
