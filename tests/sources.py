@@ -21,21 +21,17 @@ class Step(LeafSystem):
 
 
 class Ramp:
-    """A delay fed by the signal start + [1, 2] t, with the integral of its output."""
+    """A delay fed by the signal start + [1, 2] t."""
 
     def __init__(self, dut, start=(0.0, 0.0)):
         builder = DiagramBuilder()
         slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
         ramp = builder.AddNamedSystem("ramp", Integrator(list(start)))
         self.dut = builder.AddNamedSystem("dut", dut)
-        self._integral = builder.AddNamedSystem("integral", Integrator(2))
-        for source, target in ((slope, ramp), (ramp, dut), (dut, self._integral)):
+        for source, target in ((slope, ramp), (ramp, dut)):
             builder.Connect(source.get_output_port(), target.get_input_port())
         self.simulator = Simulator(builder.Build())
-        self.context = self._ContextOf(dut)
-
-    def _ContextOf(self, system):
-        return system.GetMyContextFromRoot(self.simulator.get_context())
+        self.context = dut.GetMyContextFromRoot(self.simulator.get_context())
 
     def Eval(self):
         return self.dut.get_output_port().Eval(self.context).copy()
@@ -45,7 +41,3 @@ class Ramp:
         self.simulator.AdvanceTo(time)
         self.simulator.AdvancePendingEvents()
         return self.Eval()
-
-    def Integral(self, time):
-        self.simulator.AdvanceTo(time)
-        return self._integral.get_output_port().Eval(self._ContextOf(self._integral))

@@ -116,10 +116,6 @@ def test_estimate_at_zero_joint_angles_is_singular():
     assert Mobility(np.zeros(2)) == pytest.approx(expected, abs=0.005)
 
 
-def test_printed_trajectory_leaves_the_workspace():
-    assert 1.1 + math.sin(math.pi / 2) > appendix_a.L1 + appendix_a.L3
-
-
 def test_elementwise_projection_does_not_keep_psi_invertible():
     limit, rate = 0.1, np.array([[0.0, 1.0], [1.0, 0.0]])
     Psi, target = np.array([[1.0, 0.2], [0.2, 1.0]]), np.ones((2, 2))
@@ -145,10 +141,6 @@ def test_mobility_that_the_delayed_loop_tolerates():
             -1
         ]
         assert 6.0 < largest < 6.8
-
-
-def test_first_impact_of_an_undamped_spring():
-    assert 1e-3 * math.sqrt(150.0 * 0.5) == pytest.approx(8.66e-3, rel=1e-3)
 
 
 @pytest.mark.parametrize("task", Slow(TASKS))
@@ -193,15 +185,6 @@ def test_case_I_reaches_the_edge_of_the_workspace():
     assert scenario.duration > 6.5
 
 
-def test_completed_square():
-    lam, delta, mu = 2.0, 0.7, np.linspace(0.0, 3.0, 31)
-    bound = -lam * mu**2 + mu * delta
-    square = -lam * (mu - delta / (2 * lam)) ** 2 + delta**2 / (4 * lam)
-    assert square == pytest.approx(bound)
-    assert -lam * mu**2 - mu * delta / lam != pytest.approx(bound)
-    assert (bound[mu > delta / lam] < 0).all()
-
-
 def test_bound_as_printed_leaves_no_residual_set():
     lam, delta, mu = 2.0, 0.7, np.linspace(1e-3, 3.0, 301)
     right = -lam * (mu**2 - mu * delta / lam)
@@ -209,25 +192,6 @@ def test_bound_as_printed_leaves_no_residual_set():
     assert right == pytest.approx(-lam * mu**2 + mu * delta)
     assert ((right < 0) == (mu > delta / lam)).all()
     assert (printed < 0).all()
-
-
-def test_network_1_target_needs_lambda():
-    """ds/dt of (4.5) against (4.7), with and without Lambda in the first terms."""
-    Lambda, m, c, k, d = 3.0, 0.5, 0.1, 7.0, 0.5
-    x, v, f_c, f_h_dot = 0.2, -0.4, 1.3, 0.9
-    f_e = k * x + d * v
-    a = (f_c - f_e - c * v) / m
-    s_dot = a + Lambda * (k * v + d * a - f_h_dot)
-    psi = (1 + Lambda * d) / m
-    rest = -psi * c * v - Lambda * f_h_dot
-    assert psi * (f_c - f_e) + Lambda * k * v + rest == pytest.approx(s_dot)
-    assert psi * (f_c - f_e) + k * v + rest != pytest.approx(s_dot)
-
-
-def test_printed_reductions():
-    pairs = [(0.26, 0.472), (0.658, 0.72), (9.42, 11.3)]
-    reductions = [round(100 * (1 - ours / direct)) for ours, direct in pairs]
-    assert reductions == [45, 9, 17]
 
 
 def test_appendix_a_is_consistent():

@@ -5,13 +5,11 @@ from math import factorial, inf, pi
 
 import numpy as np
 import pytest
-from grids import Slow
 from independent_solver import (
     AdaptiveLaw,
     Layer,
     Slider,
     Task,
-    TwoLinkArm,
     solve,
     thesis_task,
 )
@@ -170,17 +168,6 @@ def test_the_arm_conserves_energy_and_starts_with_its_mobility(elbow):
     assert result.at(1e-4)["v_WT"] / 1e-4 == pytest.approx(start, rel=1e-4)
 
 
-def test_the_arms_kinematics_are_consistent():
-    q, qdot, step = np.array([0.4, 1.1]), np.array([0.7, -0.3]), 1e-6
-    assert isinstance(ARM, TwoLinkArm)
-    ahead = ARM.tool(q + step * qdot, qdot)[0]
-    behind = ARM.tool(q - step * qdot, qdot)[0]
-    position, velocity = ARM.tool(q, qdot)
-    assert (ahead - behind) / (2 * step) == pytest.approx(velocity, rel=1e-8)
-    links = 0.75 * np.exp(0.4j) + 0.75 * np.exp(1.5j)
-    assert position == pytest.approx([links.real, links.imag])
-
-
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
 def test_the_adaptive_law_satisfies_its_lyapunov_identity(name):
     """dV2/dt = -s^T P G1 s - z^T G2 z where the networks are exact."""
@@ -229,13 +216,6 @@ def test_the_adaptive_law_satisfies_its_lyapunov_identity(name):
     assert V_dot == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_basis_functions_have_no_factor_one_half():
-    law = AdaptiveLaw(thesis_task("one_dof", True, width=2.0).controller, np.eye(1))
-    zero = np.zeros(1)
-    Phi = law.errors(law.start(), np.array([0.00375]), zero, zero, zero, zero)[2]
-    assert Phi == pytest.approx(np.exp([-0.25, 0.0, -0.25, -1.0, -2.25]))
-
-
 def test_leakage_supervision_and_projection():
     controller = thesis_task("one_dof", True).controller
     law = AdaptiveLaw(controller, np.array([[4.0]]))
@@ -255,47 +235,3 @@ def test_leakage_supervision_and_projection():
         Psi[:] = value
         found = law.unpack(law.rates(a, far, zero, zero, zero, zero))[2]
         assert found[0, 0] == pytest.approx(rate)
-
-
-def test_automatic_psi_is_the_inverse_inertia_with_the_layers_damping():
-    task = thesis_task("one_dof", True, initial_psi="auto")
-    assert solve(task, 0.01).at(0.0)["Psi"][0, 0] == pytest.approx((1 + 0.5) / 0.5)
-    Lambda = np.array([[1.0, 0.0], [0.4, 1.0]])
-    task = thesis_task("two_dof_combined", True, Lambda=Lambda)
-    mobility = task.robot.mobility(task.robot.start_joints())
-    expected = np.array([[1.5, 0.0], [0.2, 1.0]]) @ mobility
-    assert solve(task, 0.01).at(0.0)["Psi"] == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_run_ends_where_it_is_told_to():
-    task = thesis_task("one_dof", False)
-    by_puncture = solve(task, 25.0, until="puncture")
-    assert by_puncture.end == by_puncture.event("puncture").time
-    fast = solve(task, 25.0, speed_limit=0.0011)
-    assert fast.end == fast.event("diverged").time
-    assert fast.at(fast.end)["v_WT"][0] == pytest.approx(0.0011, rel=1e-9)
-
-
-@pytest.mark.parametrize("adaptive", Slow([True, False]))
-@pytest.mark.parametrize("name", Slow(["two_dof_combined", "one_dof"]))
-def test_every_number_has_converged(name, adaptive):
-    task = thesis_task(name, adaptive)
-    duration = 18.0 if name == "one_dof" else 5.0
-    loose, tight = (solve(task, duration, rtol=rtol) for rtol in (1e-7, 1e-10))
-    assert tight.metrics() == pytest.approx(loose.metrics(), rel=1e-6)
-    assert len(tight.pieces) > 1.5 * len(loose.pieces)
-
-
-def test_the_thesiss_numbers_for_one_dof():
-    direct = solve(thesis_task("one_dof", False), 16.0).metrics()
-    assert direct["puncture_force"] == pytest.approx(5.72e-4, rel=2e-3)
-    assert direct["velocity_overshoot"] == pytest.approx(0.472e-3, rel=1e-2)
-    assert direct["initial_impact_force"] == pytest.approx(
-        direct["contact_velocity"] * np.sqrt(150.0 * 0.5), rel=0.01
-    )
-    adaptive = solve(thesis_task("one_dof", True), 18.0).metrics()
-    assert adaptive["puncture_force"] == pytest.approx(5.72e-4, rel=2e-3)
-    assert adaptive["velocity_overshoot"] == pytest.approx(0.26e-3, rel=0.04)
-    assert adaptive["initial_impact_force"] == pytest.approx(9.42e-3, rel=0.02)
-    assert adaptive["rebound_velocity"] == pytest.approx(-0.658e-3, rel=0.02)
-    assert adaptive["peak_force"] == adaptive["initial_impact_force"]

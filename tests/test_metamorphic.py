@@ -1,11 +1,9 @@
 """Runs that must be the same, or related, because their physics is."""
 
 import numpy as np
-import pytest
 
 from teleop_drake.scenario import LayerConfig, LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
 
 DIRECT = "controller.kind=direct_force"
 TIMES = np.linspace(0.0, 2.0, 401)
@@ -86,42 +84,3 @@ def test_the_other_elbow_is_the_mirrored_arm():
     ours = signals(mirrored, *MOTION)
     assert np.abs(ours[1][:, 1]).max() > 1e-3
     assert_equal([x * [1, -1] for x in ours], signals(scenario, *MOTION), 1e-5)
-
-
-def leaves(metrics):
-    """Yields the numbers of metrics with their names."""
-    for name, value in metrics.items():
-        if isinstance(value, dict):
-            for inner, number in leaves(value):
-                yield f"{name}.{inner}", number
-        else:
-            yield name, value
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
-def test_random_scenarios_against_tight_settings(seed):
-    rng = np.random.default_rng(seed)
-    overrides = {
-        "controller.kind": ("direct_force", "adaptive_backstepping")[seed % 2],
-        "forward_channel.delay": float(rng.uniform(0.01, 0.12)),
-        "return_channel.delay": float(rng.uniform(0.01, 0.12)),
-        "robot.mass": float(rng.uniform(0.4, 1.0)),
-        "robot.damping": float(rng.uniform(0.05, 0.5)),
-        "environment.layers.tissue.stiffness": float(rng.uniform(0.0, 0.05)),
-        "environment.layers.tissue.damping": float(rng.uniform(0.1, 1.0)),
-        "environment.layers.bone.damping": float(rng.uniform(0.5, 5.0)),
-        "duration": 9.0,
-    }
-    plain = RunMetrics(simulate(LoadScenario("one_dof", overrides)))
-    tight = {"simulator.accuracy": 1e-12, "simulator.max_step_size": 0.005}
-    exact = RunMetrics(simulate(LoadScenario("one_dof", overrides | tight)))
-    expected = dict(leaves(exact))
-    assert dict(leaves(plain)).keys() == expected.keys()
-    for name, value in leaves(plain):
-        if value is None or isinstance(value, bool):
-            assert value == expected[name], name
-        else:
-            np.testing.assert_allclose(
-                value, expected[name], rtol=1e-3, atol=1e-9, err_msg=name
-            )

@@ -124,12 +124,6 @@ def test_psi_derives_from_inertia_and_damping():
     np.testing.assert_allclose(gains.Psi0, expected, rtol=1e-12)
 
 
-def test_it_makes_the_law_with_its_network():
-    law = Config().MakeControlLaw(Facts(), "controller")
-    assert isinstance(law, AdaptiveBackstepping)
-    assert law.GetOutputPort("weights_1").size() == 2 * 9
-
-
 def test_it_takes_its_parameters_from_what_has_them():
     parameters = BacksteppingParameters(G1=1.0, G2=2.0, leakage=0.7)
     config = AdaptiveBacksteppingConfig.Of(parameters)

@@ -6,9 +6,7 @@ import pytest
 from teleop_drake.architectures.robust_backstepping import RobustBackstepping
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw
-from teleop_drake.tasks.metrics import RunMetrics
 
 
 def Load(name="two_dof_combined", **changes):
@@ -28,22 +26,6 @@ def test_bounds_derive_from_speed_and_gains():
     assert Bounds(Load(Lambda=2.0, P=3.0)) == pytest.approx((0.0, 0.3, 1.5, 0.05))
     given = {"acceleration_bound": 0.4, "force_width": 0.7}
     assert Bounds(Load(robust=given)) == pytest.approx((0.4, 0.1, 3.0, 0.7))
-
-
-def Settling(task, kind, **overrides):
-    overrides = {key.replace("__", "."): value for key, value in overrides.items()}
-    scenario = LoadScenario(task, {"controller.kind": kind, **overrides})
-    return RunMetrics(simulate(scenario))["collision"]["settling_time"]
-
-
-def test_what_the_page_says_of_it():
-    kinds = ("adaptive_backstepping", "robust_backstepping")
-    stiff = {"environment__layers__bone__stiffness": 1500.0}
-    plain, robust = (Settling("two_dof_collision", kind, **stiff) for kind in kinds)
-    assert robust < 0.8 * plain  # Case II, stiff bone.
-    plain = Settling("two_dof_combined", kinds[0])
-    against = {"controller__robust__acceleration_bound": 0.4}
-    assert Settling("two_dof_combined", kinds[1], **against) > 1.3 * plain
 
 
 def test_its_kernel_is_the_law():

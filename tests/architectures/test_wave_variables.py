@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -154,7 +153,7 @@ def test_a_growing_delay_makes_energy_unless_the_waves_are_scaled():
 
 @pytest.mark.parametrize(
     ("name", "delay"),
-    Slow([("two_dof_collision", 0.4), *product(TASKS, (0.0, 0.1, 0.4))]),
+    Slow([("two_dof_collision", 0.4), *zip(TASKS, (0.0, 0.4, 0.1, 0.4), strict=True)]),
 )
 def test_thesis_tasks_are_stable_whatever_the_delay(name, delay):
     recording = Wave(

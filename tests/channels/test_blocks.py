@@ -33,11 +33,6 @@ def Make(block, **arguments):
     return block(**({"size": 2} | BLOCKS[block] | arguments))
 
 
-@BLOCK
-def test_no_feedthrough(block):
-    assert not Make(block).HasDirectFeedthrough(0, 0)
-
-
 @pytest.mark.parametrize("block", [TransportDelay, SampledDelay])
 def test_zero_delay_is_a_pass_through(block):
     dut = Make(block, delay=0.0)

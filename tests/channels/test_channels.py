@@ -118,17 +118,6 @@ def test_other_channels_have_no_statistics():
     assert not [x for x in MetricUnits(recording.scenario) if "channel" in x]
 
 
-def test_extrapolation_follows_the_signal_more_closely():
-    errors = []
-    for policy in ("newest", "extrapolate"):
-        recording = run(*network(f"receiver: {{policy: {policy}}}"))
-        t = np.linspace(0.3, 0.9, 500)
-        received = recording.Interpolate("return_packet_received", t)[:, 0]
-        sent = recording.Interpolate("return_packet_sent", t - 0.1)[:, 0]
-        errors.append(np.abs(received - sent).max())
-    assert errors[1] < 0.2 * errors[0]
-
-
 def test_variable_channel():
     text = "kind: variable, drift: 0.01, sinusoid: {amplitude: 0.05, frequency: 4}"
     # What is compared are polynomials through the recorded steps: these are short.

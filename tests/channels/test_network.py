@@ -122,21 +122,6 @@ def test_a_constant_delay_is_that_of_the_sampled_channel(delay):
         )
 
 
-def test_extrapolation_of_a_ramp_is_the_ramp():
-    ramp = Ramp(make(receiver=Receiver(policy="extrapolate")))
-    for time in (0.1234, 0.5, 0.777):
-        np.testing.assert_allclose(ramp.Output(time), signal(time - 0.1), atol=1e-12)
-
-
-def test_a_deep_enough_buffer_takes_the_jitter_away():
-    jitter = Jitter(kind="uniform", std=0.02)
-    receiver = Receiver(policy="playout", depth=0.04)
-    ours = Ramp(make(receiver=receiver, jitter=jitter))
-    constant = Ramp(make(delay=0.14))
-    for time in np.arange(0.00313, 1.0, 0.0137):
-        np.testing.assert_allclose(ours.Output(time), constant.Output(time), atol=1e-12)
-
-
 def test_statistics_are_those_of_the_packets_sent():
     ramp = Ramp(make(**BUSY))
     ramp.Output(2.0)

@@ -162,11 +162,6 @@ def test_independent_loss():
     assert lengths.mean() == pytest.approx(1 / 0.9, rel=0.05)
 
 
-def test_everything_can_be_lost():
-    network = make(loss=Loss(kind="independent", probability=1.0))
-    assert np.all(np.isinf(network.Arrivals(2000)))
-
-
 @pytest.mark.parametrize(("rate", "length"), [(0.05, 8.0), (0.3, 2.0), (0.8, 30.0)])
 def test_bursts_have_the_rate_and_length_of_their_parameters(rate, length):
     count = 50_000

@@ -17,8 +17,6 @@ from teleop_drake.linear_model.loop import LinearizeLoop
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
 
 KINDS = {
     "hunt_crossley": "stiffness: 2000, damping: 1.5",
@@ -84,23 +82,6 @@ def test_kernel_and_surface_in_any_direction(config, n):
         F_e = block.GetOutputPort("environment_force").Eval(context)
         np.testing.assert_allclose(F_e, surface.Along(F_e) * surface.normal_W)
         assert (surface.Along(F_e) > 0) == (depth > 0)
-
-
-def test_both_engines_run_into_one():
-    kind = "friction_wall"
-    scenario = Collision(
-        kind, "duration=0.9", "controller.kind=direct_force", "simulator.accuracy=1e-9"
-    )
-    runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
-    drake, compiled = map(RunMetrics, runs)
-    assert drake["collision"]["peak_force"] > 0.1
-    for key in ("time", "velocity", "peak_force", "rebound_velocity"):
-        expected = pytest.approx(drake["collision"][key], rel=1e-5)
-        assert compiled["collision"][key] == expected
-    (surface,) = runs[0].surfaces
-    (contact, *_) = runs[0].EventTimes("contact")
-    p_WT = runs[0].Interpolate("tool_position", np.array([contact]))
-    assert surface.Depth(p_WT) == pytest.approx(0, abs=1e-8)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -29,7 +29,6 @@ from teleop_drake.laws.backstepping import (
     BacksteppingState,
     auxiliary_error,
     backstepping_rate,
-    control_force_error,
     initial_state,
     pack_state,
     project,
@@ -494,16 +493,6 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
     )
 
 
-@given(seed=seeds)
-def test_scalar_projection_never_increases_V2(seed):
-    """<Psi~, update - proj[update]> <= 0 wherever Psi* >= Psi_min."""
-    rng = np.random.default_rng(seed)
-    true_Psi, Psi = LIMIT + rng.exponential(), rng.uniform(0.0, 2 * LIMIT)
-    update = rng.normal(size=(1, 1))
-    removed = update - project(np.array([[Psi]]), update, LIMIT)
-    assert (true_Psi - Psi) * removed.item() <= 0.0
-
-
 def test_packing():
     rng = np.random.default_rng(0)
     state = _random_state(rng, 2, 5)
@@ -526,24 +515,6 @@ def test_initial_state():
     assert not state.F_c.any()
     assert not state.W1.any()
     assert not state.W3.any()
-
-
-def test_errors_of_the_telemetry():
-    gains = _random_gains(np.random.default_rng(0), 1, Lambda=[[2.0]], G1=[[4.0]])
-    s = auxiliary_error(
-        gains,
-        v=np.array([7.0]),
-        v_dd=np.array([3.0]),
-        F_e=np.array([5.0]),
-        F_hd=np.array([4.0]),
-    )
-    assert s == [6.0]
-    state = BacksteppingState(
-        np.array([1.0]), np.array([[10.0]]), np.array([[2.0]]), np.array([[0.0]])
-    )
-    z = control_force_error(gains, state, Phi=np.array([0.5]), s=s, F_e=np.array([5.0]))
-    # alpha = 5 - (10 * 0.5 + 4 * 6) / 2 = -9.5
-    assert z == [10.5]
 
 
 VALID = BacksteppingGains(

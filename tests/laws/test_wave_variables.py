@@ -89,17 +89,6 @@ def test_the_line_is_a_transmission_line(omega):
     assert matched == pytest.approx(B)
 
 
-def test_what_the_line_feels_like_at_low_frequency():
-    omega, k = 1e-3, 7.0
-    s = 1j * omega
-    free = InputImpedance(B, T, omega, lambda s: 0.0)
-    assert free / s == pytest.approx(B * T / 2, rel=1e-6)
-    wall = InputImpedance(B, T, omega, None)
-    assert wall * s == pytest.approx(2 * B / T, rel=1e-6)
-    spring = InputImpedance(B, T, omega, lambda s: k / s)
-    assert spring * s == pytest.approx(2 * B * k / (2 * B + k * T), rel=1e-6)
-
-
 def test_the_drift_is_corrected_with_the_energy_of_the_wave():
     S = np.diag([2.0, 4.0])
     far = drift_correcting_wave(

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from drive_bandwidth import Measure
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.systems.actuator import Actuator, ActuatorConfig, GearFriction
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -79,14 +78,6 @@ def test_analyze_knows_the_slope_of_friction():
     np.testing.assert_allclose(
         point.loop.frequency_response(s.imag)[:, 0, 0], expected, rtol=1e-5
     )
-
-
-def test_which_drives_let_case_ii_come_to_rest():
-    """As the page on robots says."""
-    case, (direct, adaptive) = "two_dof_collision", CONTROLLERS
-    rests = [Measure(case, adaptive, w)["collision.settling_time"] for w in (30, 20)]
-    assert rests[0] is not None and rests[1] is None
-    assert Measure(case, direct, 30)["diverged_at"] is not None
 
 
 @pytest.mark.parametrize(

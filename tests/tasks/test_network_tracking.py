@@ -6,7 +6,6 @@ import itertools
 import appendix_a as arm
 import numpy as np
 import pytest
-import yaml
 from grids import Slow
 from scipy.integrate import solve_ivp, trapezoid
 
@@ -15,7 +14,6 @@ from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,
     ScenarioError,
-    ScenarioToYaml,
     TrajectoryConfig,
 )
 from teleop_drake.simulation import simulate
@@ -27,18 +25,6 @@ pytestmark = pytest.mark.xdist_group("tracking")
 
 CASES = ("network_tracking_linear", "network_tracking_coupled")
 CASE = pytest.mark.parametrize("name", CASES)
-
-# Section 3.4: max and rms error, x and z.
-THESIS = {
-    "network_tracking_linear": {
-        "max_error": [0.0578, 0.0894],
-        "rms_error": [0.0145, 0.025],
-    },
-    "network_tracking_coupled": {
-        "max_error": [0.13, 0.0902],
-        "rms_error": [0.033, 0.027],
-    },
-}
 
 
 @functools.cache
@@ -145,42 +131,6 @@ def test_metrics_agree_with_a_second_solver(name):
 
 
 # The thesis.
-
-
-@CASE
-def test_printed_errors_within_a_quarter(name):
-    metrics = RunMetrics(Run(name))
-    for key, printed in THESIS[name].items():
-        assert metrics[key] == pytest.approx(printed, rel=0.25), key
-
-
-def test_one_set_of_parameters_for_both_cases():
-    one, two = (yaml.safe_load(ScenarioToYaml(LoadScenario(name))) for name in CASES)
-    assert {key for key in one if one[key] != two[key]} == {
-        "name",
-        "description",
-        "source",
-        "disturbance",
-    }
-    assert one["disturbance"] | {"kind": "coupled"} == two["disturbance"]
-
-
-@CASE
-def test_errors_converge(name):
-    recording = Run(name)
-    error = np.abs(recording["tool_position"] - recording["desired_position"])
-    unknown = np.abs(recording["disturbance_estimate"] - recording["environment_force"])
-    late = recording.time > 0.75 * recording.time[-1]
-    assert np.all(error[late].max(axis=0) < 0.1 * error.max(axis=0))
-    assert np.all(unknown[late].max(axis=0) < 0.1 * unknown.max(axis=0))
-
-
-def test_the_network_is_what_helps():
-    learning = RunMetrics(Run(CASES[0]))
-    without = RunMetrics(Run(CASES[0], "controller.adaptation_rate=0"))
-    assert np.all(
-        np.array(learning["rms_error"]) < 0.2 * np.array(without["rms_error"])
-    )
 
 
 def test_printed_trajectory_leaves_the_workspace():

@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import pytest
-from grids import Slow
 from runs import Simulated
 
 from teleop_drake.thesis import report
@@ -30,21 +29,18 @@ def ledger(thesis_runs):
     return Ledger(thesis_runs)
 
 
-@pytest.fixture(scope="session", params=Slow(["a few figures", "everything"]))
-def reproduced(request, thesis_runs, ledger, tmp_path_factory):
-    """A folder with what `teleop-drake reproduce` writes.
-
-    The short run of the tests draws a few figures.
-    """
+@pytest.fixture(scope="session")
+def reproduced(thesis_runs, ledger, tmp_path_factory):
+    """A folder with what `teleop-drake reproduce` writes, with two of the figures."""
     lines: list[str] = []
+    figures = {number: FIGURES[number] for number in ("2.1", "4.5")}
     with pytest.MonkeyPatch.context() as patch:
-        if request.param == "a few figures":
-            figures = {number: FIGURES[number] for number in ("2.1", "4.5")}
-            patch.setattr(report, "FIGURES", figures)
-            patch.setattr(report, "Ledger", lambda runs: ledger)
+        patch.setattr(report, "FIGURES", figures)
+        patch.setattr(report, "Ledger", lambda runs: ledger)
         folder = tmp_path_factory.mktemp("reproduced")
-        figures = list(report.FIGURES.values())
         paths = report.Reproduce(
             folder, formats=["png"], progress=lines.append, runs=thesis_runs
         )
-    return SimpleNamespace(folder=folder, paths=paths, figures=figures, lines=lines)
+    return SimpleNamespace(
+        folder=folder, paths=paths, figures=list(figures.values()), lines=lines
+    )

@@ -1,7 +1,5 @@
 """What the networks learn, and what they cannot."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,7 @@ from teleop_drake.thesis.claims.learning import (
     WeightDrift,
 )
 from teleop_drake.thesis.claims.measures import Rms, UnlearnedShare
-from teleop_drake.thesis.runs import ADAPTIVE, LEARNING, NO_ADAPTATION, TASKS, Delay
+from teleop_drake.thesis.runs import ADAPTIVE, LEARNING, NO_ADAPTATION, TASKS
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -108,45 +106,3 @@ def test_what_leakage_leaves_and_how_long_it_takes(which):
     assert 1 - learned == pytest.approx(nu * gain / (nu * gain + active), rel=1e-3)
     slowest = -np.linalg.eigvals(A).real.max()
     assert slowest == pytest.approx(beta * (active / gain + nu), rel=0.02)
-
-
-@pytest.mark.slow
-def test_the_price_of_learning(thesis_runs):
-    """Learning costs delay."""
-    ends = [
-        thesis_runs(LEARNING, Delay(delay), {"controller.adaptation_rate": rate})
-        for delay, rate in ((0.3, 0.5), (0.3, 0.0), (0.2, 0.5), (0.2, 2.0))
-    ]
-    diverges = [run.recording.termination == "diverged" for run in ends]
-    assert diverges == [True, False, False, True]
-
-
-@pytest.mark.slow
-def test_it_takes_a_network_where_the_unknown_changes_on_the_way():
-    square = [[0.5, 0.0], [0.5, 0.5], [0.0, 0.5], [0.0, 0.0]]
-    task = {
-        "robot.start": [0.55, -0.25],
-        "robot.posture": [-1.5, 2.2],
-        "surgeon.waypoints": square * 4,
-        "surgeon.velocity": [0.2, 0.0],
-        "duration": 64.0,
-        "controller.network.lower": [0.4, -0.4],
-        "controller.network.upper": [1.2, 0.4],
-    }
-    rounds = {}
-    for rate, count, width in ((2.0, 5, 1.5), (4.0, 1, 20.0)):
-        law = {"adaptation_rate": rate, "network.count": [count] * 2}
-        law["network.width"] = width
-        law = {f"controller.{name}": value for name, value in law.items()}
-        scenario = LoadScenario(LEARNING, task | law)
-        recording = simulate(scenario, engine="compiled")
-        distance, time = PathDistance(recording), recording.time
-        ends = np.linspace(0.0, scenario.surgeon.Path()[0][-1], 5)
-        rounds[count] = []
-        for begin, end in itertools.pairwise(ends):
-            kept = (time >= begin) & (time <= end)
-            square_mean = np.trapezoid(distance[kept] ** 2, time[kept]) / (end - begin)
-            rounds[count].append(1e3 * np.sqrt(square_mean))
-    # In mm, round by round; both begin alike.
-    assert rounds[5] == pytest.approx([45, 39, 27, 24], abs=0.6)
-    assert rounds[1] == pytest.approx([44, 39, 39, 41], abs=0.6)

@@ -168,21 +168,6 @@ def test_a_quicker_tool_changes_the_verdicts_of_chapter_4(thesis_runs):
     assert verdicts["4-direct-overshoot"] == "reproduced"
 
 
-def test_a_tool_without_overshoot_turns_a_refuted_claim(thesis_runs):
-    def Limit(recording):
-        v = np.minimum(recording["tool_velocity"], 0.1)
-        steps = np.diff(recording.time)[:, np.newaxis] * (v[1:] + v[:-1]) / 2
-        p = recording["tool_position"]
-        p[1:] = p[0] + np.cumsum(steps, axis=0)
-        recording["tool_velocity"][:] = v
-        recording["tool_acceleration"][:] = 0.0
-
-    verdicts = Verdicts(
-        "5-I-no-overshoot", Changed(thesis_runs, "two_dof_puncture", Limit)
-    )
-    assert verdicts["5-I-no-overshoot"] == "reproduced"
-
-
 def test_a_jump_of_the_control_force_is_seen(thesis_runs):
     def Jump(recording):
         i = int(np.flatnonzero(np.diff(recording.time) == 0)[-1])
