@@ -1,8 +1,8 @@
 """Energy at both ends of the channels.
 
 Two pairs of ends. With the thesis's packets, which carry a force forward and a
-velocity back, the channels themselves have a power at each end (ChannelEnergyBalance,
-AddChannelEnergy). Other architectures send waves, positions or more. For every one
+velocity back, the channels themselves have a power at each end (ChannelEnergyBalance).
+Other architectures send waves, positions or more. For every one
 there is the two-port between the operator's hand and the tool, channels and both sides
 of the architecture together: F_h . v_felt goes in and F_c . v comes out
 (TwoPortEnergyBalance, AddTwoPortEnergy). What the sides dissipate or store, such as
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from teleop_drake.numerics.step_polynomials import integrate_product
@@ -50,53 +50,26 @@ class EnergyBalance:
         return np.maximum.accumulate(np.maximum(-self.energy, 0.0))
 
 
-def ChannelEnergyBalance(
-    recording: Recording,
-    *,
-    force: slice | None = None,
-    velocity: slice | None = None,
-) -> EnergyBalance:
-    """Balances the energy of the channels of a recorded run.
+def ChannelEnergyBalance(recording: Recording) -> EnergyBalance:
+    """Balances the energy of the channels of a run with the thesis's packets.
 
-    systems.ChannelEnergy computes the same energy in the diagram, during the run. Here
-    the product of the recording's polynomials is integrated exactly.
-
-    Args:
-        force: Where the forward packet has its force; None: its first half, as in
-            the thesis's packet [F_h; v_d].
-        velocity: Where the return packet has its velocity; None: its second half, as in
-            [p_WT; v_WT].
+    The product of the recording's polynomials is integrated exactly.
 
     Raises:
-        ValueError: If it is the recording of something else, or the parts of the
-            packets are not as many as there are axes.
+        ValueError: If it is the recording of something else.
     """
-    n = recording["tool_velocity"].shape[1]
-    names = ("forward_packet_sent", "return_packet_received")
-    if any(name not in recording.signals for name in names):
-        Refuse("recording", "without packets", "a run of a teleoperation")
-    parts = []
-    for packet, part, default in (
-        ("forward_packet", force, slice(0, n)),
-        ("return_packet", velocity, slice(n, 2 * n)),
-    ):
-        width = recording[f"{packet}_sent"].shape[1]
-        if part is None and width != 2 * n:
-            allowed = f"{2 * n}, or say where its force and velocity are"
-            Refuse(f"entries of {packet}", width, allowed)
-        part = default if part is None else part
-        chosen = len(range(width)[part])
-        if chosen != n:
-            Refuse(f"entries chosen of {packet}", chosen, str(n))
-        parts.append(part)
-    forces, velocities = parts
+    first, second = _Halves(recording)
+    for name in ("forward_packet", "return_packet"):
+        width = recording[f"{name}_sent"].shape[1]
+        if width != second.stop:
+            Refuse(f"entries of {name}", width, f"{second.stop}, as in the thesis")
     return _Balance(
         recording,
         [
-            ("forward_packet_sent", forces),
-            ("return_packet_received", velocities),
-            ("forward_packet_received", forces),
-            ("return_packet_sent", velocities),
+            ("forward_packet_sent", first),
+            ("return_packet_received", second),
+            ("forward_packet_received", first),
+            ("return_packet_sent", second),
         ],
     )
 
@@ -113,19 +86,21 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     Raises:
         ValueError: If it is the recording of something else.
     """
-    n = recording["tool_velocity"].shape[1]
-    if "forward_packet_sent" not in recording.signals:
-        Refuse("recording", "without packets", "a run of a teleoperation")
+    first, second = _Halves(recording)
     everything = slice(None)
     hand = [("force_command", everything), ("felt_velocity", everything)]
     if "felt_velocity" not in recording.signals:
-        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
-        hand = [
-            ("forward_packet_sent", slice(0, n)),
-            ("return_packet_received", slice(n, 2 * n)),
-        ]
+        hand = [("forward_packet_sent", first), ("return_packet_received", second)]
     tool = [("control_force", everything), ("tool_velocity", everything)]
     return _Balance(recording, hand + tool)
+
+
+def _Halves(recording: Recording) -> tuple[slice, slice]:
+    """Returns the halves of the thesis's packets, [F_h; v_d] and [p_WT; v_WT]."""
+    if "forward_packet_sent" not in recording.signals:
+        Refuse("recording", "without packets", "a run of a teleoperation")
+    n = recording["tool_velocity"].shape[1]
+    return slice(0, n), slice(n, 2 * n)
 
 
 def _Balance(
@@ -145,41 +120,6 @@ def _Balance(
         power_out=np.sum(F_s * v_s, axis=1),
         energy=np.cumsum(work),
     )
-
-
-def AddChannelEnergy(
-    builder: DiagramBuilder,
-    *,
-    num_axes: int,
-    forward_sent: OutputPort,
-    forward_received: OutputPort,
-    return_sent: OutputPort,
-    return_received: OutputPort,
-) -> ChannelEnergy:
-    """Adds a ChannelEnergy for the channels, with what takes packets apart for it.
-
-    Args:
-        builder: Of the diagram with the loop.
-        forward_sent: Packet [F_h; v_d] (2n) at the master.
-        return_sent: Packet [p_WT; v_WT] (2n) at the slave.
-
-    Returns:
-        The system, whose output ports are energy and power.
-    """
-    n = num_axes
-    meter = ChannelEnergy(num_axes=n)
-    builder.AddNamedSystem("channel_energy", meter)
-    for i, (port, name) in enumerate(
-        (
-            (forward_sent, "master_force"),
-            (forward_received, "slave_force"),
-            (return_received, "master_velocity"),
-            (return_sent, "slave_velocity"),
-        )
-    ):
-        part = _AddHalf(builder, port, name, n, i // 2)
-        builder.Connect(part, meter.GetInputPort(name))
-    return meter
 
 
 def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
@@ -214,10 +154,18 @@ def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
         F_h, v_felt = map(master.GetOutputPort, ("force_command", "felt_velocity"))
     else:
         # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
-        sent = master.GetOutputPort("forward_packet")
-        received = back.GetOutputPort("delayed_signal")
-        F_h = _AddHalf(builder, sent, "master_force", n, 0)
-        v_felt = _AddHalf(builder, received, "master_velocity", n, 1)
+        halves = []
+        for i, packet in enumerate(
+            (
+                master.GetOutputPort("forward_packet"),
+                back.GetOutputPort("delayed_signal"),
+            )
+        ):
+            unpack = builder.AddSystem(Demultiplexer([n, n]))
+            unpack.set_name(f"unpack_{packet.get_name()}")
+            builder.Connect(packet, unpack.get_input_port())
+            halves.append(unpack.get_output_port(i))
+        F_h, v_felt = halves
     for port, name in (
         (F_h, "master_force"),
         (v_felt, "master_velocity"),
@@ -226,12 +174,3 @@ def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
     ):
         builder.Connect(port, meter.GetInputPort(name))
     return meter
-
-
-def _AddHalf(
-    builder: DiagramBuilder, packet: OutputPort, name: str, size: int, half: int
-) -> OutputPort:
-    """Adds what takes a packet apart; returns its first half (0) or the second (1)."""
-    unpack = builder.AddNamedSystem(f"unpack_{name}", Demultiplexer([size, size]))
-    builder.Connect(packet, unpack.get_input_port())
-    return unpack.get_output_port(half)
