@@ -58,7 +58,8 @@ def SeparateRate(
 class SeparateUpdates(AdaptiveBackstepping):
     """AdaptiveBackstepping with SeparateRate(); all else is the same.
 
-    The limit of Psi (4.53, 5.53) takes no account of the difference: it must not be reached.
+    The limit of Psi (4.53, 5.53) takes no account of the difference: it must not be
+    reached.
     """
 
     def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
