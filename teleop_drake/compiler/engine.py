@@ -1,39 +1,24 @@
 """Runs a compiled diagram."""
 
+import functools
 from collections.abc import Callable, Iterable, Sequence, Sized
-from typing import Any, NamedTuple
+from types import FunctionType
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from teleop_drake.compiler.compile import CompileIntegrator
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.source import Program
-from teleop_drake.integrator.advance import (
-    DONE,
-    FULL,
-    STUCK,
-    advance,
-    delay_at,
-    evaluate_pieces,
-)
-from teleop_drake.integrator.problem import (
-    BREAKS,
-    EVALUATIONS,
-    POLYNOMIALS,
-    ROWS,
-    STEPS,
-    TRIES,
-    Delays,
-    Memory,
-    Problem,
-    Transitions,
-    make_memory,
-)
+from teleop_drake.integrator import advance as integrator
+from teleop_drake.integrator import problem
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
-from teleop_drake.machine_code.native import Evaluate
+from teleop_drake.machine_code.cache import Kept
+from teleop_drake.machine_code.native import Evaluate, Integrator, Library
+from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
 
@@ -85,6 +70,8 @@ class CompiledRun:
 
     Attributes:
         evaluator: Of the diagram.
+        problem: What is integrated.
+        memory: Where it is.
         start: Where it started.
         failure: Why it cannot go on; empty if it can.
         error: What was raised in the midst of a step, after which it cannot go on.
@@ -110,13 +97,13 @@ class CompiledRun:
         self.visited: list[Visited] = []
         self._accuracy, self._max_step = accuracy, max_step
         program = self.evaluator.program
-        self._problem = Problem(
+        self.problem = problem.Problem(
             *program.parameters,
             _Delays(program, start.t, end),
             _Transitions(program),
         )
-        self._memory = make_memory(
-            self._problem,
+        self.memory = problem.make_memory(
+            self.problem,
             x=start.x.copy(),
             m=start.m.copy(),
             y=start.y.copy(),
@@ -126,49 +113,24 @@ class CompiledRun:
         )
         self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
         self._num_rows, self._chunk = 0, _FIRST_CHUNK
-        self._integrate: Callable[..., Any] = advance
+        self._integrate: Callable[..., Any] = integrator.advance
         if isinstance(evaluator.function, Evaluate):
             numbers = 0.0, accuracy, max_step
-            self._integrate = CompileIntegrator(self._problem, self._memory, *numbers)
-
-    @property
-    def problem(self) -> Problem:
-        """What is integrated."""
-        return self._problem
-
-    @property
-    def memory(self) -> Memory:
-        """Where it is."""
-        return self._memory
+            self._integrate = CompileIntegrator(self.problem, self.memory, *numbers)
 
     @property
     def time(self) -> float:
         """How far the run is, in s."""
-        return float(self._memory.clock[0])
+        return float(self.memory.clock[0])
 
     @property
     def is_finite(self) -> bool:
         """Whether all numbers are that it computed last."""
-        memory = self._memory
+        memory = self.memory
         return all(
             bool(np.isfinite(x).all())
             for x in (memory.x, memory.x_stage, memory.x_next, memory.stages)
         )
-
-    @property
-    def num_steps(self) -> int:
-        """How many steps it has taken."""
-        return int(self._memory.counts[STEPS])
-
-    @property
-    def num_tries(self) -> int:
-        """How many steps it has tried, rejected ones too, and events at an instant."""
-        return int(self._memory.counts[TRIES])
-
-    @property
-    def num_evaluations(self) -> int:
-        """How many evaluations of the time derivatives it has taken."""
-        return int(self._memory.counts[EVALUATIONS])
 
     def Advance(self, end: float) -> tuple[Array, Array, Indices]:
         """Integrates for a while.
@@ -184,16 +146,16 @@ class CompiledRun:
         """
         self._MakeRoomForRows()
         numbers = float(end), self._accuracy, self._max_step
-        arguments = self._problem, self._memory, *numbers
-        status = DONE
+        arguments = self.problem, self.memory, *numbers
+        status = integrator.DONE
         try:
             status = self._integrate(self.evaluator.function, *arguments)
         except Exception as error:
-            status = FULL
+            status = integrator.FULL
             if not self._MakesStepShorter(error):
                 self.error = error
-        memory = self._memory
-        num, memory.counts[ROWS] = int(memory.counts[ROWS]), 0
+        memory = self.memory
+        num, memory.counts[problem.ROWS] = int(memory.counts[problem.ROWS]), 0
         self._num_rows += num
         times, rows = memory.row_times[:num], memory.rows[:num]
         ends = np.flatnonzero(memory.row_ends[:num])
@@ -201,15 +163,15 @@ class CompiledRun:
         if num:
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
-        if status == STUCK:
+        if status == integrator.STUCK:
             # In the words of Drake.
             self.failure = (
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
-        elif status == FULL and self._chunk == _CHUNK:
+        elif status == integrator.FULL and self._chunk == _CHUNK:
             self._MakeRoom()
-        elif status == FULL:
+        elif status == integrator.FULL:
             self._chunk = _CHUNK
         return times, rows, steps
 
@@ -224,7 +186,7 @@ class CompiledRun:
             error: If it is of numbers, then the state that was tried may be to blame.
         """
         is_of_numbers = isinstance(error, ArithmeticError | np.linalg.LinAlgError)
-        clock = self._memory.clock
+        clock = self.memory.clock
         if not (is_of_numbers or not self.is_finite):
             return False
         clock[1] *= 0.1
@@ -239,7 +201,7 @@ class CompiledRun:
             room = max(2 * len(times), _FIRST_CHUNK + 4 * _CHUNK)
             self._times, self._rows = np.empty(room), np.empty((room, rows.shape[1]))
             self._times[:first], self._rows[:first] = times, rows
-        self._memory = self._memory._replace(
+        self.memory = self.memory._replace(
             row_times=self._times[first:end],
             row_ends=np.empty(self._chunk, np.int64),
             rows=self._rows[first:end],
@@ -247,13 +209,13 @@ class CompiledRun:
 
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""
-        memory, counts = self._memory, self._memory.counts
-        num = counts[POLYNOMIALS]
-        delays = self._problem.delays
+        memory, counts = self.memory, self.memory.counts
+        num = counts[problem.POLYNOMIALS]
+        delays = self.problem.delays
         reached = self.time
         for d, time in enumerate(delays.times):
             if np.isfinite(time):
-                delay = delay_at(self.time, d, delays)
+                delay = integrator.delay_at(self.time, d, delays)
                 reached = min(reached, self.time - delay)
             elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
                 # Those that are shown later were sent later.
@@ -271,14 +233,31 @@ class CompiledRun:
         # The polynomial under way is behind the others.
         steps[: num + 1 - oldest] = steps[oldest : num + 1].copy()
         values[: num + 1 - oldest] = values[oldest : num + 1].copy()
-        counts[POLYNOMIALS] = num - oldest
+        counts[problem.POLYNOMIALS] = num - oldest
         breaks = memory.breaks
-        if counts[BREAKS] > len(breaks) // 2:
+        if counts[problem.BREAKS] > len(breaks) // 2:
             breaks = np.concatenate([breaks, np.zeros_like(breaks)])
-        self._memory = memory._replace(steps=steps, values=values, breaks=breaks)
+        self.memory = memory._replace(steps=steps, values=values, breaks=breaks)
 
 
-def _Delays(program: Program, start: float, end: float) -> Delays:
+def CompileIntegrator(*arguments: Any) -> Integrator:
+    """Returns integrator.advance.advance() as machine code.
+
+    It is compiled once a process for all diagrams, as nothing in it is a user's, and
+    kept in the user's cache.
+    """
+    return _Integrator((EVALUATE, *map(TypeOf, arguments)))
+
+
+@functools.cache
+def _Integrator(types: tuple[Any, ...]) -> Integrator:
+    data, _ = Kept(
+        "advance", MakeTypedCode(cast(FunctionType, integrator.advance), types)
+    )
+    return Integrator(Library(data, "advance", "fault"))
+
+
+def _Delays(program: Program, start: float, end: float) -> problem.Delays:
     delays = [delay for delay, _, _ in program.delays]
     packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
     pieces = [
@@ -291,7 +270,7 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
         _Shortest(x) if callable(delay.time) else delay.time
         for delay, x in zip(delays, pieces, strict=True)
     ]
-    return Delays(
+    return problem.Delays(
         times=np.array(times, float),
         signals=_Integers(part.start for _, part, _ in program.delays),
         outputs=_Integers(part.start for _, _, part in program.delays),
@@ -327,13 +306,13 @@ def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
 def _Shortest(pieces: Pieces) -> float:
     """Returns the shortest of a delay that varies, or a little less."""
     times = np.linspace(pieces.knots[:-1], pieces.knots[1:], 17).ravel().tolist()
-    return 0.99 * min(evaluate_pieces(*pieces, t) for t in times)
+    return 0.99 * min(integrator.evaluate_pieces(*pieces, t) for t in times)
 
 
-def _Transitions(program: Program) -> Transitions:
+def _Transitions(program: Program) -> problem.Transitions:
     rows = program.transitions
     offsets = [np.inf if guard else x.offset for x, guard, _, _ in rows]
-    return Transitions(
+    return problem.Transitions(
         guards=_Integers(guard.start if guard else -1 for _, guard, _, _ in rows),
         sources=_Integers(source.start for _, _, source, _ in rows),
         targets=_Integers(target.start for _, _, _, target in rows),

@@ -1,5 +1,6 @@
 """A diagram as one function, in Python or in machine code."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -8,13 +9,16 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
-from teleop_drake.compiler.compile import CompileEvaluate
 from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import Kernel
+from teleop_drake.machine_code.cache import Kept
+from teleop_drake.machine_code.native import Evaluate, Library
+from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
+from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 
 Array = NDArray[np.float64]
@@ -154,3 +158,41 @@ def _InPython(program: Program) -> Callable[..., Any]:
     exec(program.text, names)
     evaluate: Callable[..., Any] = names["evaluate"]
     return evaluate
+
+
+def CompileEvaluate(program: Program) -> Evaluate:
+    """Returns the function `evaluate` of a program as machine code.
+
+    The code is kept in the user's cache.
+
+    Raises:
+        Untraceable: If a function does what a graph of operations cannot, such as a
+            loop until something has converged.
+    """
+    parameters, integers = program.parameters
+    evaluate, _ = _Compiled(
+        program.text,
+        tuple(program.names.items()),
+        program.sizes,
+        len(parameters),
+        tuple(integers.tolist()),
+    ).Get()
+    return evaluate
+
+
+@functools.cache
+def _Compiled(
+    text: str,
+    names: tuple[tuple[str, Callable[..., Any]], ...],
+    sizes: tuple[int, int, int],
+    num_parameters: int,
+    integers: tuple[int, ...],
+) -> UpToDate[Evaluate]:
+    def Make() -> Evaluate:
+        q = np.array(integers, np.int64)
+        traced = TraceProgram(text, dict(names), sizes, num_parameters, q)
+        data, is_from_cache = Kept("evaluate", MakeCode(traced))
+        library = Library(data, "evaluate")
+        return Evaluate(library.Address("evaluate"), library, is_from_cache)
+
+    return UpToDate([function for _, function in names], Make)

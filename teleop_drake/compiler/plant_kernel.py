@@ -11,29 +11,11 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws import task_space, tracking
 from teleop_drake.laws.gaussian_network import basis_functions
-from teleop_drake.laws.task_space import (
-    PostureGains,
-    joint_torques,
-    orientation_torque,
-    posture_torque,
-    tool_kinematics,
-)
-from teleop_drake.laws.tracking import (
-    disturbance_estimate,
-    task_dynamics,
-    tracking_error,
-    tracking_force,
-    weights_rate,
-)
-from teleop_drake.numerics.rigid_body import (
-    RigidBodyTree,
-    calc_dynamics,
-    calc_jacobian,
-    calc_joint_accelerations,
-    calc_motion,
-    calc_point_accelerations,
-)
+from teleop_drake.laws.task_space import PostureGains
+from teleop_drake.numerics import rigid_body
+from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.posture_hold import PostureHold
@@ -70,12 +52,12 @@ class _ToolState(NamedTuple):
 def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
     """Returns the dynamics at a tool; the acceleration is that without v_dot."""
     tree, link, point = tool.tree, tool.link, tool.pose[:, 3]
-    motion = calc_motion(tree, q, v)
+    motion = rigid_body.calc_motion(tree, q, v)
     R = motion.R[link + 1] @ tool.pose[:, :3]
-    p, J = calc_jacobian(tree, motion, link, point)
-    M, bias = calc_dynamics(tree, motion, v)
+    p, J = rigid_body.calc_jacobian(tree, motion, link, point)
+    M, bias = rigid_body.calc_dynamics(tree, motion, v)
     rest = np.zeros(len(v))
-    a = calc_point_accelerations(tree, motion, [link], [point], v, rest)
+    a = rigid_body.calc_point_accelerations(tree, motion, [link], [point], v, rest)
     return _ToolState(R, p, J, M, bias, a[0])
 
 
@@ -100,7 +82,7 @@ def plant_rate(
     efforts = np.clip(actuation, -effort_limits, effort_limits)
     for k in range(len(actuated)):
         forces[actuated[k]] += efforts[k]
-    return np.append(v, calc_joint_accelerations(tree, q, v, forces))
+    return np.append(v, rigid_body.calc_joint_accelerations(tree, q, v, forces))
 
 
 def body_accelerations(
@@ -118,50 +100,51 @@ def body_accelerations(
         rate: What plant_rate() returns.
     """
     q, v = np.split(state, 2)
-    motion = calc_motion(tree, q, v)
-    a = calc_point_accelerations(tree, motion, links, points, v, rate[len(v) :])
+    motion, v_dot = rigid_body.calc_motion(tree, q, v), rate[len(v) :]
+    a = rigid_body.calc_point_accelerations(tree, motion, links, points, v, v_dot)
     return a.ravel()
 
 
 def tool_motion(tool: Tool, num_axes: int, state: Array) -> Array:
-    """Returns tool_kinematics() of a plant whose state is [q; v]."""
+    """Returns task_space.tool_kinematics() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
-    motion = calc_motion(tool.tree, q, v)
-    p, J = calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
-    return tool_kinematics(num_axes, p, J[3:], state)
+    motion = rigid_body.calc_motion(tool.tree, q, v)
+    p, J = rigid_body.calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
+    return task_space.tool_kinematics(num_axes, p, J[3:], state)
 
 
 def tool_dynamics(tool: Tool, num_axes: int, q: Array, v: Array) -> Array:
-    """Returns task_dynamics() of a plant at its tool."""
+    """Returns tracking.task_dynamics() of a plant at its tool."""
     at = _at_tool(tool, q, v)
     J = at.J[3 : 3 + num_axes]
-    return task_dynamics(at.M, at.bias, J, at.acceleration[:num_axes])
+    return tracking.task_dynamics(at.M, at.bias, J, at.acceleration[:num_axes])
 
 
 def gravity_torque(tree: RigidBodyTree, state: Array) -> Array:
     """Returns what carries the weight of a plant at rest, N m or N (n)."""
     q, v = np.split(state, 2)
     rest = 0.0 * v
-    return calc_dynamics(tree, calc_motion(tree, q, rest), rest)[1]
+    motion = rigid_body.calc_motion(tree, q, rest)
+    return rigid_body.calc_dynamics(tree, motion, rest)[1]
 
 
 def hold_posture(
     tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, state: Array
 ) -> Array:
-    """Returns posture_torque() of a plant whose state is [q; v]."""
+    """Returns task_space.posture_torque() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
     at = _at_tool(tool, q, v)
-    return posture_torque(gains, at.M, at.J[3 : 3 + num_axes], q_0, q, v)
+    return task_space.posture_torque(gains, at.M, at.J[3 : 3 + num_axes], q_0, q, v)
 
 
 def hold_orientation(
     tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, R_0: Array, state: Array
 ) -> Array:
-    """Returns orientation_torque() of a plant whose state is [q; v]."""
+    """Returns task_space.orientation_torque() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
     at = _at_tool(tool, q, v)
     J_v, J_w = at.J[3 : 3 + num_axes], at.J[:3]
-    return orientation_torque(gains, at.M, J_v, J_w, R_0, at.R, q_0, q, v)
+    return task_space.orientation_torque(gains, at.M, J_v, J_w, R_0, at.R, q_0, q, v)
 
 
 def _ReadTool(
@@ -191,16 +174,16 @@ def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
             "widths": network.widths,
             "tool": _ReadTool(plant, int(frame.body().index()), X_BF),
         },
-        rate=(weights_rate, *law),
+        rate=(tracking.weights_rate, *law),
         outputs={
             "basis": (basis_functions, "tool_position", "centres", "widths"),
             "dynamics": (tool_dynamics, "tool", n, "joint_position", "joint_velocity"),
-            "auxiliary_error": (tracking_error, "gains", *motion),
+            "auxiliary_error": (tracking.tracking_error, "gains", *motion),
             "control_force": (
-                tracking_force, *law, "tool_velocity", "desired_velocity",
+                tracking.tracking_force, *law, "tool_velocity", "desired_velocity",
                 "desired_acceleration",
             ),
-            "disturbance_estimate": (disturbance_estimate, "state", "basis"),
+            "disturbance_estimate": (tracking.disturbance_estimate, "state", "basis"),
             "weights_1": "state",
         },
         sizes={"basis": N, "dynamics": n * n + n},
@@ -218,7 +201,8 @@ def ToolKernel(block: ToolInterface) -> Kernel:
                 "body_spatial_accelerations", 3 * body, 3 * body + num_axes
             ),
             "joint_torques": (
-                joint_torques, "control_force", "environment_force", "tool_kinematics"
+                task_space.joint_torques, "control_force", "environment_force",
+                "tool_kinematics",
             ),
         },
         sizes={"body_spatial_accelerations": 3 * plant.num_bodies()},

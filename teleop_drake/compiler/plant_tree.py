@@ -5,19 +5,8 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    BodyIndex,
-    ForceElementIndex,
-    Frame,
-    Joint,
-    JointActuatorIndex,
-    ModelInstanceIndex,
-    PrismaticJoint,
-    RevoluteJoint,
-    UniformGravityFieldElement,
-    WeldJoint,
-)
 from pydrake.systems.framework import Context
 
 from teleop_drake.compiler.flatten import UnsupportedSystem
@@ -73,7 +62,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
             X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
             X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
             outer = int(outboard.body().index())
-            if isinstance(joint, WeldJoint):
+            if isinstance(joint, multibody.WeldJoint):
                 X_FM = joint.X_FM() if sign > 0 else joint.X_FM().inverse()
                 poses[outer] = link, X_LF @ X_FM @ X_MB
                 continue
@@ -83,7 +72,8 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
                 raise UnsupportedSystem(
                     plant, f"the velocity of joint {joint.name()} is out of order"
                 )
-            parents[i], is_prismatic[i] = link, isinstance(joint, PrismaticJoint)
+            parents[i] = link
+            is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
             frames[i] = X_LF.GetAsMatrix34()
             axes[i] = sign * axis
             damping[i] = joint.GetDamping(context)
@@ -92,7 +82,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     masses, moments, inertias = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
     for index, (link, X_LB) in poses.items():
         if link >= 0:
-            body = plant.get_body(BodyIndex(index))
+            body = plant.get_body(multibody.BodyIndex(index))
             M_B = body.CalcSpatialInertiaInBodyFrame(context)
             M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
             masses[link] += M.get_mass()
@@ -101,7 +91,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     rotor_inertias = np.zeros(n)
     actuated, limits = [], []
     for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(JointActuatorIndex(index))
+        actuator = plant.get_joint_actuator(multibody.JointActuatorIndex(index))
         actuated.append(actuator.joint().velocity_start())
         limits.append(actuator.effort_limit())
         rotor_inertias[actuated[-1]] += actuator.calc_reflected_inertia(context)
@@ -124,22 +114,24 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     )
 
 
-def _IsReached(joint: Joint, poses: dict[int, Any]) -> bool:
+def _IsReached(joint: multibody.Joint, poses: dict[int, Any]) -> bool:
     bodies = (joint.parent_body(), joint.child_body())
     return any(int(body.index()) in poses for body in bodies)
 
 
-def _Ends(joint: Joint, poses: dict[int, Any]) -> tuple[Frame, Frame, float]:
+def _Ends(
+    joint: multibody.Joint, poses: dict[int, Any]
+) -> tuple[multibody.Frame, multibody.Frame, float]:
     """Returns a joint's inboard and outboard frame, and the sense of its motion."""
     if int(joint.parent_body().index()) in poses:
         return joint.frame_on_parent(), joint.frame_on_child(), 1.0
     return joint.frame_on_child(), joint.frame_on_parent(), -1.0
 
 
-def _Axis(plant: MultibodyPlant, joint: Joint) -> np.ndarray:
-    if isinstance(joint, RevoluteJoint):
+def _Axis(plant: MultibodyPlant, joint: multibody.Joint) -> np.ndarray:
+    if isinstance(joint, multibody.RevoluteJoint):
         return np.asarray(joint.revolute_axis())
-    if isinstance(joint, PrismaticJoint):
+    if isinstance(joint, multibody.PrismaticJoint):
         return np.asarray(joint.translation_axis())
     raise UnsupportedSystem(
         plant,
@@ -148,8 +140,8 @@ def _Axis(plant: MultibodyPlant, joint: Joint) -> np.ndarray:
     )
 
 
-def _Gravity(plant: MultibodyPlant) -> UniformGravityFieldElement:
-    return plant.get_force_element(ForceElementIndex(0))
+def _Gravity(plant: MultibodyPlant) -> multibody.UniformGravityFieldElement:
+    return plant.get_force_element(multibody.ForceElementIndex(0))
 
 
 def _CheckForces(plant: MultibodyPlant) -> None:
@@ -157,15 +149,15 @@ def _CheckForces(plant: MultibodyPlant) -> None:
     if plant.time_step() > 0:
         raise UnsupportedSystem(plant, "it is discrete; make it with time_step=0")
     for i in range(plant.num_force_elements()):
-        element = plant.get_force_element(ForceElementIndex(i))
-        if not isinstance(element, UniformGravityFieldElement):
+        element = plant.get_force_element(multibody.ForceElementIndex(i))
+        if not isinstance(element, multibody.UniformGravityFieldElement):
             raise UnsupportedSystem(
                 plant, f"force element {i} is a {type(element).__name__}, not gravity"
             )
     gravity = _Gravity(plant)
     for i in range(plant.num_model_instances()):
-        if not gravity.is_enabled(ModelInstanceIndex(i)):
-            name = plant.GetModelInstanceName(ModelInstanceIndex(i))
+        if not gravity.is_enabled(multibody.ModelInstanceIndex(i)):
+            name = plant.GetModelInstanceName(multibody.ModelInstanceIndex(i))
             raise UnsupportedSystem(plant, f"model instance {name} has no gravity")
     if plant.num_constraints() > 0:
         raise UnsupportedSystem(plant, "it has constraints")

@@ -5,21 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.systems import primitives
 from pydrake.systems.framework import Context, System
-from pydrake.systems.primitives import (
-    Adder,
-    AffineSystem,
-    ConstantVectorSource,
-    Demultiplexer,
-    Gain,
-    Integrator,
-    Multiplexer,
-    PassThrough,
-    Saturation,
-    Sine,
-    VectorLogSink,
-    ZeroOrderHold,
-)
 
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Name, Term, Transition, times
@@ -97,14 +84,14 @@ def _Responses(system: System, u: float) -> list[Array]:
     return [np.array(port.Eval(context)) for port in ports]
 
 
-def _Gain(system: Gain, context: Context) -> Kernel:
+def _Gain(system: primitives.Gain, context: Context) -> Kernel:
     return Kernel(
         parameters={"gain": _Responses(system, 1.0)[0]},
         outputs=_Output(system, (times, "gain", *_Inputs(system))),
     )
 
 
-def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
+def _Demultiplexer(system: primitives.Demultiplexer, context: Context) -> Kernel:
     outputs: dict[str, Term] = {}
     end = 0
     for i, size in enumerate(system.get_output_ports_sizes()):
@@ -114,7 +101,7 @@ def _Demultiplexer(system: Demultiplexer, context: Context) -> Kernel:
     return Kernel(outputs=outputs)
 
 
-def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
+def _AffineSystem(system: primitives.AffineSystem, context: Context) -> Kernel:
     inputs = _Inputs(system)
     has_state = system.num_states() > 0
     is_discrete = has_state and system.time_period() > 0
@@ -136,12 +123,7 @@ def _AffineSystem(system: AffineSystem, context: Context) -> Kernel:
     )
 
 
-def _ConstantVectorSource(system: ConstantVectorSource, context: Context) -> Kernel:
-    value = np.array(system.get_source_value(context).value())
-    return Kernel(parameters={"value": value}, outputs=_Output(system, "value"))
-
-
-def _Saturation(system: Saturation, context: Context) -> Kernel:
+def _Saturation(system: primitives.Saturation, context: Context) -> Kernel:
     return Kernel(
         parameters={
             "lower": _Responses(system, -np.inf)[0],
@@ -151,7 +133,7 @@ def _Saturation(system: Saturation, context: Context) -> Kernel:
     )
 
 
-def _Sine(system: Sine, context: Context) -> Kernel:
+def _Sine(system: primitives.Sine, context: Context) -> Kernel:
     u = _Inputs(system)[0] if system.num_input_ports() > 0 else "time"
     # Drake does not tell its numbers, but a, f and p can be seen in its outputs, which
     # are a sin(f u + p) and its first two derivatives.
@@ -176,7 +158,7 @@ def _Sine(system: Sine, context: Context) -> Kernel:
     )
 
 
-def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
+def _ZeroOrderHold(system: primitives.ZeroOrderHold, context: Context) -> Kernel:
     (u,) = _Inputs(system)
     if context.num_abstract_states() > 0:
         raise UnsupportedSystem(system, "it holds values that are no vectors")
@@ -195,16 +177,21 @@ def _ZeroOrderHold(system: ZeroOrderHold, context: Context) -> Kernel:
 
 # A class before those it derives from.
 _KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
-    Gain: _Gain,
-    Adder: lambda x, _: Kernel(outputs=_Output(x, (total, *_Inputs(x)))),
-    Multiplexer: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x))),
-    Demultiplexer: _Demultiplexer,
-    AffineSystem: _AffineSystem,
-    Integrator: lambda x, _: Kernel(outputs=_Output(x, "state"), rate=_Inputs(x)[0]),
-    ConstantVectorSource: _ConstantVectorSource,
-    Saturation: _Saturation,
-    Sine: _Sine,
-    ZeroOrderHold: _ZeroOrderHold,
-    PassThrough: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x)[0])),
-    VectorLogSink: lambda x, _: Kernel(unused=tuple(map(str, _Inputs(x)))),
+    primitives.Gain: _Gain,
+    primitives.Adder: lambda x, _: Kernel(outputs=_Output(x, (total, *_Inputs(x)))),
+    primitives.Multiplexer: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x))),
+    primitives.Demultiplexer: _Demultiplexer,
+    primitives.AffineSystem: _AffineSystem,
+    primitives.Integrator: lambda x, _: Kernel(
+        outputs=_Output(x, "state"), rate=_Inputs(x)[0]
+    ),
+    primitives.ConstantVectorSource: lambda x, context: Kernel(
+        parameters={"value": np.array(x.get_source_value(context).value())},
+        outputs=_Output(x, "value"),
+    ),
+    primitives.Saturation: _Saturation,
+    primitives.Sine: _Sine,
+    primitives.ZeroOrderHold: _ZeroOrderHold,
+    primitives.PassThrough: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x)[0])),
+    primitives.VectorLogSink: lambda x, _: Kernel(unused=tuple(map(str, _Inputs(x)))),
 }

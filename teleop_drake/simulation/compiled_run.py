@@ -11,7 +11,7 @@ from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.integrator.problem import SAME
+from teleop_drake.integrator.problem import EVALUATIONS, SAME, STEPS, TRIES
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
@@ -111,7 +111,7 @@ def _Run(run: CompiledRun, job: Job) -> Outcome:
             num_before = len(run.Rows()[0])
             _, rows, new_steps = run.Advance(job.duration)
             steps.append(new_steps + num_before)
-            pace.Check(run.num_tries, run.time)
+            pace.Check(run.memory.counts[TRIES], run.time)
             speeds = np.linalg.norm(rows[:, watched], axis=1)
             too_fast = speeds[~(speeds <= limit.speed)]
             if too_fast.size > 0:
@@ -129,8 +129,8 @@ def _Run(run: CompiledRun, job: Job) -> Outcome:
     return Outcome(
         engine="compiled",
         series=(times, signals, np.concatenate(steps)),
-        steps=run.num_steps,
-        derivative_evaluations=run.num_evaluations,
+        steps=int(run.memory.counts[STEPS]),
+        derivative_evaluations=int(run.memory.counts[EVALUATIONS]),
         wall_time=clock.monotonic() - start,
         termination=termination,
         reason=reason,

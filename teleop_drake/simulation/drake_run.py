@@ -51,11 +51,12 @@ def RunInDrake(job: Job) -> Outcome:
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
+    steps, evaluations, _ = simulator.Counts()
     outcome = Outcome(
         engine="drake",
         series=run.recorder.Finish(),
-        steps=simulator.CountSteps(),
-        derivative_evaluations=simulator.CountEvaluations(),
+        steps=steps,
+        derivative_evaluations=evaluations,
         wall_time=wall_time,
         termination=termination,
         reason=reason,
@@ -182,7 +183,7 @@ class _DrakeRun:
         now, time = self.recorder.Sample(), root_context.get_time()
         diagram, limit = self._job.diagram, self._job.speed_limit
         self._num_samples += 1
-        self._pace.Check(self._num_samples + self._simulator.CountRejected(), time)
+        self._pace.Check(self._num_samples + self._simulator.Counts()[2], time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= limit.speed:
             self.failure = limit.Reason(speed)

@@ -76,7 +76,7 @@ class TeleoperatorSimulator(Simulator):
         self._is_stopped = False
         self._is_rejected = False
         self._is_put_back = False
-        self._num_steps = self._num_evaluations = self._num_rejected = 0
+        self._counts = 0, 0, 0
         # Neither may know the other and live: Python does not see what Drake holds.
         reference = weakref.ref(self)
 
@@ -104,23 +104,16 @@ class TeleoperatorSimulator(Simulator):
         """Returns what set_monitor() has set, or None."""
         return self._monitor
 
-    def CountSteps(self) -> int:
-        """Returns how many steps the run has taken."""
-        return self._num_steps + int(self.get_integrator().get_num_steps_taken())
-
-    def CountRejected(self) -> int:
-        """Returns how many steps the run has tried in vain."""
+    def Counts(self) -> tuple[int, int, int]:
+        """Returns the steps of the run, evaluations of the rates, rejected steps."""
         integrator = self.get_integrator()
         return (
-            self._num_rejected
+            self._counts[0] + int(integrator.get_num_steps_taken()),
+            self._counts[1] + int(integrator.get_num_derivative_evaluations()),
+            self._counts[2]
             + int(integrator.get_num_step_shrinkages_from_error_control())
-            + int(integrator.get_num_step_shrinkages_from_substep_failures())
+            + int(integrator.get_num_step_shrinkages_from_substep_failures()),
         )
-
-    def CountEvaluations(self) -> int:
-        """Returns how many evaluations of the time derivatives it has taken."""
-        num_evaluations = self.get_integrator().get_num_derivative_evaluations()
-        return self._num_evaluations + int(num_evaluations)
 
     def Initialize(self, *arguments: object, **keywords: object) -> SimulatorStatus:
         """Begins a run at the Context as it is, as in Drake."""
@@ -132,7 +125,7 @@ class TeleoperatorSimulator(Simulator):
         longest_step = min(longest_step, LongestStep(self._diagram))
         integrator.set_maximum_step_size(longest_step)
         self._stepping = Stepping(self._diagram, longest_step)
-        self._num_steps = self._num_evaluations = self._num_rejected = 0
+        self._counts = 0, 0, 0
         context = self.get_mutable_context()
         if context.get_accuracy() is None:
             context.SetAccuracy(EVENT_ACCURACY)
@@ -197,11 +190,8 @@ class TeleoperatorSimulator(Simulator):
             return False
         assert self._stepping is not None
         integrator = self.get_mutable_integrator()
-        self._num_steps, self._num_evaluations, self._num_rejected = (
-            self.CountSteps(),
-            self.CountEvaluations(),
-            self.CountRejected() + 1,
-        )
+        steps, evaluations, rejected = self.Counts()
+        self._counts = steps, evaluations, rejected + 1
         self._trial.PutBack(self.get_mutable_context())
         self._stepping.Reject(step, integrator)
         # Drake wants the first step to be no longer than the longest.

@@ -15,9 +15,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.compiler.compile import CompileEvaluate
 from teleop_drake.compiler.engine import Visited
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.evaluator import CompileEvaluate, Evaluator
 from teleop_drake.compiler.flatten import Source
 from teleop_drake.kernel import Delay, Kernel
 from teleop_drake.scenario import AnyScenario

@@ -9,6 +9,7 @@ from benchmarks.timing import Alternate
 
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.integrator.problem import EVALUATIONS
 from teleop_drake.simulation import MakeDiagram
 
 
@@ -58,6 +59,6 @@ def _InDrake(diagram, num_calls: int) -> int:
 
 
 def _Compiled(run: CompiledRun, num_calls: int) -> int:
-    before, start = run.num_evaluations, run.time
+    before, start = run.memory.counts[EVALUATIONS], run.time
     run.Advance(start + 1e-3 * num_calls)
-    return run.num_evaluations - before
+    return int(run.memory.counts[EVALUATIONS] - before)

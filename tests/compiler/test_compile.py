@@ -10,7 +10,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.compiler import compile as compiler
+from teleop_drake.compiler import evaluator as compiler
 from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
