@@ -214,7 +214,7 @@ class PointStability:
             "name": point.name,
             "position": point.position.tolist(),
             "velocity": point.velocity.tolist(),
-            "layer": point.layer,
+            "layer": point.name,
             "operator": self.operator,
             "frozen_weights": self.model.frozen_weights,
             "idle_passivity": self.model.idle_passivity,
@@ -406,7 +406,7 @@ def AnalyzeStability(
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            a channel is no delay; if max_delay is not allowed, LinearizeLoop refuses a
+            a channel is no delay; if max_delay is not allowed, Linearizer refuses a
             point, or a station has a delay of its own that is not the round trip.
         ValueError: If the loop is not well posed without delay.
     """

@@ -13,15 +13,12 @@ from teleop_drake.analysis.stability import (
     AnalyzeStability,
     StabilityAnalysis,
 )
-from teleop_drake.environments import ShownNormal
 from teleop_drake.linear_model.operating_point import POSITION, OperatingPointAt
-from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
+from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.scenario.tree import ParseOverrides
 from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
-
-# How far behind a surface the chart goes where a value is on one, in m.
-_BEHIND = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,40 +99,20 @@ def ChartStability(
     points = np.unique(np.asarray(values, dtype=float))
     if points.size == 0:
         Refuse(key, [], "a list of one value or more")
-    if not isinstance(overrides, Mapping):
-        pairs: list[str] = [overrides] if isinstance(overrides, str) else [*overrides]
+    changes = dict(ParseOverrides(overrides))
+    changes.pop(key, None)
     analyses = []
     for i, value in enumerate(points.tolist()):
+        chosen = None
         if key == POSITION:
-            scenario = LoadScenario(name_or_path, overrides)
+            scenario = LoadScenario(name_or_path, changes)
             loop = AsTeleoperation(scenario, NO_LOOP)
-            chosen = [OperatingPointAt(loop, _OffSurface(loop, value))]
+            chosen = [OperatingPointAt(loop, value)]
         else:
-            chosen = None
-            if isinstance(overrides, Mapping):
-                scenario = LoadScenario(name_or_path, {**overrides, key: value})
-            else:
-                scenario = LoadScenario(name_or_path, [*pairs, f"{key}={value!r}"])
+            scenario = LoadScenario(name_or_path, {**changes, key: value})
         analyses.append(AnalyzeStability(scenario, points=chosen, max_delay=max_delay))
         if progress is not None:
             progress(i + 1, len(points))
     return StabilityChart(
         key=key, values=points, analyses=analyses, max_delay=max_delay
     )
-
-
-def _OffSurface(scenario: Scenario, position: float) -> float:
-    """Returns a position, or one just behind the surface that is there."""
-    start = np.asarray(scenario.robot.start, dtype=float)
-    velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    surfaces = scenario.Surfaces()
-    normal = ShownNormal(surfaces, len(start))
-    speed = float(normal @ velocity)
-    if speed == 0:
-        return position
-    p_WT = start + velocity * (position - float(normal @ start)) / speed
-    for surface in surfaces:
-        share = surface.Along(velocity) / speed
-        if share and abs(depth := float(surface.Depth(p_WT) / share)) < _BEHIND:
-            return position - depth + _BEHIND
-    return position

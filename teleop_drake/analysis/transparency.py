@@ -19,7 +19,7 @@ feedback", IEEE Trans. Robot. Autom. 5 (1989); D. A. Lawrence, "Stability and
 transparency in bilateral teleoperation", IEEE Trans. Robot. Autom. 9 (1993).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -150,12 +150,11 @@ def AnalyzeTransparency(
         ValueError: As Linearizer.
     """
     scenario = AsTeleoperation(scenario)
-    point = OperatingPoint(
-        name=point.name,
-        layer=point.layer,
-        position=point.position,
+    point = replace(
+        point,
         velocity=0 * point.velocity,
-        estimates=point.estimates,
+        forward_packet=None,
+        holds_force=False,
     )
     w = np.asarray(frequencies, dtype=float).reshape(-1)
     linearizer = linearizer or Linearizer(scenario, at_ports=True)

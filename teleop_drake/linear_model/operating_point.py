@@ -33,6 +33,10 @@ POSITION = "position"
 _SHORTEST_IMPACT = 1e-9
 _DEEPEST_IMPACT = 10.0
 
+# How near a surface a position is on it, and how far behind it the point is then, in m.
+_ON_SURFACE = 1e-7
+_BEHIND = 1e-6
+
 # Steps of Newton's method to where a tool rests, and which share of the force may be
 # left there.
 _REST_STEPS = 8
@@ -44,9 +48,8 @@ class OperatingPoint:
     """Where the diagram is linearised.
 
     Attributes:
-        name: What it is called.
-        layer: Name of the material that it is in, or of the surface that it is behind
-            if that has no material, or EMPTY.
+        name: What it is called; of those made here, the material that it is in, or the
+            surface that it is behind if that has no material, or EMPTY.
         position: p_WT in m (n).
         velocity: v_WT in m/s (n).
         forward_packet: What the forward channel delivers; None: what keeps the velocity
@@ -58,7 +61,6 @@ class OperatingPoint:
     """
 
     name: str
-    layer: str
     position: Array
     velocity: Array
     forward_packet: Array | None = None
@@ -168,10 +170,17 @@ def _DepthWhere(Function: Callable[[float], float], value: float) -> float | Non
         if high > _DEEPEST_IMPACT:
             return None
         low, high = high, 2 * high
+    return _Bisect(lambda depth: Function(depth) < value, low, high)[1]
+
+
+def _Bisect(
+    Holds: Callable[[float], bool], low: float, high: float
+) -> tuple[float, float]:
+    """Returns the last point at which a condition holds, and the first it does not."""
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if Function(middle) < value else (low, middle)
-    return high
+        low, high = (middle, high) if Holds(middle) else (low, middle)
+    return low, high
 
 
 def PointOfRest(
@@ -216,13 +225,11 @@ def PointOfRest(
     return replace(point, position=position, velocity=at_rest, holds_force=True)
 
 
-def OperatingPointAt(
-    scenario: Scenario, position: float, *, environment: System | None = None
-) -> OperatingPoint:
+def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
     """Returns the operating point at a position along the tool's path.
 
     The tool moves there with the commanded velocity; behind the contact surface it is
-    at rest.
+    at rest. On a surface, where there is no linear model, it is just behind it.
 
     Args:
         position: p_WT along the normal of the contact surface or, where there is none,
@@ -233,17 +240,19 @@ def OperatingPointAt(
     """
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
-    if environment is None:
-        surfaces = scenario.Surfaces()
-    else:
-        surfaces = SurfacesOf(environment) or ()
+    surfaces = scenario.Surfaces()
     normal = ShownNormal(surfaces, len(start))
     begin, speed = float(normal @ start), float(normal @ velocity)
     way = position - begin
     if not math.isfinite(position) or (way != 0 and not way * speed > 0):
         allowed = f"on the tool's path, from {begin:g} m on with {speed:g} m/s"
         Refuse(POSITION, position, allowed)
-    p_WT = start + velocity * way / speed if way else start.copy()
+    times = [way / speed if way else 0.0]
+    for surface in surfaces:
+        crossing = _CrossingTime(surface, start, velocity)
+        if speed and abs(crossing - times[0]) * abs(speed) < _ON_SURFACE:
+            times.append(crossing + _BEHIND / abs(speed))
+    p_WT = start + velocity * times[-1]
     try:
         scenario.robot.JointPositions(p_WT)
     except ScenarioError as e:
@@ -296,7 +305,7 @@ def _MakePoint(
     if surface is not None:
         material = surface.material
         name = surface.name if material is None else material.name
-    return OperatingPoint(name=name, layer=name, position=position, velocity=velocity)
+    return OperatingPoint(name=name, position=position, velocity=velocity)
 
 
 def _ReachableTime(
@@ -313,8 +322,4 @@ def _ReachableTime(
 
     if IsReachable(end_time):
         return end_time
-    low, high = 0.0, end_time
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if IsReachable(middle) else (low, middle)
-    return low
+    return _Bisect(IsReachable, 0.0, end_time)[0]

@@ -13,7 +13,6 @@ from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.environments import CONTACT, Surface
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.linear_model.loop import (
     LinearizeLoop,
@@ -76,7 +75,7 @@ def test_empty_space_and_the_robots_reach():
         "two_dof_puncture", {"environment.layers": [], "duration": 100.0}
     )
     (point,) = OperatingPoints(scenario)
-    assert point.layer == "empty"
+    assert point.name == "empty"
     # From 0.85 m to where |sin q2| = 0.05: two links of 0.75 m.
     reach = math.sqrt(2 * 0.75**2 * (1 + math.sqrt(1 - 0.05**2)))
     np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
@@ -158,7 +157,7 @@ def test_arm_is_appendix_a(velocity):
     """In tissue and moving; derivatives by complex steps, exact to rounding."""
     scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
     p0, v0 = np.array([0.93, 0.05]), np.array(velocity)
-    point = OperatingPoint(name="here", layer="tissue", position=p0, velocity=v0)
+    point = OperatingPoint(name="here", position=p0, velocity=v0)
     model = LinearizeLoop(scenario, point)
 
     q0 = TwoLinkArmConfig(elbow="down").JointPositions(p0)
@@ -190,7 +189,7 @@ def test_free_joints_are_states_like_others():
     r = np.array([0.46, 0.0])
     model = LinearizeLoop(
         scenario,
-        OperatingPoint(name="free", layer="empty", position=r, velocity=0 * r),
+        OperatingPoint(name="free", position=r, velocity=0 * r),
     )
     plant = scenario.robot.LoadPlant()
     context = plant.CreateDefaultContext()
@@ -235,7 +234,7 @@ def test_operating_point_of_a_run():
     scenario = LoadScenario("one_dof", {"duration": 12.0})
     recording = simulate(scenario)
     point = OperatingPointOfRun(recording, 11.2)
-    assert point.layer == "free"
+    assert point.name == "free"
     np.testing.assert_allclose(
         point.position, recording.Interpolate("tool_position", [11.2])[0]
     )
@@ -451,15 +450,15 @@ def test_no_difference_crosses_a_border():
     with pytest.raises(
         ValueError, match=r"position = \[0.015\]: must be off every surface"
     ):
-        LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015))
+        LinearizeLoop(scenario, replace(model.point, position=np.array([0.015])))
 
 
 def test_path():
     scenario = LoadScenario("two_dof_combined")
     inside = OperatingPointAt(scenario, 1.11)
-    assert inside.layer == "bone" and np.all(inside.velocity == 0)
+    assert inside.name == "bone" and np.all(inside.velocity == 0)
     before = OperatingPointAt(scenario, 1.05)
-    assert before.layer == "free" and before.velocity[0] == 0.1
+    assert before.name == "free" and before.velocity[0] == 0.1
     for x, message in ((0.5, "on the tool's path"), (1.6, "from the shoulder")):
         with pytest.raises(ValueError, match=message) as info:
             OperatingPointAt(scenario, x)
@@ -471,23 +470,16 @@ def test_no_point_is_invented_where_surfaces_are_not_told():
         OperatingPoints(LoadScenario("two_dof_collision"), environment=LeafSystem())
 
 
-class Floor(LeafSystem):
-    """Its only surface lies below the arm."""
-
-    def Surfaces(self):
-        return [Surface(CONTACT, np.array([0.0, -0.3]), np.array([0.0, -1.0]))]
-
-
-def test_path_to_a_floor():
+def test_path_to_an_oblique_bone():
     """A position on the path is that along the normal of the surface ahead."""
-    scenario = LoadScenario(
-        "two_dof_collision",
-        {"robot.start": [0.9, -0.25], "surgeon.velocity": [0.03, -0.06]},
-    )
-    above, inside = (
-        OperatingPointAt(scenario, depth, environment=Floor()) for depth in (0.28, 0.31)
-    )
-    np.testing.assert_allclose(above.position, [0.915, -0.28])
-    assert above.velocity[1] == -0.06 and inside.velocity[1] == 0
-    with pytest.raises(ScenarioError, match=r"position = 0\.2: must be on the tool's"):
-        OperatingPointAt(scenario, 0.2, environment=Floor())
+    scenario = LoadScenario("needle_insertion")
+    normal = np.array([0.6, 0.48, -0.64])
+    start = normal @ np.array(scenario.robot.start)
+    before, on, inside = (OperatingPointAt(scenario, x) for x in (0.29, 0.3, 0.31))
+    assert start < 0.29 and normal @ before.position == pytest.approx(0.29)
+    np.testing.assert_array_equal(before.velocity, scenario.surgeon.velocity)
+    # On the surface there is no model; the point is just behind it.
+    assert 0 < normal @ on.position - 0.3 < 2e-6
+    assert on.name == inside.name == "contact" and not np.any(inside.velocity)
+    with pytest.raises(ScenarioError, match=r"position = 0\.1: must be on the tool's"):
+        OperatingPointAt(scenario, start - 0.01)
