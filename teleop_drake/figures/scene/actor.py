@@ -1,6 +1,5 @@
 """One run in the scene: robot, ghost, hand, forces and packets."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +76,7 @@ class Actor:
         visuals: Of its robot.
         stage: The stage.
         newtons: Force of the longest arrow, N.
-        num_dots: Number of dots in each direction.
+        num_dots: Number of dots in each direction, for packets.
         has_operator: Whether somebody feels and commands through channels.
     """
 
@@ -220,15 +219,3 @@ class Actor:
         end = self._visuals.InSpace(arrives_at)
         side = self._stage.backward
         return begin + side + self._stage.hand, end + side
-
-    def DrawDots(self, pen: Pen, lane: str, points: Sequence[Array]) -> None:
-        """Draws the packets that are under way in one direction.
-
-        Args:
-            points: Where they are (3), m; of more than there are dots, the first ones.
-        """
-        for i in range(self.num_dots):
-            path = f"{self.path}/{lane}/{i}"
-            pen.Show(path, i < len(points))
-            if i < len(points):
-                pen.Move(path, points[i])

@@ -30,10 +30,8 @@ from teleop_drake.figures.scene.actor import (
 from teleop_drake.figures.scene.pen import FRAMES_PER_SECOND, AnimationPen
 from teleop_drake.figures.scene.scene import (
     CHANNELS,
-    SHORTEST_DELAY,
     BeadAges,
     Between,
-    DotPeriod,
     FindOperator,
     NewtonsOf,
     OperatorSignals,
@@ -60,6 +58,14 @@ _MOST_DENSE = 3.0
 
 # Share of the samples of a force that are smaller than that of the longest arrow.
 _SHARE = 99.0
+
+# Packets that are under way for less are not drawn, s.
+_SHORTEST_DELAY = 1e-3
+
+# Time between two packets that are drawn: a share of the delay, and at least, s. At
+# normal speed a screen shows some twenty pictures while a packet crosses three times
+# this period; of more packets nobody would see which way they go.
+_DOT_SHARE, _SHORTEST_PERIOD = 0.25, 0.05
 
 # A packet that is lost goes this share of its way.
 _LOST_AT = 0.5
@@ -282,11 +288,12 @@ def _Flights(act: Act, lane: str) -> list[Flight]:
 
     A continuous channel has no packets; what it carries is drawn as if it had.
     """
-    if act.operator.felt is None or (delay := act.Delay(lane)) < SHORTEST_DELAY:
+    if act.operator.felt is None or (delay := act.Delay(lane)) < _SHORTEST_DELAY:
         return []
     scenario = act.recording.scenario
     channel = getattr(scenario, CHANNELS[lane])
-    sent = np.arange(0.0, float(act.recording.time[-1]), DotPeriod(delay))
+    period = max(_DOT_SHARE * delay, _SHORTEST_PERIOD)
+    sent = np.arange(0.0, float(act.recording.time[-1]), period)
     arrivals = channel.Arrivals(sent, scenario.duration, CHANNELS[lane])
     flights = []
     free_from: list[float] = []

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
     Context,
@@ -36,12 +36,6 @@ USED = (
 CHANNELS = {"forward": "forward_channel", "return": "return_channel"}
 """The lanes of the packets, and the fields of a scenario."""
 
-SHORTEST_DELAY = 1e-3
-"""In s. Packets that are under way for less are not drawn."""
-
-_NUM_DOTS = 6
-"""Most packets drawn in one direction while a simulation runs."""
-
 
 class OperatorSignals(NamedTuple):
     """What the operator feels and commands, at an instant (n) or at many (N, n).
@@ -70,38 +64,46 @@ def FindOperator(signals: Mapping[str, Array], num_axes: int) -> OperatorSignals
     return OperatorSignals()
 
 
-class Scene:
-    """A teleoperation in Meshcat, drawn as it goes on.
+class Scene(LeafSystem):
+    """Draws a teleoperation in Meshcat while it is simulated (no equation; a picture).
 
-    It shows one run: the robot at the bottom, what the operator feels above it, the
-    packets in between; see Actor. It remembers what it has drawn, for packets show what
-    was. That is a picture's memory: the simulation does not depend on it. AddScene()
-    makes one that is part of a diagram; of another, Draw() is called by whoever runs
-    the loop.
+    | port | name                | size | unit     |
+    |------|---------------------|------|----------|
+    | in   | one for each signal | any  | see USED |
+
+    State: none. It publishes periodically; the solver's steps end there. It shows one
+    run: the robot at the bottom, what the operator feels above it, and beads in between
+    which trace what is under way; see Actor. It remembers what it has drawn, for beads
+    show what was. That is a picture's memory: the simulation does not depend on it.
 
     Args:
         meshcat: Where to. What the package has drawn there before is deleted.
-        scenario: Of the run, or its name or file.
-        surfaces: Of the environment; None: those of the scenario's.
+        scenario: Of the run.
+        surfaces: Of the environment.
+        sizes: The sizes of the signals, by their names in USED.
+        period: Between two pictures, s.
     """
 
     def __init__(
         self,
         meshcat: Meshcat,
-        scenario: ScenarioLike,
+        scenario: AnyScenario,
         *,
-        surfaces: tuple[Surface, ...] | None = None,
+        surfaces: Sequence[Surface],
+        sizes: Mapping[str, int],
+        period: float,
     ):
-        scenario = AsScenario(scenario)
+        LeafSystem.__init__(self)
+        self._names = list(sizes)
+        for name, size in sizes.items():
+            self.DeclareVectorInputPort(name, size)
+        self.DeclarePeriodicPublishEvent(period, 0.0, Weakly(self._Publish))
         self._pen = Pen(meshcat)
         self._num_axes = scenario.num_axes
         visuals = RobotVisuals(scenario.robot)
-        channels = [getattr(scenario, name, None) for name in CHANNELS.values()]
-        self._has_operator = all(channel is not None for channel in channels)
-        self._delays = [channel.delay if channel else 0.0 for channel in channels]
-        if surfaces is None:
-            tell = getattr(scenario, "Surfaces", tuple)
-            surfaces = tuple(tell())
+        channel = getattr(scenario, CHANNELS["return"], None)
+        self._has_operator = channel is not None
+        self._delay = 0.0 if channel is None else channel.delay
         self._start = start = np.array(scenario.robot.start, dtype=float)
         reach = _Reach(scenario, start, surfaces)
         stage = MakeStage(visuals, surfaces, reach, has_operator=self._has_operator)
@@ -114,38 +116,32 @@ class Scene:
             visuals=visuals,
             stage=stage,
             newtons=NewtonsOf(scenario),
-            num_dots=_NUM_DOTS,
             has_operator=self._has_operator,
         )
-        self._visuals = visuals
-        self._history: deque[tuple[float, Array, Array]] = deque()
-        self._command: Array | None = None
+        self._history: deque[tuple[float, Array]] = deque()
+        self._command = start
 
-    def Draw(self, time: float, signals: Mapping[str, ArrayLike]) -> None:
-        """Draws an instant. Instants are given in their order, from the start on.
-
-        Args:
-            time: In s. One that is earlier than the last one begins anew.
-            signals: By the names that signals.NamedSignals gives them: tool_position,
-                and of USED what else there is.
-        """
-        values = {name: np.asarray(x, dtype=float) for name, x in signals.items()}
+    def _Publish(self, context: Context) -> EventStatus:
+        """Draws an instant; one that is earlier than the last one begins anew."""
+        time = context.get_time()
+        values = {name: self.GetInputPort(name).Eval(context) for name in self._names}
         operator = FindOperator(values, self._num_axes)
         tool = values["tool_position"]
-        felt = tool if operator.felt is None else operator.felt
         if self._history and time < self._history[-1][0]:
             self._history.clear()
         if not self._history:
-            self._command = self._start.copy()
+            self._command = self._start
         elif operator.velocity is not None:
-            assert self._command is not None
-            self._command += operator.velocity * (time - self._history[-1][0])
-        self._history.append((time, tool.copy(), felt.copy()))
-        while time - self._history[0][0] > 2 * max(self._delays) + 1:
+            step = time - self._history[-1][0]
+            self._command = self._command + operator.velocity * step
+        self._history.append((time, tool))
+        while time - self._history[0][0] > self._delay + 1:
             self._history.popleft()
         command = past = None
         if self._has_operator:
-            command, past = self._command, self._At(time - BeadAges(self._delays[1]), 1)
+            command = self._command
+            known, tools = map(np.array, zip(*self._history, strict=True))
+            past = Between(time - BeadAges(self._delay), known, tools)
         self._actor.Draw(
             self._pen,
             Moment(
@@ -158,42 +154,12 @@ class Scene:
                 past=past,
             ),
         )
-        if self._has_operator:
-            self._DrawDots(time)
-
-    def _At(self, times: Array, column: int) -> Array:
-        """Returns the tool's (1) or the hand's (2) position at earlier times (k, n)."""
-        known = np.array([entry[0] for entry in self._history])
-        values = np.array([entry[column] for entry in self._history])
-        return Between(times, known, values)
-
-    def _DrawDots(self, time: float) -> None:
-        tool = self._history[-1][1]
-        for lane, delay, column in zip(CHANNELS, self._delays, (2, 1), strict=True):
-            points = []
-            if delay >= SHORTEST_DELAY:
-                period = DotPeriod(delay)
-                last = np.floor(time / period + 1e-9) * period
-                sent = last - period * np.arange(_NUM_DOTS)
-                sent = sent[(time - sent < delay - 1e-9) & (sent >= 0)]
-                for t, p in zip(sent, self._At(sent, column), strict=True):
-                    begin, end = self._actor.DotEnds(lane, p, tool)
-                    points.append(begin + (end - begin) * ((time - t) / delay))
-            self._actor.DrawDots(self._pen, lane, points)
+        return EventStatus.Succeeded()
 
 
 def BeadAges(delay: float) -> Array:
     """Returns how long ago the packets left that the beads are, s."""
     return np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * delay
-
-
-def DotPeriod(delay: float) -> float:
-    """Returns the time in s between two packets that are drawn.
-
-    At normal speed a screen shows some twenty pictures while a packet crosses three
-    times this period; of more packets nobody would see which way they go.
-    """
-    return max(delay / 4, 0.05)
 
 
 def Between(times: Array, known: Array, values: Array) -> Array:
@@ -227,30 +193,6 @@ def _Reach(scenario: AnyScenario, start: Array, surfaces: Sequence[Surface]) -> 
     return np.array([start, start + np.asarray(velocity) * scenario.duration])
 
 
-class SceneViewer(LeafSystem):
-    """Draws a teleoperation while it is simulated (no equation; a picture).
-
-    | port | name                | size | unit     |
-    |------|---------------------|------|----------|
-    | in   | one for each signal | any  | see USED |
-
-    State: none. It publishes periodically; the solver's steps end there.
-    """
-
-    def __init__(self, scene: Scene, sizes: Mapping[str, int], period: float):
-        LeafSystem.__init__(self)
-        self._scene = scene
-        self._names = list(sizes)
-        for name, size in sizes.items():
-            self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(period, 0.0, Weakly(self._Publish))
-
-    def _Publish(self, context: Context) -> EventStatus:
-        signals = {name: self.GetInputPort(name).Eval(context) for name in self._names}
-        self._scene.Draw(context.get_time(), signals)
-        return EventStatus.Succeeded()
-
-
 def AddScene(
     builder: DiagramBuilder,
     scenario: ScenarioLike,
@@ -277,13 +219,14 @@ def AddScene(
     signals: dict[str, OutputPort] = NamedSignals(systems)
     if "tool_position" not in signals:
         raise RuntimeError("scene: the diagram must have a signal 'tool_position'")
-    surfaces = None
+    surfaces: Sequence[Surface] = ()
     if builder.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(builder.GetSubsystemByName("environment")) or ()
-    scene = Scene(meshcat, scenario, surfaces=surfaces)
     used = {name: signals[name] for name in USED if name in signals}
     sizes = {name: port.size() for name, port in used.items()}
-    viewer = builder.AddNamedSystem("scene", SceneViewer(scene, sizes, period))
+    scenario = AsScenario(scenario)
+    scene = Scene(meshcat, scenario, surfaces=surfaces, sizes=sizes, period=period)
+    builder.AddNamedSystem("scene", scene)
     for name, port in used.items():
-        builder.Connect(port, viewer.GetInputPort(name))
+        builder.Connect(port, scene.GetInputPort(name))
     return scene
