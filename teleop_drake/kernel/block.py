@@ -3,7 +3,6 @@
 import functools
 import itertools
 import math
-import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -15,12 +14,12 @@ from pydrake.math import inv
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    ContinuousState,
     DependencyTicket,
     LeafSystem_,
     WitnessFunction,
 )
 
+from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
@@ -33,7 +32,18 @@ from teleop_drake.validation import Choices, Refuse
 _Value = Callable[[Context], Any]
 
 
-class DualBlock(LeafSystem_[AutoDiffXd]):
+class _Rated:
+    """The time derivatives of a block whose kernel has a rate."""
+
+    _kernel_rate: _Value | None = None
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+        """Evaluates the rate; called by Drake several times in every step."""
+        if self._kernel_rate is not None:
+            derivatives.SetFromVector(self._kernel_rate(context))
+
+
+class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
     """A block of AutoDiffXd with the ports, the state and the terms of another one.
 
     Args:
@@ -44,7 +54,6 @@ class DualBlock(LeafSystem_[AutoDiffXd]):
     """
 
     is_compiled = False
-    _kernel_rate: _Value | None = None
 
     def __init__(self, other: Any):
         LeafSystem_[AutoDiffXd].__init__(self)
@@ -68,11 +77,6 @@ class DualBlock(LeafSystem_[AutoDiffXd]):
         ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
         _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, {})
 
-    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
-        """Evaluates the rate."""
-        if self._kernel_rate is not None:
-            derivatives.SetFromVector(self._kernel_rate(context))
-
 
 def _DeclareTerms(
     block: Any,
@@ -92,9 +96,10 @@ def _DeclareTerms(
         tickets[output] = reader.tickets or {block.nothing_ticket()}
     for output, line in lines.items():
         values[output], tickets[output] = line.Eval, line.tickets
-    block._kernel_outputs = values
+    block._kernel_outputs = {port: _Callback(values[port]) for port in sizes}
     for port, size in sizes.items():
-        block.DeclareVectorOutputPort(port, size, _Callback(block, port), tickets[port])
+        callback = Weakly(block._kernel_outputs[port])
+        block.DeclareVectorOutputPort(port, size, callback, tickets[port])
     if kernel.rate is not None:
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 
@@ -122,7 +127,7 @@ class Duals(np.ndarray):
         return array.item() if array.ndim == 0 else array.view(Duals)
 
 
-class KernelBlock(Convertible):
+class KernelBlock(_Rated, Convertible):
     """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets what its Kernel() takes, and
@@ -150,7 +155,6 @@ class KernelBlock(Convertible):
     longest_step = math.inf
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
-    _kernel_rate: _Value | None = None
 
     def ToDual(self) -> DualBlock:
         """Returns the block of AutoDiffXd."""
@@ -191,13 +195,6 @@ class KernelBlock(Convertible):
         times += [x.After(context.get_time()) for x in self._kernel_events.ticks]
         return min(times, default=math.inf)
 
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Evaluates the rate; called by Drake several times in every step."""
-        if self._kernel_rate is not None:
-            derivatives.SetFromVector(self._kernel_rate(context))
-
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
         return self._kernel_events.Witnesses(context)
@@ -235,16 +232,9 @@ class FixedBlock(KernelBlock):
         return self._kernel
 
 
-def _Callback(owner: Any, name: str) -> Callable[[Context, BasicVector], None]:
-    """Returns what Drake calls for a port, which does not keep the block alive."""
-    reference = weakref.ref(owner)
-
-    def Calc(context: Context, output: BasicVector) -> None:
-        block = reference()
-        assert block is not None
-        output.SetFromVector(block._kernel_outputs[name](context))
-
-    return Calc
+def _Callback(value: _Value) -> Callable[[Context, BasicVector], None]:
+    """Returns what sets an output port to a value."""
+    return lambda context, output: output.SetFromVector(value(context))
 
 
 def _ModeOf(context: Context) -> Any:

@@ -57,7 +57,9 @@ def DeclareTicks(
             _ONCE, ticks.offset, Weakly(update)
         )
         return
-    block.DeclarePeriodicPublishEvent(min(ticks.period, _ONCE), ticks.offset, DoNothing)
+    block.DeclarePeriodicPublishEvent(  # It is there for a step to end at it.
+        min(ticks.period, _ONCE), ticks.offset, lambda _: EventStatus.DidNothing()
+    )
     if update is None:
         return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))
@@ -72,8 +74,3 @@ def DeclareTicks(
         return EventStatus.Succeeded()
 
     block.DeclarePerStepUnrestrictedUpdateEvent(Update)
-
-
-def DoNothing(context: Context) -> EventStatus:
-    """Does nothing: the event is there for a step to end at it."""
-    return EventStatus.DidNothing()
