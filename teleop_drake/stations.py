@@ -20,21 +20,13 @@ from teleop_drake.architectures import (
     ControlLawConfig,
     Facts,
 )
-from teleop_drake.architectures.base import MakeLawArchitecture, MakeSlaveStation
+from teleop_drake.architectures.base import MakeLawArchitecture
+from teleop_drake.architectures.base import MakeSlaveStation as MakeSlaveStation
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.actuator import Actuator
 from teleop_drake.systems.sampled_sensor import SampledSensor
 from teleop_drake.validation import Refuse
-
-__all__ = [
-    "MakeArchitecture",
-    "MakeControlLaw",
-    "MakeMasterStation",
-    "MakeSlaveStation",
-    "ResolveController",
-    "WithDrivesAndSensors",
-]
 
 
 def MakeMasterStation(

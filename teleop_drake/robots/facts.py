@@ -23,7 +23,6 @@ class RobotFacts:
     """What defaults derive from.
 
     Attributes:
-        num_axes: Number n of task axes.
         start: p_WT at the start, m (n).
         inertia: M_r = (J M^-1 J^T)^-1, (2.8): what the tool's inertia feels like at the
             start, kg (n, n); None where the robot cannot tell.
@@ -31,7 +30,6 @@ class RobotFacts:
             where the robot cannot tell.
     """
 
-    num_axes: int
     start: Array
     inertia: Array | None
     damping: Array | None
@@ -55,9 +53,7 @@ def FactsOfRobot(robot: System) -> RobotFacts:
         if isinstance(plant, MultibodyPlant) and _IsTool(plant, plant_context, start):
             inertia, damping = _ToolInertiaAndDamping(plant, plant_context, len(start))
             break
-    return RobotFacts(
-        num_axes=len(start), start=start, inertia=inertia, damping=damping
-    )
+    return RobotFacts(start=start, inertia=inertia, damping=damping)
 
 
 def FactsOfConfig(robot: RobotConfig) -> RobotFacts:

@@ -1,11 +1,7 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data."""
 
 from teleop_drake.architectures import ARCHITECTURES, CONTROLLERS
-from teleop_drake.channels import ChannelConfig
-from teleop_drake.environments import (
-    LayerConfig,
-    LayersEnvironmentConfig,
-)
+from teleop_drake.environments import LayerConfig
 from teleop_drake.scenario.config import (
     TRACKING_CONTROLLERS,
     ControllerConfig,
@@ -28,7 +24,7 @@ from teleop_drake.scenario.scenario import (
     TrackingScenario,
 )
 from teleop_drake.scenario.tree import DELAYS
-from teleop_drake.validation import GainMatrix, ScenarioError
+from teleop_drake.validation import ScenarioError
 
 __all__ = [
     "ARCHITECTURES",
@@ -38,13 +34,10 @@ __all__ = [
     "AnyScenario",
     "AsScenario",
     "AsTeleoperation",
-    "ChannelConfig",
     "CheckStart",
     "CheckSteps",
     "ControllerConfig",
-    "GainMatrix",
     "LayerConfig",
-    "LayersEnvironmentConfig",
     "LoadScenario",
     "OverriddenPaths",
     "ScaleForces",

@@ -40,13 +40,9 @@ _SIMULATOR_FIELDS: dict[str, type] = {
 }
 
 
-def _MakeSimulator(values: dict[str, Any]) -> SimulatorConfig:
-    return SimulatorConfig(**values)
-
-
-def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[dict[str, Any]]]:
+def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
     values = {x.name: getattr(config, x.name) for x in SimulatorConfig.__fields__}
-    return _MakeSimulator, (values,)
+    return functools.partial(SimulatorConfig, **values), ()
 
 
 # Drake's own cannot be pickled.
@@ -249,11 +245,6 @@ def _FindKey(tree: Any, part: str, shown: str) -> str | int:
 
 def FieldTypes(schema: Any) -> dict[str, Any]:
     """Returns the names and types of a config's fields."""
-    return _FieldTypes(schema)
-
-
-@functools.cache
-def _FieldTypes(schema: Any) -> dict[str, Any]:
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
@@ -297,19 +288,18 @@ def FromTree(tree: Any, schema: type[_T]) -> _T:
 
 
 def _MayBeNull(schema: Any) -> bool:
-    return isinstance(schema, types.UnionType) and type(None) in typing.get_args(schema)
+    return type(None) in typing.get_args(schema)
 
 
 def _Build(value: Any, schema: Any, path: str) -> Any:
     """Returns the value of a declared type that a tree describes."""
     if value is None and _MayBeNull(schema):
         return None
-    options = [schema]
     if isinstance(schema, types.UnionType):
         options = [x for x in typing.get_args(schema) if x is not type(None)]
-    if len(options) > 1 and np.ndarray in options:
-        return _BuildGain(value, path, allow_text=str in options)
-    (schema,) = options
+        if len(options) > 1 and np.ndarray in options:
+            return _BuildGain(value, path, allow_text=str in options)
+        (schema,) = options
     if schema in _BUILDERS:
         return _BUILDERS[schema](value, path)
     if typing.get_origin(schema) is dict:

@@ -11,13 +11,14 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
-from teleop_drake.scenario import GainMatrix, TrackingScenario, TrajectoryConfig
+from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
 from teleop_drake.tasks.pieces import Split, Traces
+from teleop_drake.validation import GainMatrix
 
 UNITS = {
     "max_error.*": "m",

@@ -20,8 +20,9 @@ from independent_solver import Result, _accept, _kind, _monitors
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
+from teleop_drake.channels import ChannelConfig
 from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.scenario import ChannelConfig, Scenario
+from teleop_drake.scenario import Scenario
 
 _TINY = 1e-12
 _HOPS = 4  # Through how many channels a jump's echoes are followed.

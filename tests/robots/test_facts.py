@@ -26,7 +26,6 @@ from teleop_drake.scenario import LoadScenario
 
 def test_slider():
     facts = FactsOfRobot(SliderConfig(start=[0.25], mass=0.2, damping=0.7).MakeRobot())
-    assert facts.num_axes == 1
     assert facts.start == pytest.approx([0.25])
     assert facts.inertia == pytest.approx(np.array([[0.2]]))
     assert facts.damping == pytest.approx(np.array([[0.7]]))
@@ -108,7 +107,7 @@ def test_a_robot_without_a_plant_cannot_tell():
     )
     builder.ExportOutput(mass.get_output_port(), "tool_position")
     facts = FactsOfRobot(builder.Build())
-    assert (facts.num_axes, facts.inertia, facts.damping) == (1, None, None)
+    assert (len(facts.start), facts.inertia, facts.damping) == (1, None, None)
 
 
 def test_a_singular_pose_tells_nothing():
