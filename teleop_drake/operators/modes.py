@@ -11,7 +11,7 @@ from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import HeldForce, LinearPart
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
-from teleop_drake.validation import CheckNumber, CheckVector, Refuse
+from teleop_drake.validation import CheckNumber, CheckVector
 
 Array = NDArray[np.float64]
 
@@ -138,14 +138,6 @@ class ModalOperator(KernelBlock):
         perceived = with_contact(np.zeros(2))
         held = HeldForce(state=perceived, force=self._contact_force)
         return LinearPart(has_modes=True, held_force=held)
-
-
-def CheckVelocity(velocity: ArrayLike) -> Array:
-    """Returns v_d in m/s as an array (n), or refuses it."""
-    array = np.array(velocity, dtype=float)
-    if array.ndim != 1 or not np.all(np.isfinite(array)):
-        Refuse("velocity", velocity, "a list of finite numbers (m/s)")
-    return array
 
 
 def mode_vector(state: Array) -> Array:

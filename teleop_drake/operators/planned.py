@@ -20,7 +20,7 @@ from teleop_drake.numerics.piecewise_polynomial import (
     minimum_jerk_pieces,
 )
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.modes import Array, CheckVelocity, ModalOperator
+from teleop_drake.operators.modes import Array, ModalOperator
 from teleop_drake.validation import CheckVector, Number, Refuse
 
 MAX_FREQUENCY = 1000.0
@@ -49,7 +49,9 @@ class Plan:
     longest_step: float = math.inf
 
 
-def PlanOfPieces(breaks: Array, coefficients: Array, **timing: Any) -> Plan:
+def PlanOfPieces(
+    breaks: Array, coefficients: Array, bends: Sequence[float] = (), **timing: Any
+) -> Plan:
     """Returns the plan of a velocity that is a polynomial of time, piece after piece.
 
         v_d(t) = sum_i coefficients[k, i] (t - breaks[k])^i
@@ -57,25 +59,22 @@ def PlanOfPieces(breaks: Array, coefficients: Array, **timing: Any) -> Plan:
                = 0                           before and after
 
     Args:
-        breaks: (K + 1,) in s; the last one may be infinite.
+        breaks: (K + 1,) in s, ascending; the last one may be infinite.
         coefficients: (K, d + 1, n) in m/s, m/s^2 and so on.
-        **timing: Of Plan.
+        bends: When v_d is not smooth, s; steps end there, and short ones follow.
+        **timing: Of Plan, in the place of what follows from the bends.
 
     Raises:
         ScenarioError: If a value is not allowed.
     """
-    if not (breaks[1:] > breaks[:-1]).all():
-        Refuse("breaks", breaks, "ascending")
-    if not np.isfinite(coefficients).all():
-        Refuse("coefficients", coefficients, "finite")
-    parameters = {"breaks": breaks, "coefficients": coefficients}
-    velocity = (evaluate_pieces, "time", "breaks", "coefficients")
-    return Plan(velocity=velocity, parameters=parameters, **timing)
-
-
-def _OnceEach(times: Sequence[float]) -> list[tuple[float, float]]:
-    """Returns the ends of steps at these times; see Plan."""
-    return [(float(time), math.inf) for time in times]
+    if not ((breaks[1:] > breaks[:-1]).all() and np.isfinite(coefficients).all()):
+        Refuse("breaks", breaks, "ascending, with finite coefficients")
+    once_each = [(time, math.inf) for time in bends]
+    return Plan(
+        velocity=(evaluate_pieces, "time", "breaks", "coefficients"),
+        parameters={"breaks": breaks, "coefficients": coefficients},
+        **{"jump_times": bends, "ends": once_each, **timing},
+    )
 
 
 class PlannedOperator(ModalOperator):
@@ -134,7 +133,8 @@ class ConstantVelocityOperator(PlannedOperator):
     has_constant_command = True
 
     def __init__(self, *, velocity: ArrayLike, **modes: Any):
-        v_d = CheckVelocity(velocity)
+        v_d = np.array(velocity, dtype=float)
+        CheckVector("velocity", v_d, v_d.size, "m/s")
         plan = Plan(velocity="velocity", parameters={"velocity": v_d})
         PlannedOperator.__init__(self, plan=plan, num_axes=v_d.size, **modes)
 
@@ -197,9 +197,7 @@ class TrapezoidConfig(PlannedConfig):
         is_later = np.append(True, times[1:] > times[:-1])
         breaks, coefficients = linear_pieces(times[is_later], corners[is_later])
         bends = breaks[1:][np.isfinite(breaks[1:])].tolist()
-        return PlanOfPieces(
-            breaks, coefficients, jump_times=bends, ends=_OnceEach(bends)
-        )
+        return PlanOfPieces(breaks, coefficients, bends)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -260,12 +258,7 @@ class MinimumJerkConfig(PlannedConfig):
         """Returns the derivative of the path."""
         breaks, position = self.Path()
         end = float(breaks[-1])
-        return PlanOfPieces(
-            breaks,
-            differentiate_pieces(position),
-            jump_times=[end],
-            ends=_OnceEach([end]),
-        )
+        return PlanOfPieces(breaks, differentiate_pieces(position), [end])
 
     def Path(self) -> tuple[Array, Array]:
         """Returns breaks (K + 1) in s and coefficients (K, 6, n) of p_d - start."""
