@@ -13,7 +13,7 @@ class _Compensation:
     """Ports and callback for any scalar type."""
 
     def _Declare(self: Any, model: Any) -> None:
-        self._model = model
+        self.model = model
         # Working memory only: every calculation sets its state before it is read.
         self._model_context = model.CreateDefaultContext()
         self._state = self.DeclareVectorInputPort(
@@ -24,7 +24,7 @@ class _Compensation:
         )
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        model, model_context = self._model, self._model_context
+        model, model_context = self.model, self._model_context
         model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
         output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))
 
@@ -44,6 +44,9 @@ class GravityCompensation(_Compensation, Convertible):
     The model is what the motors' controller believes the arm to be. If it is the arm,
     the arm floats; if it has another payload, the arm is pulled by the difference.
 
+    Attributes:
+        model: As given.
+
     Args:
         model: A finalized plant with as many joints as the arm has.
     """
@@ -52,15 +55,9 @@ class GravityCompensation(_Compensation, Convertible):
         Convertible.__init__(self)
         self._Declare(model)
 
-    @property
-    def model(self) -> MultibodyPlant:
-        """The model."""
-        model: MultibodyPlant = self._model
-        return model
-
     def ToDual(self) -> "_Dual":
         """Returns the block of AutoDiffXd."""
-        return _Dual(self._model.ToAutoDiffXd())
+        return _Dual(self.model.ToAutoDiffXd())
 
 
 class _Dual(_Compensation, LeafSystem_[AutoDiffXd]):

@@ -23,6 +23,9 @@ from teleop_drake.laws.tracking import (
 )
 from teleop_drake.validation import Refuse
 
+_DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
+_FELT = ("tool_position", "tool_velocity")
+
 
 class _Tracking:
     """Ports and callbacks for any scalar type."""
@@ -34,63 +37,43 @@ class _Tracking:
         plant: Any,
         tool_name: str,
     ) -> None:
-        self._gains = gains
-        self._network = network
-        self._plant = plant
+        self.gains = gains
+        self.network = network
+        self.plant = plant
         # Not the frame itself, which would keep the plant alive, which keeps this.
         self._tool_frame = plant.GetFrameByName(tool_name).index()
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._origin = np.zeros(3)
         n, N = gains.num_axes, network.num_functions
-        self._DeclareInputs(n)
+        sizes = dict.fromkeys(_DESIRED + _FELT, n)
+        sizes["joint_position"] = plant.num_positions()
+        sizes["joint_velocity"] = plant.num_velocities()
+        self._ports = {
+            name: self.DeclareVectorInputPort(name, size)
+            for name, size in sizes.items()
+        }
         self.DeclareContinuousState(n * N)
         self._DeclareOutputs(n, N)
 
-    def _DeclareInputs(self: Any, n: int) -> None:
-        self._desired_position = self.DeclareVectorInputPort("desired_position", n)
-        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", n)
-        self._desired_acceleration = self.DeclareVectorInputPort(
-            "desired_acceleration", n
-        )
-        self._tool_position = self.DeclareVectorInputPort("tool_position", n)
-        self._tool_velocity = self.DeclareVectorInputPort("tool_velocity", n)
-        self._joint_position = self.DeclareVectorInputPort(
-            "joint_position", self._plant.num_positions()
-        )
-        self._joint_velocity = self.DeclareVectorInputPort(
-            "joint_velocity", self._plant.num_velocities()
-        )
-
     def _DeclareOutputs(self: Any, n: int, N: int) -> None:
         """Declares the outputs, each with what it depends on, and what they share."""
-        state = {self.xc_ticket()}
-        position = {self._tool_position.ticket()}
-        joints = {self._joint_position.ticket(), self._joint_velocity.ticket()}
-        errors = position | {
-            self._tool_velocity.ticket(),
-            self._desired_position.ticket(),
-            self._desired_velocity.ticket(),
-        }
+        tickets = {name: {port.ticket()} for name, port in self._ports.items()}
+        state, position = {self.xc_ticket()}, tickets["tool_position"]
+        joints = tickets["joint_position"] | tickets["joint_velocity"]
+        errors = set().union(*(tickets[name] for name in _DESIRED[:2] + _FELT))
+
         # Both the force and the weights need them. The index is kept, not the entry,
         # which would keep this block alive.
-        self._dynamics = self.DeclareCacheEntry(
-            "task_dynamics",
-            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
-            joints,
-        ).cache_index()
-        self._basis = self.DeclareCacheEntry(
-            "basis_functions",
-            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcBasis)),
-            position,
-        ).cache_index()
+        def Cache(name: str, calc: Any, prerequisites: set[Any]) -> Any:
+            producer = ValueProducer(allocate=Value[object], calc=Weakly(calc))
+            return self.DeclareCacheEntry(name, producer, prerequisites).cache_index()
+
+        self._dynamics = Cache("task_dynamics", self._CalcDynamics, joints)
+        self._basis = Cache("basis_functions", self._CalcBasis, position)
+        everything = state.union(*tickets.values())
         for name, size, calc, prerequisites in (
-            (
-                "control_force",
-                n,
-                self._CalcControlForce,
-                state | joints | errors | {self._desired_acceleration.ticket()},
-            ),
+            ("control_force", n, self._CalcControlForce, everything),
             (
                 "disturbance_estimate",
                 n,
@@ -104,11 +87,15 @@ class _Tracking:
                 name, size, calc, prerequisites_of_calc=prerequisites
             )
 
+    def _In(self: Any, context: Any, *names: str) -> list[Any]:
+        """Returns the values at some inputs."""
+        return [self._ports[name].Eval(context) for name in names]
+
     def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
         """Evaluates the law; called by Drake several times in every step."""
         derivatives.SetFromVector(
             weights_rate(
-                self._gains,
+                self.gains,
                 self.get_cache_entry(self._dynamics).Eval(context),
                 self._GetWeights(context),
                 self.get_cache_entry(self._basis).Eval(context),
@@ -121,10 +108,11 @@ class _Tracking:
         return context.get_continuous_state_vector().CopyToVector()
 
     def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
-        plant, plant_context = self._plant, self._plant_context
-        plant.SetPositions(plant_context, self._joint_position.Eval(context))
-        plant.SetVelocities(plant_context, self._joint_velocity.Eval(context))
-        world, n = plant.world_frame(), self._gains.num_axes
+        plant, plant_context = self.plant, self._plant_context
+        q, qdot = self._In(context, "joint_position", "joint_velocity")
+        plant.SetPositions(plant_context, q)
+        plant.SetVelocities(plant_context, qdot)
+        world, n = plant.world_frame(), self.gains.num_axes
         of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
         Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
             plant_context, JacobianWrtVariable.kV, *of_tool
@@ -147,28 +135,20 @@ class _Tracking:
         )
 
     def _CalcBasis(self: Any, context: Any, output: Any) -> None:
-        output.set_value(self._network.evaluate(self._tool_position.Eval(context)))
+        output.set_value(self.network.evaluate(*self._In(context, "tool_position")))
 
     def _EvalAuxiliaryError(self: Any, context: Any) -> Any:
-        return tracking_error(
-            self._gains,
-            r=self._tool_position.Eval(context),
-            v=self._tool_velocity.Eval(context),
-            r_d=self._desired_position.Eval(context),
-            v_d=self._desired_velocity.Eval(context),
-        )
+        return tracking_error(self.gains, *self._In(context, *_FELT, *_DESIRED[:2]))
 
     def _CalcControlForce(self: Any, context: Any, output: Any) -> None:
         output.SetFromVector(
             tracking_force(
-                self._gains,
+                self.gains,
                 self.get_cache_entry(self._dynamics).Eval(context),
                 self._GetWeights(context),
                 self.get_cache_entry(self._basis).Eval(context),
                 self._EvalAuxiliaryError(context),
-                self._tool_velocity.Eval(context),
-                self._desired_velocity.Eval(context),
-                self._desired_acceleration.Eval(context),
+                *self._In(context, "tool_velocity", *_DESIRED[1:]),
             )
         )
 
@@ -217,6 +197,9 @@ class NetworkTrackingController(_Tracking, Convertible):
 
     It neither limits the force nor avoids singular poses, where M_r is infinite.
 
+    Attributes:
+        gains, network, plant: As given.
+
     Args:
         gains: The constants of the law.
         network: The basis functions, with n inputs in m.
@@ -248,24 +231,9 @@ class NetworkTrackingController(_Tracking, Convertible):
         return _Dual(self)
 
     @property
-    def gains(self) -> TrackingGains:
-        """The constants of the law."""
-        return self._gains
-
-    @property
-    def network(self) -> GaussianNetwork:
-        """The basis functions."""
-        return self._network
-
-    @property
-    def plant(self) -> MultibodyPlant:
-        """The plant, which is what the controller knows of the robot."""
-        return self._plant
-
-    @property
     def tool_frame(self) -> Frame:
         """The tool's frame, whose origin is T."""
-        return self._plant.get_frame(self._tool_frame)
+        return self.plant.get_frame(self._tool_frame)
 
 
 class _Dual(_Tracking, LeafSystem_[AutoDiffXd]):

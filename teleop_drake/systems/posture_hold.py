@@ -24,9 +24,10 @@ class _Hold:
     """Ports and callback for any scalar type."""
 
     def _Declare(self: Any, plant: Any, tool_name: str) -> None:
-        self._plant = plant
+        self.plant = plant
         # The body is looked up each time; see ToolInterface.
         self._tool = plant.GetBodyByName(tool_name).index()
+        self.tool_index = int(self._tool)
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._state = self.DeclareVectorInputPort(
@@ -37,12 +38,12 @@ class _Hold:
         )
 
     def _ToolRotation(self: Any) -> Any:
-        body = self._plant.get_body(self._tool)
-        pose = self._plant.EvalBodyPoseInWorld(self._plant_context, body)
+        body = self.plant.get_body(self._tool)
+        pose = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
         return np.array(pose.rotation().matrix())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        plant, plant_context = self._plant, self._plant_context
+        plant, plant_context = self.plant, self._plant_context
         x = self._state.Eval(context)
         plant.SetPositionsAndVelocities(plant_context, x)
         q, v = np.split(x, 2)
@@ -54,15 +55,15 @@ class _Hold:
             plant.world_frame(),
             plant.world_frame(),
         )
-        J_w, J_v = J[:3], J[3:][: self._n]
+        J_w, J_v = J[:3], J[3:][: self.num_axes]
         M = plant.CalcMassMatrix(plant_context)
         if self._keeps_orientation:
             R = self._ToolRotation()
             tau = orientation_torque(
-                self._gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
+                self.gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
             )
         else:
-            tau = posture_torque(self._gains, M, J_v, self._q_0, q, v)
+            tau = posture_torque(self.gains, M, J_v, self._q_0, q, v)
         output.SetFromVector(tau)
 
 
@@ -83,6 +84,10 @@ class PostureHold(_Hold, Convertible):
 
     It compensates neither weight nor friction nor the Coriolis forces, which move what
     it holds a little.
+
+    Attributes:
+        plant, num_axes, gains: As given.
+        tool_index: Index of the body whose origin is the tool.
 
     Args:
         plant: A finalized plant whose qdot is its velocity.
@@ -111,7 +116,7 @@ class PostureHold(_Hold, Convertible):
         CheckVector("joint_positions", joint_positions, nv, "rad or m")
         if rows > nv:
             Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
-        self._n, self._gains = num_axes, gains
+        self.num_axes, self.gains = num_axes, gains
         self._keeps_orientation = keeps_orientation
         self._Declare(plant, tool_name)
         self._q_0 = np.array(joint_positions, dtype=float)
@@ -123,27 +128,6 @@ class PostureHold(_Hold, Convertible):
         return _Dual(self)
 
     @property
-    def plant(self) -> MultibodyPlant:
-        """The plant."""
-        plant: MultibodyPlant = self._plant
-        return plant
-
-    @property
-    def tool_index(self) -> int:
-        """Index of the body whose origin is the tool."""
-        return int(self._tool)
-
-    @property
-    def num_axes(self) -> int:
-        """Number n of task axes."""
-        return self._n
-
-    @property
-    def gains(self) -> PostureGains:
-        """How the posture is held."""
-        return self._gains
-
-    @property
     def held(self) -> tuple[Array, Array | None]:
         """q_0, and R_0 if the orientation is held."""
         return self._q_0, self._R_0 if self._keeps_orientation else None
@@ -152,7 +136,11 @@ class PostureHold(_Hold, Convertible):
 class _Dual(_Hold, LeafSystem_[AutoDiffXd]):
     def __init__(self, other: PostureHold):
         LeafSystem_[AutoDiffXd].__init__(self)
-        self._n, self._gains, (self._q_0, R_0) = other._n, other.gains, other.held
+        self.num_axes, self.gains, (self._q_0, R_0) = (
+            other.num_axes,
+            other.gains,
+            other.held,
+        )
         self._R_0, self._keeps_orientation = R_0, R_0 is not None
         tool = other.plant.get_body(other._tool)
         self._Declare(other.plant.ToAutoDiffXd(), tool.name())

@@ -22,11 +22,11 @@ class _Interface:
 
     def _Declare(self: Any, T: Any, plant: Any, n: int, tool_name: str) -> None:
         nv = plant.num_velocities()
-        self._plant = plant
+        self.plant = plant
         # The body and its frame are looked up each time: to keep one would keep the
         # plant, which keeps this, where Python's garbage collector does not see it.
         self._tool = plant.GetBodyByName(tool_name).index()
-        self._tool_index = int(self._tool)
+        self.tool_index = int(self._tool)
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._origin = np.zeros(3)
@@ -35,7 +35,7 @@ class _Interface:
         if T is float:
             self._tool_kinematics = CompiledLaw(tool_kinematics, n)
             self._joint_torques = CompiledLaw(joint_torques)
-        self._n = n
+        self.num_task_axes = n
 
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states()
@@ -63,24 +63,9 @@ class _Interface:
             state | {self._control_force.ticket(), self._environment_force.ticket()},
         )
 
-    @property
-    def plant(self) -> Any:
-        """The plant."""
-        return self._plant
-
-    @property
-    def tool_index(self) -> int:
-        """Index of the body whose origin is T."""
-        return self._tool_index
-
-    @property
-    def num_task_axes(self) -> int:
-        """Number n of task axes."""
-        return self._n
-
     def _CalcKinematics(self, context: Any, output: Any) -> None:
         x = self._plant_state.Eval(context)
-        plant, plant_context = self._plant, self._plant_context
+        plant, plant_context = self.plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
         tool, world_frame = plant.get_body(self._tool), plant.world_frame()
         p_WT = plant.EvalBodyPoseInWorld(plant_context, tool).translation()
@@ -95,8 +80,8 @@ class _Interface:
         output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x))
 
     def _CalcAcceleration(self, context: Any, output: Any) -> None:
-        A_WT = self._accelerations.Eval(context)[self._tool_index]
-        output.SetFromVector(A_WT.translational()[: self._n])
+        A_WT = self._accelerations.Eval(context)[self.tool_index]
+        output.SetFromVector(A_WT.translational()[: self.num_task_axes])
 
     def _CalcJointTorques(self, context: Any, output: Any) -> None:
         output.SetFromVector(
@@ -145,6 +130,10 @@ class ToolInterface(_Interface, Convertible):
 
     State: none. It applies no limit to the torque, and no moment to the tool.
 
+    Attributes:
+        plant, num_task_axes: As given.
+        tool_index: Index of the body whose origin is T.
+
     Args:
         plant: A finalized plant; its actuators must be one for each joint, in the
             order of the generalized velocities.
@@ -185,8 +174,6 @@ class ToolInterface(_Interface, Convertible):
 class _DualToolInterface(_Interface, LeafSystem_[AutoDiffXd]):
     def __init__(self, other: ToolInterface):
         LeafSystem_[AutoDiffXd].__init__(self)
-        plant, name = (
-            other.plant.ToAutoDiffXd(),
-            other.plant.get_body(other._tool).name(),
-        )
+        plant = other.plant.ToAutoDiffXd()
+        name = other.plant.get_body(other._tool).name()
         self._Declare(AutoDiffXd, plant, other.num_task_axes, name)
