@@ -149,31 +149,6 @@ class ChannelConfig(KindConfig, ABC):
         return np.asarray(sent, dtype=float) + self.delay
 
 
-@dataclass(kw_only=True, eq=False)
-class BlockChannelConfig(ChannelConfig):
-    """Base of the package's kinds, each of which makes a ChannelBlock."""
-
-    @abstractmethod
-    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> "ChannelBlock":
-        """Makes the block; see MakeChannel.
-
-        Args:
-            signal: Its size and its initial value.
-        """
-
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> "ChannelBlock":
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        signal = {"size": size, "initial_value": initial_value}
-        return self.MakeBlock(duration, stream, **signal)
-
-
 class ChannelBlock(KernelBlock):
     """Base of the channels' blocks: a vector that comes out later.
 

@@ -142,8 +142,10 @@ class NetworkChannelConfig(VaryingDelayConfig):
                 stream=stream,
             )
 
-    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> NetworkDelay:
-        """Makes the block; see BlockChannelConfig."""
+    def MakeChannel(
+        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+    ) -> NetworkDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
         network = self.Network(duration, stream=stream)
         return NetworkDelay(network=network, receiver=self.receiver, **signal)
 

@@ -438,14 +438,14 @@ class PacketStatistics:
     loss_rate: float
     reordered: int
     late: int
-    delay_mean: float | None
-    delay_minimum: float | None
-    delay_median: float | None
-    delay_p95: float | None
-    delay_p99: float | None
-    delay_maximum: float | None
-    age_mean: float | None
-    age_maximum: float | None
+    delay_mean: float | None = None
+    delay_minimum: float | None = None
+    delay_median: float | None = None
+    delay_p95: float | None = None
+    delay_p99: float | None = None
+    delay_maximum: float | None = None
+    age_mean: float | None = None
+    age_maximum: float | None = None
 
 
 def ComputePacketStatistics(
@@ -466,10 +466,9 @@ def ComputePacketStatistics(
     delays = (arrivals - stamps)[received]
     due = network.profile.delay + receiver.depth + TIE * network.sample_period
     is_late = (delays > due) & (receiver.policy == "playout")
-    names = ("minimum", "median", "p95", "p99", "maximum")
-    measured: dict[str, Any] = dict.fromkeys(f"delay_{name}" for name in names)
-    measured["delay_mean"] = measured["age_mean"] = measured["age_maximum"] = None
+    measured: dict[str, Any] = {}
     if delays.size:
+        names = ("minimum", "median", "p95", "p99", "maximum")
         percentiles = np.percentile(delays, [0, 50, 95, 99, 100]).tolist()
         for name, value in zip(names, percentiles, strict=True):
             measured[f"delay_{name}"] = value

@@ -7,8 +7,8 @@ from typing import Any
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
-    BlockChannelConfig,
     ChannelBlock,
+    ChannelConfig,
     ConstantDelay,
 )
 from teleop_drake.integrator.problem import TIE
@@ -97,7 +97,7 @@ def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
 
 
 @dataclass(kw_only=True, eq=False)
-class SampledChannelConfig(BlockChannelConfig):
+class SampledChannelConfig(ChannelConfig):
     """Sends a packet each sample period, which arrives after `delay` and is held.
 
     A delay of 0 passes the signal through, unsampled.
@@ -116,11 +116,13 @@ class SampledChannelConfig(BlockChannelConfig):
             allowed = f"at most the delay, {self.delay:g} (s)"
             Refuse(f"{path}.sample_period", self.sample_period, allowed)
 
-    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> SampledDelay:
-        """Makes the block; see BlockChannelConfig."""
-        CheckNumber("sample_period", self.sample_period, "s", above=0)
-        signal["sample_period"] = self.sample_period
-        return SampledDelay(delay=self.delay, **signal)
+    def MakeChannel(
+        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+    ) -> SampledDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
+        return SampledDelay(
+            delay=self.delay, sample_period=self.sample_period, **signal
+        )
 
     def IsPassThrough(self) -> bool:
         """Returns whether there is no delay."""

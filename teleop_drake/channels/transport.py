@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.channels.base import BlockChannelConfig, ChannelBlock
+from teleop_drake.channels.base import ChannelBlock, ChannelConfig
 from teleop_drake.kernel.linear_part import LinearPart
 
 Array = NDArray[np.float64]
@@ -42,6 +42,9 @@ class TransportDelay(ChannelBlock):
     It does not extrapolate, so no step can be longer than the delay. It does not
     report derivatives and cannot vary its delay.
 
+    Attributes:
+        delay: In s.
+
     Args:
         delay: Delay in s, >= 0.
         size: Width of the signal, >= 1.
@@ -63,28 +66,25 @@ class TransportDelay(ChannelBlock):
         max_sample_interval: float | None = None,
     ):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
-        self._delay = float(delay)
-        how = {"time": self._delay, "max_sample_interval": max_sample_interval}
+        self.delay = float(delay)
+        how = {"time": self.delay, "max_sample_interval": max_sample_interval}
         self.DeclareDelay(**(how if delay > 0 else {}))
-
-    @property
-    def delay(self) -> float:
-        """The delay in s."""
-        return self._delay
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay."""
-        return LinearPart(delay=self._delay)
+        return LinearPart(delay=self.delay)
 
 
 @dataclass(kw_only=True, eq=False)
-class TransportChannelConfig(BlockChannelConfig):
+class TransportChannelConfig(ChannelConfig):
     """Delays the signal exactly by `delay`; 0 passes it through."""
 
     kind = "transport"
 
-    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> TransportDelay:
-        """Makes the block; see BlockChannelConfig."""
+    def MakeChannel(
+        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+    ) -> TransportDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
         # LongestStep says how the solver has to step.
         signal["max_sample_interval"] = math.inf
         return TransportDelay(delay=self.delay, **signal)

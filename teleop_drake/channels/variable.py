@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
-    BlockChannelConfig,
     ChannelBlock,
+    ChannelConfig,
     ConstantDelay,
 )
 from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
@@ -166,7 +166,7 @@ class DelayProfile:
 
 
 @dataclass(kw_only=True, eq=False)
-class VaryingDelayConfig(BlockChannelConfig):
+class VaryingDelayConfig(ChannelConfig):
     """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
 
     file_fields: ClassVar[tuple[str, ...]] = ("trace",)
@@ -344,8 +344,10 @@ class VariableChannelConfig(VaryingDelayConfig):
         with Within(path):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 
-    def MakeBlock(self, duration: float, stream: str, **signal: Any) -> VariableDelay:
-        """Makes the block; see BlockChannelConfig."""
+    def MakeChannel(
+        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+    ) -> VariableDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
         # LongestStep says how the solver has to step.
         signal["max_sample_interval"] = math.inf
         return VariableDelay(profile=self.Profile(duration), **signal)
