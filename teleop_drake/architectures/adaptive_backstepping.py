@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,22 +90,18 @@ class AdaptiveBackstepping(FixedBlock):
     """
 
     is_compiled = True
+    # Its name, and the laws of dx/dt and of [s; z]. They take further constants first,
+    # then the gains and the network.
+    law: ClassVar[tuple[str, Law, Law]] = (
+        "adaptive_backstepping",
+        adaptive_rate,
+        adaptive_errors,
+    )
 
-    def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        self._Make(
-            "adaptive_backstepping", adaptive_rate, adaptive_errors, gains, network
-        )
-
-    def _Make(
-        self,
-        name: str,
-        rate: Law,
-        errors: Law,
-        gains: BacksteppingGains,
-        network: GaussianNetwork,
-        **constants: Any,
-    ) -> None:
-        """Makes the block of two laws, which take the constants first."""
+    def __init__(
+        self, *, gains: BacksteppingGains, network: GaussianNetwork, **constants: Any
+    ):
+        name, rate, errors = self.law
         n, N = gains.num_axes, network.num_functions
         if network.num_inputs != n:
             allowed = f"{n}, one for each task axis"
@@ -322,6 +318,7 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
     """Chapters 4 and 5 as one n-dimensional law; see laws.backstepping."""
 
     kind = "adaptive_backstepping"
+    block: ClassVar[type[AdaptiveBackstepping]] = AdaptiveBackstepping
 
     @classmethod
     def Of(cls, parameters: BacksteppingParameters) -> "AdaptiveBacksteppingConfig":
@@ -337,21 +334,14 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
         """Returns the gains with Psi at time 0, which can be inverted."""
         self.CheckInitialPsi(facts, path)
-        n, nu = facts.num_axes, self.leakage
-        beta1, beta2, beta3 = (
-            self.adaptation_rate if beta is None else beta
-            for beta in (self.beta1, self.beta2, self.beta3)
-        )
+        n, beta = facts.num_axes, self.adaptation_rate
         return BacksteppingGains(
-            Lambda=GainMatrix(self.Lambda, n),
-            G1=GainMatrix(self.G1, n),
-            G2=GainMatrix(self.G2, n),
-            P=GainMatrix(self.P, n),
-            beta1=beta1,
-            beta2=beta2,
-            beta3=beta3,
-            nu1=nu,
-            nu3=nu,
+            **{name: GainMatrix(getattr(self, name), n) for name in _GAINS},
+            beta1=beta if self.beta1 is None else self.beta1,
+            beta2=beta if self.beta2 is None else self.beta2,
+            beta3=beta if self.beta3 is None else self.beta3,
+            nu1=self.leakage,
+            nu3=self.leakage,
             Upsilon=self.supervision,
             Psi0=self.InitialPsi(facts, path),
             Psi_min=self.minimum_psi,
@@ -359,6 +349,6 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
 
     def MakeControlLaw(self, facts: Facts, path: str) -> AdaptiveBackstepping:
         """Makes the law."""
-        return AdaptiveBackstepping(
+        return self.block(
             gains=self.Resolve(facts, path), network=self.network.MakeNetwork()
         )

@@ -39,6 +39,8 @@ class RobustBackstepping(AdaptiveBackstepping):
         network: The basis functions of both networks, with n inputs in m.
     """
 
+    law = ("robust_backstepping", robust_rate, robust_errors)
+
     def __init__(
         self,
         *,
@@ -50,14 +52,7 @@ class RobustBackstepping(AdaptiveBackstepping):
             CheckNumber(name, getattr(bounds, name), minimum=0)
         for name in ("eps1", "eps3"):
             CheckNumber(name, getattr(bounds, name), above=0)
-        self._Make(
-            "robust_backstepping",
-            robust_rate,
-            robust_errors,
-            gains,
-            network,
-            bounds=bounds,
-        )
+        AdaptiveBackstepping.__init__(self, gains=gains, network=network, bounds=bounds)
 
 
 @dataclass(kw_only=True, eq=False)

@@ -68,15 +68,9 @@ class Task(ABC, Generic[_S]):
 
     def Channels(self, scenario: _S) -> dict[str, ChannelConfig]:
         """Returns the channels of a scenario by the names of their fields."""
-        fields = {
-            field.name: getattr(scenario, field.name)
-            for field in dataclasses.fields(scenario)
-        }
-        return {
-            name: value
-            for name, value in fields.items()
-            if isinstance(value, ChannelConfig)
-        }
+        names = [field.name for field in dataclasses.fields(scenario)]
+        values = {name: getattr(scenario, name) for name in names}
+        return {name: x for name, x in values.items() if isinstance(x, ChannelConfig)}
 
     @abstractmethod
     def MakeDiagram(self, scenario: _S) -> Diagram:

@@ -7,7 +7,6 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
-from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
@@ -150,7 +149,7 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
     scenario.Validate()
     n, config, law = scenario.num_axes, scenario.robot, scenario.controller
     assert isinstance(config, PlantRobotConfig)  # Validated.
-    network, disturbance = law.network, scenario.disturbance
+    disturbance = scenario.disturbance
     systems: dict[str, System] = {
         "reference": MakeReference(scenario.trajectory),
         "controller": NetworkTrackingController(
@@ -160,12 +159,7 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
                 beta=law.adaptation_rate,
                 nu=law.leakage,
             ),
-            network=GaussianNetwork(
-                lower=network.lower,
-                upper=network.upper,
-                count=network.count,
-                width=network.width,
-            ),
+            network=law.network.MakeNetwork(),
             plant=config.LoadPlant(scenario.gravity),
         ),
         "robot": config.MakeRobot(gravity=scenario.gravity),

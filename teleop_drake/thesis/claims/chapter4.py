@@ -6,7 +6,7 @@ import numpy as np
 
 from teleop_drake.channels import CHANNEL_KINDS, NetworkChannelConfig
 from teleop_drake.thesis.claims.claim import Found, Measures, Pair, Seconds
-from teleop_drake.thesis.claims.measures import FarShare, LargestJump, UnlearnedShare
+from teleop_drake.thesis.claims.measures import FarShare, LargestJump
 from teleop_drake.thesis.runs import ADAPTIVE, Both, Delay, ThesisRuns
 
 _V_D = 1e-3
@@ -105,12 +105,6 @@ def _Smooth(runs: ThesisRuns) -> Found:
 def _FarCentres(runs: ThesisRuns) -> Found:
     share = FarShare(_Both(runs).adaptive.recording)
     return Found(share < 0.1, f"{share:.2%}")
-
-
-@Measures("4-adapts-quickly")
-def _AdaptsQuickly(runs: ThesisRuns) -> Found:
-    share = UnlearnedShare(_Both(runs).adaptive.recording)
-    return Found(share < 0.5, f"{share:.1%} unlearned")
 
 
 @Measures("4-no-switching")

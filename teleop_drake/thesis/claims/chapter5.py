@@ -88,9 +88,9 @@ def _DirectDiverges(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("5-I-networks")
-def _Networks(runs: ThesisRuns) -> Found:
-    share = UnlearnedShare(runs(_CASES["I"], ADAPTIVE).recording)
+@Measures("networks")
+def _Networks(runs: ThesisRuns, task: str) -> Found:
+    share = UnlearnedShare(runs(task, ADAPTIVE).recording)
     return Found(share < 0.5, f"{share:.1%} unlearned")
 
 

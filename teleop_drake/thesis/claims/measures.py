@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from teleop_drake.environments import CONTACT
-from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.recording import Recording
 from teleop_drake.thesis.runs import Run
 
@@ -98,20 +97,10 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray
         count: Per axis, of another lattice with the same bounds; None: the run's.
     """
     config = recording.scenario.controller.network
-    network = GaussianNetwork(
-        lower=config.lower,
-        upper=config.upper,
-        count=config.count if count is None else [count] * len(config.count),
-        width=config.width,
-    )
+    if count is not None:
+        config = dataclasses.replace(config, count=[count] * len(config.count))
+    network = config.MakeNetwork()
     return np.array([network.evaluate(u) for u in recording["tool_position"]])
-
-
-def NetworkOutput(recording: Recording, weights: str) -> np.ndarray:
-    """Returns what a network says (T, n) at the samples of a run."""
-    Phi = BasisFunctions(recording)
-    W = recording[weights].reshape(len(Phi), -1, Phi.shape[1])
-    return np.asarray(np.einsum("tnk,tk->tn", W, Phi))
 
 
 def Rms(recording: Recording, values: np.ndarray) -> float:
@@ -131,8 +120,9 @@ def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
 
 def UnlearnedShare(recording: Recording) -> float:
     """Returns the rms of dF_e/dt - W3 Phi over that of dF_e/dt, along x."""
-    rate = ForceRate(recording)
-    estimate = NetworkOutput(recording, "weights_3")[:, 0]
+    rate, Phi = ForceRate(recording), BasisFunctions(recording)
+    W3_x = recording["weights_3"][:, : Phi.shape[1]]
+    estimate = np.einsum("tk,tk->t", W3_x, Phi)
     return Rms(recording, rate - estimate) / Rms(recording, rate)
 
 

@@ -13,7 +13,6 @@ from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.architectures.facts import Facts
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
@@ -22,7 +21,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork, Lattice, basis_functions
+from teleop_drake.laws.gaussian_network import Lattice, basis_functions
 
 Array = NDArray[np.float64]
 
@@ -62,8 +61,7 @@ class SeparateUpdates(AdaptiveBackstepping):
     reached.
     """
 
-    def __init__(self, *, gains: BacksteppingGains, network: GaussianNetwork):
-        self._Make("separate_updates", SeparateRate, adaptive_errors, gains, network)
+    law = ("separate_updates", SeparateRate, adaptive_errors)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -71,9 +69,4 @@ class SeparateUpdatesConfig(AdaptiveBacksteppingConfig):
     """Chapters 4 and 5 without tuning functions."""
 
     kind = f"{__name__}:SeparateUpdatesConfig"
-
-    def MakeControlLaw(self, facts: Facts, path: str) -> SeparateUpdates:
-        """Makes the law; see AdaptiveBacksteppingConfig."""
-        return SeparateUpdates(
-            gains=self.Resolve(facts, path), network=self.network.MakeNetwork()
-        )
+    block = SeparateUpdates
