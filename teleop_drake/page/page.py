@@ -6,7 +6,6 @@ import html
 import json
 import os
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module, resources
@@ -30,9 +29,15 @@ from teleop_drake.scenario import (
     LoadScenario,
     Scenario,
     ScenarioError,
-    ScenarioToYaml,
+    ScenarioFromYaml,
 )
-from teleop_drake.scenario.tree import GetPath, ToTree
+from teleop_drake.scenario.tree import (
+    DumpYaml,
+    GetPath,
+    ParseOverrides,
+    SetPath,
+    ToTree,
+)
 from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
@@ -248,17 +253,15 @@ def _Loader(
     overrides: Mapping[str, Any] | Sequence[str],
 ) -> Callable[[Mapping[str, Any]], AnyScenario]:
     """Returns what loads a scenario with more overrides."""
-    items = overrides.items() if isinstance(overrides, Mapping) else ()
-    own = [f"{k}={json.dumps(v)}" for k, v in items] or list(overrides)
+    own = dict(ParseOverrides(overrides))
 
     def Load(more: Mapping[str, Any]) -> AnyScenario:
-        pairs = [*own, *(f"{key}={value!r}" for key, value in more.items())]
         if isinstance(source, str | os.PathLike):
-            return LoadScenario(source, pairs)
-        with tempfile.TemporaryDirectory(prefix="teleop-drake-") as folder:
-            file = Path(folder) / "scenario.yaml"
-            file.write_text(ScenarioToYaml(source), encoding="utf-8")
-            return LoadScenario(file, pairs)
+            return LoadScenario(source, {**own, **more})
+        tree = ToTree(source)
+        for dotted, value in {**own, **more}.items():
+            SetPath(tree, dotted, value)
+        return ScenarioFromYaml(DumpYaml(tree))
 
     return Load
 
@@ -267,31 +270,22 @@ def _Maker(
     load: Callable[[Mapping[str, Any]], AnyScenario], kind: str, has_hand: bool
 ) -> Callable[[Mapping[str, float]], Model]:
     """Returns what makes the run of a controller at values of inputs."""
+    own = load({}).controller.kind
+    chosen = {} if kind == own else {"controller.kind": kind}
 
     def Make(values: Mapping[str, float]) -> Model:
-        more: dict[str, Any] = {}
+        more: dict[str, Any] = dict(chosen)
         for key, value in values.items():
-            for path in ALIASES.get(key, (key,)):
-                is_whole = key.rpartition(".")[2] in _WHOLE
-                more[path] = int(value) if is_whole else float(value)
-        scenario = load({**_KindOf(kind), **more})
+            is_whole = key.rpartition(".")[2] in _WHOLE
+            number = int(value) if is_whole else float(value)
+            more |= dict.fromkeys(ALIASES.get(key, (key,)), number)
+        scenario = load(more)
         if has_hand:
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)
         return ModelOf(scenario, has_hand=has_hand)
 
-    def _KindOf(kind: str) -> dict[str, str]:
-        own = load({}).controller.kind
-        return {} if kind == own else {"controller.kind": _Bare(kind)}
-
     return Make
-
-
-class _Bare(str):
-    """A text that stands in YAML without quotes."""
-
-    def __repr__(self) -> str:
-        return str(self)
 
 
 def _Inputs(
