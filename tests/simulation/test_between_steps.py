@@ -16,11 +16,9 @@ LOCATED = 1e-5
     Slow(
         [
             ("one_dof", "compiled", {"duration": 16.0}),
-            ("one_dof", "drake", {"duration": 16.0}),
             ("one_dof", "compiled", {"controller.kind": "direct_force"}),
             ("two_dof_combined", "compiled", {}),
             ("puma560_insertion", "compiled", {"duration": 4.5}),
-            ("network_tracking_coupled", "compiled", {}),
             ("network_tracking_coupled", "drake", {"duration": 3.0}),
         ],
         but=[0],

@@ -29,7 +29,7 @@ def tight(name, *overrides):
 
 
 def test_a_puncture_compiles():
-    """Compares all signals as shares of their ranges, except next to jumps."""
+    """The numbers of its signals are compared in compiler/test_equality.py."""
     near = ("robot.start=[0.0069]", "duration=1.5")
     scenario = tight("one_dof", *near, "controller.kind=direct_force")
     drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
@@ -39,15 +39,6 @@ def test_a_puncture_compiles():
     assert [x.name for x in compiled.events] == [x.name for x in drake.events]
     for ours, theirs in zip(compiled.events, drake.events, strict=True):
         assert ours.time == pytest.approx(theirs.time, abs=1e-6)
-    jumps = np.concatenate(
-        [run.time[:-1][np.diff(run.time) == 0] for run in (drake, compiled)]
-    )
-    times = np.linspace(0, compiled.time[-1], 1999)[1:-1]
-    times = times[np.abs(times[:, np.newaxis] - jumps).min(axis=1) > 1e-5]
-    for name in drake.signals:
-        ours, theirs = (run.Interpolate(name, times) for run in (compiled, drake))
-        error = np.abs(ours - theirs).max(axis=1) / max(np.ptp(theirs), 1e-12)
-        assert np.quantile(error, 0.99) < 1e-6, name
 
 
 def test_a_run_that_is_too_fast_ends_at_its_limit():

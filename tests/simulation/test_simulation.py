@@ -74,6 +74,10 @@ def test_all_signals_of_the_loop(name, kind):
         recording["return_packet_sent"],
         np.hstack((recording["tool_position"], recording["tool_velocity"])),
     )
+    solver = recording.solver
+    assert solver.scheme == "runge_kutta5"
+    assert solver.accuracy == recording.scenario.simulator.accuracy
+    assert 0 < solver.steps < solver.derivative_evaluations
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -221,23 +225,21 @@ class Raising(DirectForce):
     [
         KeyError("my own bug"),
         RuntimeError("TransportDelay 'x': evaluated 1 s after the last step"),
+        # A violated contract of Drake does not end the interpreter.
+        SystemExit("Failure at file.h:1 in SetPositions(): condition 'x' failed."),
     ],
 )
 def test_errors_of_blocks_come_out_and_name_the_block(error):
-    scenario = LoadScenario("one_dof", {"duration": 1.0})
+    scenario = LoadScenario("one_dof", {"duration": 0.6})
     teleoperator = MakeTeleoperator(scenario, control_law=Raising(error))
-    with pytest.raises(type(error)) as raised:
+    is_exit, block = isinstance(error, SystemExit), "teleoperator::controller::my_law"
+    with pytest.raises(RuntimeError if is_exit else type(error)) as raised:
         simulate(scenario, teleoperator=teleoperator)
-    assert raised.value is error
-    assert error.__notes__ == ["(in the block teleoperator::controller::my_law)"]
-
-
-def test_a_violated_contract_of_drake_does_not_end_the_interpreter():
-    scenario = LoadScenario("one_dof", {"duration": 1.0})
-    error = SystemExit("Failure at file.h:1 in SetPositions(): condition 'x' failed.")
-    teleoperator = MakeTeleoperator(scenario, control_law=Raising(error))
-    with pytest.raises(RuntimeError, match=r"SetPositions.*my_law"):
-        simulate(scenario, teleoperator=teleoperator)
+    if is_exit:
+        assert re.search(f"SetPositions.*{block}", str(raised.value))
+    else:
+        assert raised.value is error
+        assert error.__notes__ == [f"(in the block {block})"]
 
 
 def test_blow_up_ends_early():
@@ -284,7 +286,7 @@ def test_delays_of_the_packets_in_the_recording():
 
 @pytest.mark.parametrize(
     ("back", "forward"),
-    [(0.05, 0.05), (0.1, 0.1), (0.15, 0.1), (0.3, 1 / 3)],
+    [(0.05, 0.05), (0.3, 1 / 3)],
 )
 def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
     """0.05 + 0.05 and 0.1 differ by a rounding error in some runs."""
@@ -299,27 +301,6 @@ def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
     recording = simulate(scenario, progress=watch)
     assert recording.termination == "completed"
     assert len(recording.time) < 500
-
-
-def test_same_scenario_same_bytes():
-    runs = [
-        simulate(LoadScenario("two_dof_collision", {"duration": 2.0})) for _ in range(2)
-    ]
-    np.testing.assert_array_equal(runs[0].time, runs[1].time)
-    for name, values in runs[0].signals.items():
-        np.testing.assert_array_equal(values, runs[1][name])
-
-
-def test_diagram_of_ones_own_is_simulated():
-    scenario = LoadScenario("one_dof", {"duration": 2.0})
-    law = DirectForce(num_axes=1)
-    recording = simulate(
-        scenario, teleoperator=MakeTeleoperator(scenario, control_law=law)
-    )
-    reference = Run("one_dof", DIRECT, "duration=2.0")
-    np.testing.assert_array_equal(
-        recording["tool_position"], reference["tool_position"]
-    )
 
 
 @pytest.mark.parametrize(
@@ -356,10 +337,10 @@ def test_more_steps_than_anyone_waits_for_are_refused():
 
 def test_progress_is_reported_in_order():
     reports = []
-    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    scenario = LoadScenario("one_dof", {"duration": 0.5})
     simulate(scenario, progress=reports.append, engine="drake")
     assert reports == sorted(reports)
-    assert 0 <= reports[0] <= reports[-1] <= 2.0
+    assert 0 <= reports[0] <= reports[-1] <= 0.5
 
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
@@ -430,7 +411,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
 def test_interrupts_that_are_handled_elsewhere(handler):
-    scenario = LoadScenario("one_dof", {"duration": 1.0})
+    scenario = LoadScenario("one_dof", {"duration": 0.3})
     previous = signal.signal(signal.SIGINT, handler)
     try:
         recording = simulate(
@@ -456,17 +437,6 @@ def test_invalid_scenario_is_refused_before_anything_runs():
     scenario.simulator.max_step_size = -0.2
     with pytest.raises(ScenarioError, match=r"simulator\.max_step_size"):
         simulate(scenario, progress=lambda time: pytest.fail("simulated"))
-
-
-def test_solver_statistics():
-    recording = Run("two_dof_combined", ADAPTIVE)
-    solver = recording.solver
-    assert solver.scheme == "runge_kutta5"
-    assert solver.accuracy == recording.scenario.simulator.accuracy
-    assert 0 < solver.steps < solver.derivative_evaluations
-    assert solver.real_time_factor == pytest.approx(
-        recording.time[-1] / solver.wall_time_s
-    )
 
 
 @pytest.mark.parametrize("scheme", Slow(["runge_kutta3", "runge_kutta2", "radau3"]))
