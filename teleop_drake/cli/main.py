@@ -51,7 +51,9 @@ def _ExitCodeOf(error: BaseException) -> int:
     """Returns the exit code after an error, printed on a line; raises what is none."""
     if IsInterrupted(error):
         return Fail(INTERRUPTED, "interrupted")
-    if isinstance(error, BadInput):
+    from teleop_drake.validation import ScenarioError  # It imports numpy.
+
+    if isinstance(error, BadInput | ScenarioError):
         return Fail(BAD_INPUT, error)
     if isinstance(error, BrokenPipeError):
         # The reader, `head` perhaps, has seen enough. Python would complain when it

@@ -90,7 +90,7 @@ def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> No
 
 
 def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds what figures show, how wide they are, and in which formats."""
+    """Adds what figures show, how wide they are, in which formats; and --html."""
     AddFormatOption(parser)
     parser.add_argument(
         "--columns",
@@ -108,6 +108,11 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
         "--window",
         metavar="FROM:TO",
         help="part of the time that figures show, s",
+    )
+    parser.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write a page that plays the robot in 3-D, as `teleop-drake replay` does",
     )
 
 
@@ -170,30 +175,24 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
             raise BadInput(f"--signals = {name!r}: must be {Choices(name, known)}")
 
 
-def AddHtmlOption(parser: argparse.ArgumentParser) -> None:
-    """Adds --html."""
-    parser.add_argument(
-        "--html",
-        metavar="FILE",
-        help="write a page that plays the robot in 3-D, as `teleop-drake replay` does",
-    )
-
-
-def ControllersOf(controllers: str) -> list[str]:
-    """Returns the names that --controllers has.
+def ControllersOf(args: argparse.Namespace) -> list[str]:
+    """Returns the names that --controllers has, or else --controller; maybe none.
 
     Raises:
-        BadInput: If a name stands there twice.
+        BadInput: If a name stands there twice, or both options are given.
     """
     from teleop_drake.scenario import ARCHITECTURES
 
-    if controllers == "all":
+    one, several = getattr(args, "controller", None), args.controllers
+    if several is None:
+        return [] if one is None else [one]
+    if one is not None:
+        raise BadInput(f"--controller = {one!r}: must be left out with --controllers")
+    if several == "all":
         return list(ARCHITECTURES)
-    names = [name.strip() for name in controllers.split(",")]
+    names = [name.strip() for name in several.split(",")]
     if len(set(names)) < len(names):
-        raise BadInput(
-            f"--controllers = {controllers!r}: must be different controllers"
-        )
+        raise BadInput(f"--controllers = {several!r}: must be different controllers")
     return names
 
 
@@ -232,9 +231,9 @@ def GridOf(
         more: Further paths and the text of their values.
 
     Raises:
-        BadInput: If it is none.
+        BadInput: If --vary has no path.
+        ScenarioError: If it is none.
     """
-    from teleop_drake.scenario import ScenarioError
     from teleop_drake.sweep.study import MakeGrid
 
     varied = []
@@ -243,10 +242,7 @@ def GridOf(
         if not equals or not path.strip():
             raise BadInput(f"--vary = {item!r}: must be PATH=VALUES")
         varied.append((path.strip(), text))
-    try:
-        return MakeGrid(controllers or None, [*varied, *more], args.seeds)
-    except ScenarioError as e:
-        raise BadInput(e) from None
+    return MakeGrid(controllers or None, [*varied, *more], args.seeds)
 
 
 def AddEngineOption(parser: argparse.ArgumentParser) -> None:
@@ -281,11 +277,6 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
     except ValueError as e:  # ScenarioError is one.
         raise BadInput(e) from None
     return scenario
-
-
-def LoadToRun(args: argparse.Namespace, *more: str) -> "AnyScenario":
-    """Returns the scenario as Load does, if it can be simulated in acceptable time."""
-    return Load(args, *more, is_run=True)
 
 
 def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from teleop_drake.cli.exit_codes import BadInput, Failed
+from teleop_drake.cli.exit_codes import Failed
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -19,7 +19,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
     Warnings, and why an engine cannot be used, go to stderr all the same.
 
     Raises:
-        BadInput: If the scenario is not valid, or comes no further.
+        ScenarioError: If the scenario is not valid, or comes no further.
         Failed: If a block of the loop raises an error; it names the block.
     """
     from teleop_drake.scenario import ScenarioError
@@ -34,9 +34,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
                 progress=lambda time: bar.update(time - bar.n),
                 engine=engine,
             )
-    except ScenarioError as error:  # It would take steps without end, say.
-        raise BadInput(error) from None
-    except OSError:
+    except (ScenarioError, OSError):
         raise
     except Exception as error:
         raise Failed(

@@ -239,7 +239,8 @@ def test_compare_other_architectures(capsys, unrendered):
     records = json.loads(capsys.readouterr().out)
     assert [record["controller"] for record in records] == kinds
     assert len(os.listdir("here")) == 1 + len(kinds)
-    assert ControllersOf("all") == list(ARCHITECTURES)
+    every = MakeParser().parse_args(["compare", "one_dof", "--controllers", "all"])
+    assert ControllersOf(every) == list(ARCHITECTURES)
 
 
 def test_diagram(capsys):

@@ -25,7 +25,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddGridOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
-    options.AddHtmlOption(parser)
     options.AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
@@ -37,20 +36,16 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Puts the controllers of a scenario, or values of its fields, side by side."""
-    from teleop_drake.scenario import ScenarioError
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
-    controllers = list(TaskOf(options.Load(args)).controllers)
-    if not controllers:
+    compared = list(TaskOf(options.Load(args)).controllers)
+    if not compared:
         raise BadInput(
             f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
             "controllers; tracking has one only"
         )
-    if args.controllers is not None:
-        controllers = options.ControllersOf(args.controllers)
-    elif args.vary:
-        controllers = []
+    controllers = options.ControllersOf(args) or ([] if args.vary else compared)
     if args.seeds is not None:
         for option in ("vary", "html"):
             if getattr(args, option):
@@ -64,18 +59,9 @@ def Execute(args: argparse.Namespace) -> int:
         for text in options.OverridesOf(args)
         if not controllers or text.partition("=")[0].strip() != "controller.kind"
     ]
-    try:
-        plan = PlanSweep(
-            args.scenario,
-            options.GridOf(args, controllers),
-            overrides=overrides,
-            engine=args.engine,
-        )
-    except ScenarioError as e:
-        raise BadInput(e) from None
-    if args.seeds is not None:
-        return _CompareOverSeeds(args, plan)
-    return _CompareRuns(args, plan)
+    grid = options.GridOf(args, controllers)
+    plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
+    return (_CompareRuns if args.seeds is None else _CompareOverSeeds)(args, plan)
 
 
 def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
@@ -85,7 +71,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     formats, drawing = options.FormatsOf(args), options.FigureOptionsOf(args)
     names = _Names(plan)
     scenarios = [
-        options.LoadToRun(args, *PointOverrides(point)) for point in plan.points
+        options.Load(args, *PointOverrides(point), is_run=True) for point in plan.points
     ]
     for scenario in scenarios:
         options.CheckSignals(args, scenario)

@@ -39,16 +39,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Writes the page, and opens it if it has no name."""
     CheckHtml(args.output, "--output")
-    options.LoadToRun(args)
-    kinds = (
-        None if args.controllers is None else options.ControllersOf(args.controllers)
-    )
-    if kinds is not None and args.controller is not None:
-        raise BadInput(
-            f"--controller = {args.controller!r}: must be left out with --controllers"
-        )
-    if args.controller is not None:
-        kinds = [args.controller]
+    options.Load(args, is_run=True)
+    kinds = options.ControllersOf(args)
 
     from teleop_drake.compiler.flatten import UnsupportedSystem
     from teleop_drake.page import MakePage
@@ -56,7 +48,7 @@ def Execute(args: argparse.Namespace) -> int:
     try:
         page = MakePage(
             args.scenario,
-            controllers=kinds,
+            controllers=kinds or None,
             vary=dict(map(_Range, args.vary)),
             overrides=options.OverridesOf(args),
             has_hand=args.has_hand,

@@ -72,18 +72,8 @@ def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
         raise BadInput(
             f"FILE.npz = {args.more[0]!r}: must be left out after a scenario"
         )
-    if args.controllers is None:
-        scenarios = [options.LoadToRun(args)]
-    else:
-        if args.controller is not None:
-            raise BadInput(
-                f"--controller = {args.controller!r}: must be left out with "
-                "--controllers"
-            )
-        kinds = options.ControllersOf(args.controllers)
-        scenarios = [
-            options.LoadToRun(args, f"controller.kind={kind}") for kind in kinds
-        ]
+    kinds = [[f"controller.kind={kind}"] for kind in options.ControllersOf(args)]
+    scenarios = [options.Load(args, *kind, is_run=True) for kind in kinds or [[]]]
     recordings: dict[str, Recording] = {}
     for scenario in scenarios:
         recording = Simulate(scenario, args.quiet, args.engine)

@@ -19,7 +19,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddScenarioOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
-    options.AddHtmlOption(parser)
     options.AddRunOptions(
         parser,
         json_help="write the metrics as JSON; `-`: to stdout, and nothing else there",
@@ -30,7 +29,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario, writes and prints what comes out."""
-    scenario = options.LoadToRun(args)
+    scenario = options.Load(args, is_run=True)
     options.CheckSignals(args, scenario)
     stem = f"{scenario.name}_{scenario.controller.kind}"
     output.CheckJson(args.json)

@@ -3,7 +3,6 @@
 import argparse
 import sys
 
-from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.options import AddScenarioOptions, Load, OverridesOf
 
 
@@ -14,14 +13,11 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints the scenario with all overrides; of one with own kinds, what is given."""
-    from teleop_drake.scenario import ScenarioError, ScenarioToYaml
+    from teleop_drake.scenario import ScenarioToYaml
     from teleop_drake.scenario.scenario import ReadScenario
     from teleop_drake.scenario.tree import DumpYaml
 
-    try:
-        tree, own = ReadScenario(args.scenario, OverridesOf(args, imports=False))
-    except ScenarioError as e:
-        raise BadInput(e) from None
+    tree, own = ReadScenario(args.scenario, OverridesOf(args, imports=False))
     if not own:
         print(ScenarioToYaml(Load(args)), end="")
         return 0

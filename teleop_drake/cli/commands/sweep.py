@@ -90,38 +90,36 @@ _OF_A_SCENARIO = (
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep, or a part of them, and draws them."""
-    from teleop_drake.scenario import ScenarioError
-    from teleop_drake.sweep import SelectMetrics
+    from teleop_drake.sweep import SelectMetrics, TableNames
     from teleop_drake.sweep.study import MergeStudy, ParsePart, RunStudy
 
     _CheckOptions(args)
     CheckJson(args.json)
     formats = options.FormatsOf(args)
-    num_finished = num_runs = 0
+    progress = (0, 0)
 
     def Notice(text: str) -> None:
         print(f"teleop-drake: {text}", file=sys.stderr)
 
+    def Report(finished: int, runs: int) -> None:
+        nonlocal progress
+        progress = finished, runs
+        show(finished, runs)
+
+    part = None if args.shard is None else ParsePart(args.shard)
+    study = _Study(args)
+    metrics = {
+        name: SelectMetrics(plan.scenario, study.metrics) if study.metrics else []
+        for name, plan in study.plans.items()
+    }
     try:
-        part = None if args.shard is None else ParsePart(args.shard)
-        study = _Study(args)
-        metrics = {
-            name: SelectMetrics(plan.scenario, study.metrics) if study.metrics else []
-            for name, plan in study.plans.items()
-        }
-        if args.merge is not None:
-            results = MergeStudy(study, args.out, args.merge, notice=Notice)
-        else:
-            with (
-                _DaskExecutor(args.dask, args.quiet) as executor,
-                SweepProgress(args.quiet) as show,
-            ):
-
-                def Report(finished: int, runs: int) -> None:
-                    nonlocal num_finished, num_runs
-                    num_finished, num_runs = finished, runs
-                    show(finished, runs)
-
+        with (
+            _DaskExecutor(args.dask, args.quiet) as executor,
+            SweepProgress(args.quiet) as show,
+        ):
+            if args.merge is not None:
+                results = MergeStudy(study, args.out, args.merge, notice=Notice)
+            else:
                 results = RunStudy(
                     study,
                     args.out,
@@ -132,31 +130,27 @@ def Execute(args: argparse.Namespace) -> int:
                     progress=Report,
                     notice=Notice,
                 )
-    except ScenarioError as e:
-        raise BadInput(e) from None
     except RuntimeError as e:  # The executor gave up.
         return Fail(FAILED, f"{e}; --resume does the rest")
     except KeyboardInterrupt:
-        return Fail(
-            INTERRUPTED,
-            f"interrupted; {num_finished} of {num_runs} runs are in {args.out}, "
-            "--resume does the rest",
-        )
+        finished, runs = progress
+        message = f"interrupted; {finished} of {runs} runs are in {args.out}, "
+        return Fail(INTERRUPTED, message + "--resume does the rest")
     if part is not None:
         if args.json != "-":
             print(f"Part {args.shard} is done. When all are: --merge {args.out}")
         return DONE
     for name, result in results.items():
+        folder = Path(args.out, name)
         figures, note = _Draw(
-            result,
-            metrics[name],
-            Path(args.out, name),
-            study.plans[name],
-            formats,
-            args.separate,
+            result, metrics[name], folder, study.plans[name], formats, args.separate
         )
         if args.json != "-":
-            _Print(result, metrics[name], Path(args.out, name), figures, note)
+            _Print(result, metrics[name])
+            if note:
+                print(note)
+            tables = [folder / x for x in ("runs.jsonl", *TableNames(result))]
+            print("Written:", ", ".join(map(str, [*tables, *figures])))
     if args.json is not None:
         records = {name: result.records for name, result in results.items()}
         WriteJson(args.json, records.get("", records))
@@ -209,10 +203,8 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
         if getattr(args, key) is not None
     ]
     given = {item.partition("=")[0].strip() for item in [*args.vary, *args.set]}
-    controllers: list[str] = []
-    if args.controllers is not None:
-        controllers = options.ControllersOf(args.controllers)
-    elif not given & {"controller", "controller.kind"}:
+    controllers = options.ControllersOf(args)
+    if not controllers and not given & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
         except ScenarioError:  # It may be good with its overrides.
@@ -225,15 +217,9 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     )
 
 
-def _Print(
-    result: "SweepResult",
-    metrics: Sequence[str],
-    folder: Path,
-    figures: Sequence[Path],
-    note: str,
-) -> None:
-    """Prints how a sweep ended, and what was written."""
-    from teleop_drake.sweep import TableNames, VariesSeedsOnly
+def _Print(result: "SweepResult", metrics: Sequence[str]) -> None:
+    """Prints how a sweep ended."""
+    from teleop_drake.sweep import VariesSeedsOnly
 
     statuses = [record["status"] for record in result.records]
     counts = ", ".join(
@@ -243,10 +229,6 @@ def _Print(
     print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
     if VariesSeedsOnly(result):
         print(SeedsTable(result, metrics))
-    if note:
-        print(note)
-    names = ["runs.jsonl", *TableNames(result)]
-    print("Written:", ", ".join(map(str, [*(folder / x for x in names), *figures])))
 
 
 def _ExitCode(result: "SweepResult") -> int:
