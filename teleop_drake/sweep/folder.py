@@ -19,11 +19,10 @@ import contextlib
 import csv
 import fcntl
 import importlib.metadata
-import io
 import json
 import os
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from teleop_drake.files import Replacing
 from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.statistics import Differences, HasPairs, HasSeeds, Statistics
+from teleop_drake.sweep.statistics import CONTROLLERS, Differences, HasSeeds, Statistics
 
 
 class SweepFolder:
@@ -68,23 +67,20 @@ class SweepFolder:
 
     def __enter__(self) -> "SweepFolder":
         self._stack = contextlib.ExitStack()
-        try:
-            self._path.mkdir(parents=True, exist_ok=True)
-            self._Lock()
-            self._CheckParameters()
-        except OSError as error:
-            self._stack.close()
-            raise SweepError(
-                f"{self._Title()}: must be a folder that can be written "
-                f"({error.strerror})"
-            ) from None
-        except BaseException:
-            self._stack.close()
-            raise
-        self._ReadRecords()
-        self._journal = self._stack.enter_context(
-            open(self._path / "runs.jsonl", "ab", buffering=0)
-        )
+        with contextlib.ExitStack() as stack:  # It is kept if nothing goes wrong.
+            try:
+                self._path.mkdir(parents=True, exist_ok=True)
+                self._Lock(stack)
+                self._CheckParameters()
+            except OSError as error:
+                raise SweepError(
+                    f"{self._Title()}: must be a folder that can be written "
+                    f"({error.strerror})"
+                ) from None
+            self._ReadRecords()
+            journal = open(self._path / "runs.jsonl", "ab", buffering=0)
+            self._journal = stack.enter_context(journal)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *args: object) -> None:
@@ -105,9 +101,9 @@ class SweepFolder:
     def _Title(self) -> str:
         return f"out = {str(self._path)!r}"
 
-    def _Lock(self) -> None:
+    def _Lock(self, stack: contextlib.ExitStack) -> None:
         descriptor = os.open(self._path, os.O_RDONLY)
-        self._stack.callback(os.close, descriptor)
+        stack.callback(os.close, descriptor)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -214,8 +210,8 @@ def TableNames(result: SweepResult) -> list[str]:
     """Returns the names of the CSV files that the folder of a finished sweep has."""
     if not HasSeeds(result):
         return ["runs.csv"]
-    names = ["runs.csv", "statistics.csv"]
-    return [*names, "differences.csv"] if HasPairs(result) else names
+    has_pairs = any(len(result.axes.get(key, [])) > 1 for key in CONTROLLERS)
+    return ["runs.csv", "statistics.csv", *["differences.csv"] * has_pairs]
 
 
 def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Path]:
@@ -229,20 +225,18 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
         "statistics.csv": Statistics,
         "differences.csv": Differences,
     }
-    paths = [folder / (prefix + name) for name in TableNames(result)]
-    for path, name in zip(paths, TableNames(result), strict=True):
-        with Replacing(path) as temporary:
-            temporary.write_text(_Csv(makers[name](result)), encoding="utf-8")
+    paths = []
+    for name in TableNames(result):
+        table = makers[name](result)
+        paths.append(folder / (prefix + name))
+        with (
+            Replacing(paths[-1]) as temporary,
+            open(temporary, "w", encoding="utf-8", newline="") as file,
+        ):
+            writer = csv.DictWriter(file, table[0], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
     return paths
-
-
-def _Csv(table: Sequence[Mapping[str, Any]]) -> str:
-    """Returns rows, which have the same keys, as the text of a CSV file."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, table[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
-    return text.getvalue()
 
 
 def _Cell(value: Any) -> Any:

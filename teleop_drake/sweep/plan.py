@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,11 +24,7 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.scenario.scenario import (
-    ParseScenario,
-    ResolveFiles,
-    ScenarioFiles,
-)
+from teleop_drake.scenario.scenario import ParseScenario, ResolveFiles, ScenarioFiles
 from teleop_drake.scenario.tree import DumpYaml, ParseYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
@@ -118,7 +114,8 @@ def PlanSweep(
         loaded = LoadScenario(scenario, point)
         CheckSteps(loaded)
         _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
-        traces.update(_HashFiles(loaded, traces))
+        for file in sorted({*ScenarioFiles(loaded).values()} - {*traces}):
+            traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
         if len(good) < _MAX_LOADED:
             good[tuple(point)] = loaded
         return loaded
@@ -212,15 +209,6 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
     tree = ParseScenario(path, ReadText(path))
     ResolveFiles(tree, path.parent.resolve())  # The scenario file will be elsewhere.
     return Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
-
-
-def _HashFiles(scenario: AnyScenario, known: Container[str]) -> dict[str, str]:
-    """Returns the files that a valid scenario names, as far as not known, hashed."""
-    return {
-        file: hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        for file in sorted(set(ScenarioFiles(scenario).values()))
-        if file not in known
-    }
 
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:

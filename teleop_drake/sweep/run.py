@@ -17,7 +17,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
@@ -44,12 +43,7 @@ def Sweep(
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
     engine: str = "auto",
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    **options: Any,
 ) -> SweepResult:
     """Simulates a scenario for each combination of values.
 
@@ -69,19 +63,8 @@ def Sweep(
         overrides: For all runs, as LoadScenario takes them.
         engine: As simulate() takes it; `auto` runs what can be compiled as machine
             code, and says of what cannot why.
-        executor: Where to simulate: any Executor whose workers can import this
-            package, for example `distributed.Client(...).get_executor()`. It stays
-            open. None: in worker processes.
-        jobs: Number of worker processes, >= 1; None: as many as there are processors,
-            and none for compiled runs that would be done before these have started.
-        out: Folder to write to; None writes nothing.
-        resume: Whether to go on with the sweep in `out`, if there is one. To have a
-            run done again, delete its line in runs.jsonl.
-        progress: Called with the number of runs that are finished and the number of
-            all, at the start and after each.
-        notice: Called with a line of text if runs cannot be machine code, or if runs in
-            `out` have to be done again because their lines were changed; None:
-            warnings.warn.
+        **options: executor, jobs, out, resume, progress and notice, as RunSweep()
+            takes them.
 
     Returns:
         The records of all runs.
@@ -93,15 +76,7 @@ def Sweep(
         OSError: If a file cannot be written.
     """
     plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
-    return RunSweep(
-        plan,
-        executor=executor,
-        jobs=jobs,
-        out=out,
-        resume=resume,
-        progress=progress,
-        notice=notice,
-    )
+    return RunSweep(plan, **options)
 
 
 def RunSweep(
@@ -119,41 +94,29 @@ def RunSweep(
 
     Args:
         part: (I, N) for the runs I - 1, I - 1 + N and so on, whose records are all that
-            the result then has; None: all runs. The others are those of Sweep().
+            the result then has; None: all runs.
+        executor: Where to simulate: any Executor whose workers can import this
+            package, for example `distributed.Client(...).get_executor()`. It stays
+            open. None: in worker processes.
+        jobs: Number of worker processes, >= 1; None: as many as there are processors,
+            and none for compiled runs that would be done before these have started.
+        out: Folder to write to; None writes nothing.
+        resume: Whether to go on with the sweep in `out`, if there is one. To have a
+            run done again, delete its line in runs.jsonl.
+        progress: Called with the number of runs that are finished and the number of
+            all, at the start and after each.
+        notice: Called with a line of text if runs cannot be machine code, or if runs in
+            `out` have to be done again because their lines were changed; None:
+            warnings.warn.
     """
     if jobs is not None and (jobs < 1 or executor is not None):
         allowed = "1 or more" if jobs < 1 else "None where an executor is given"
         raise SweepError(f"jobs = {jobs}: must be {allowed}")
     notice = notice or warnings.warn
-    runs = range(len(plan.points))
-    if part is not None:
-        runs = runs[part[0] - 1 :: part[1]]
-    with contextlib.ExitStack() as stack:
-        folder = None
-        if out is not None:
-            folder = stack.enter_context(
-                SweepFolder(Path(out), plan, resume, notice, part)
-            )
-        records = _RunAll(plan, runs, folder, executor, jobs, progress, notice)
-        result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
-        if folder is not None:
-            folder.Finish(result)
-    return result
-
-
-def _RunAll(
-    plan: SweepPlan,
-    runs: Sequence[int],
-    folder: SweepFolder | None,
-    executor: Executor | None,
-    jobs: int | None,
-    progress: Callable[[int, int], None] | None,
-    notice: Callable[[str], None],
-) -> list[dict[str, Any]]:
-    """Returns the records of runs of a plan; does what the folder does not have."""
-    records = {} if folder is None else dict(folder.records)
-    if progress is not None:
-        progress(len(records), len(runs))
+    progress = progress or (lambda finished, runs: None)
+    first, step = part or (1, 1)
+    runs = range(len(plan.points))[first - 1 :: step]
+    records: dict[int, dict[str, Any]] = {}
 
     def Missing() -> list[int]:
         return [run for run in runs if run not in records]
@@ -163,20 +126,31 @@ def _RunAll(
             records[record["run"]] = record
             if folder is not None:
                 folder.Append(record)
-            if progress is not None:
-                progress(len(records), len(runs))
+            progress(len(records), len(runs))
 
-    if Missing() and plan.engine != "drake":
-        why = WhyNotCompiled(plan.scenario)
-        if why:
-            notice(f"Run in Drake's Simulator: {why}.")
-        elif executor is None and jobs is None:
-            Take(_SimulateHere(plan, Missing()))
-    if executor is not None:
-        Take(_Simulate(plan, Missing(), executor))
-    else:
-        Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
-    return [records[run] for run in runs]
+    with (
+        contextlib.nullcontext()
+        if out is None
+        else SweepFolder(Path(out), plan, resume, notice, part)
+    ) as folder:
+        if folder is not None:
+            records |= folder.records
+        progress(len(records), len(runs))
+        if Missing() and plan.engine != "drake":
+            why = WhyNotCompiled(plan.scenario)
+            if why:
+                notice(f"Run in Drake's Simulator: {why}.")
+            elif executor is None and jobs is None:
+                Take(_SimulateHere(plan, Missing()))
+        if executor is not None:
+            Take(_Simulate(plan, Missing(), executor))
+        else:
+            Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
+        ordered = [records[run] for run in runs]
+        result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=ordered)
+        if folder is not None:
+            folder.Finish(result)
+    return result
 
 
 def _SimulateHere(plan: SweepPlan, runs: Sequence[int]) -> Iterator[dict[str, Any]]:
@@ -326,34 +300,26 @@ def _SimulateOne(
 ) -> dict[str, Any]:
     """Simulates one run, in a worker, and returns its record."""
     try:
-        return _Outcome(simulate(source.Load(overrides), engine=engine))
+        recording = simulate(source.Load(overrides), engine=engine)
+        if recording.termination == "interrupted":
+            raise KeyboardInterrupt
+        record: dict[str, Any] = {
+            "status": recording.termination,
+            "reason": recording.reason,
+            **RunSummary(recording),
+        }
+        del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
+        json.dumps(record, allow_nan=False)
+        return record
     except (Exception, SystemExit) as error:
         # Some violated contracts of Drake end in SystemExit.
         return _Failure(error)
 
 
-def _Outcome(recording: Recording) -> dict[str, Any]:
-    """Returns the record of a run but for its place in the grid."""
-    if recording.termination == "interrupted":
-        raise KeyboardInterrupt
-    record = {
-        "status": recording.termination,
-        "reason": recording.reason,
-        **RunSummary(recording),
-    }
-    del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
-    json.dumps(record, allow_nan=False)
-    return record
-
-
 def _Failure(error: BaseException | str) -> dict[str, Any]:
-    return {"status": "failed", "reason": _OneLine(error), "metrics": None}
-
-
-def _OneLine(error: BaseException | str) -> str:
     # A note names the block that raised it.
     notes = getattr(error, "__notes__", [])
-    text = " ".join(" ".join([str(error), *notes]).split())
-    if isinstance(error, str | ScenarioError | RuntimeError) and text:
-        return text
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    reason = " ".join(" ".join([str(error), *notes]).split())
+    if not (reason and isinstance(error, str | ScenarioError | RuntimeError)):
+        reason = ": ".join(filter(None, [type(error).__name__, reason]))
+    return {"status": "failed", "reason": reason, "metrics": None}

@@ -27,7 +27,6 @@ CONTROLLERS = ("controller", "controller.kind")
 """The keys of a grid that name controllers."""
 
 _NUM_RESAMPLES = 2000
-_NO_INTERVAL = (math.nan, math.nan)
 
 
 def HasSeeds(result: SweepResult) -> bool:
@@ -44,7 +43,7 @@ def VariesSeedsOnly(result: SweepResult) -> bool:
 def MedianInterval(values: np.ndarray) -> tuple[float, float]:
     """Returns the bootstrap interval of a median, NaN for fewer than two values."""
     if len(values) < 2:
-        return _NO_INTERVAL
+        return math.nan, math.nan
     from scipy.stats import bootstrap  # It takes a second.
 
     # The generator is new each time: the same runs give the same bytes.
@@ -65,13 +64,6 @@ def ShareInterval(count: int, total: int) -> tuple[float, float]:
 
     interval = binomtest(count, total).proportion_ci(LEVEL, method="wilson")
     return float(interval.low), float(interval.high)
-
-
-def HasPairs(result: SweepResult) -> bool:
-    """Returns whether a sweep has two controllers or more, to compare seed by seed."""
-    return HasSeeds(result) and any(
-        len(result.axes.get(k, [])) > 1 for k in CONTROLLERS
-    )
 
 
 def Statistics(result: SweepResult) -> list[dict[str, Any]]:

@@ -52,11 +52,6 @@ class Study:
     plans: dict[str, SweepPlan]
     metrics: list[str] | None
 
-    @property
-    def num_runs(self) -> int:
-        """Number of runs of all sweeps."""
-        return sum(len(plan.points) for plan in self.plans.values())
-
 
 _STUDIES = Path(__file__).parents[1] / "studies"
 
@@ -200,12 +195,9 @@ def RunStudy(
             if progress is not None:
                 progress(before + finished, sum(sizes))
 
-        folder = Path(out, name)
-        if part is not None:
-            folder /= f"part-{first}-of-{step}"
-        results[name] = RunSweep(
-            plan, part=part, out=folder, progress=Report, **options
-        )
+        folder = Path(out, name, f"part-{first}-of-{step}" if part else "")
+        options |= {"part": part, "out": folder, "progress": Report}
+        results[name] = RunSweep(plan, **options)
     return results
 
 
