@@ -69,7 +69,7 @@ class BrakedSlave(LeafSystem):
 
 def Overshoot(scenario, teleoperator=None):
     """How much faster than commanded the tool gets after the puncture, mm/s."""
-    metrics = RunMetrics(simulate(scenario, teleoperator=teleoperator))
+    metrics = RunMetrics(simulate(scenario, teleoperator=teleoperator, engine="auto"))
     return 1000 * metrics["puncture"]["velocity_overshoot"]
 
 

@@ -79,7 +79,7 @@ def main(picture: Path) -> None:
     WriteDiagram(teleoperator.GetSubsystemByName("controller"), picture)
 
     braked = Overshoot(simulate(scenario, teleoperator=teleoperator))
-    direct = Overshoot(simulate(scenario))
+    direct = Overshoot(simulate(scenario, engine="auto"))
     print(f"overshoot: {1000 * braked:.3f} mm/s (direct force: {1000 * direct:.3f})")
 
 

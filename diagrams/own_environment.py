@@ -105,7 +105,7 @@ def main(picture: Path) -> None:
     scenario.environment = Floor()
     WriteDiagram(MakeTeleoperator(scenario), picture, max_depth=1)
 
-    collision = RunMetrics(simulate(scenario))["collision"]
+    collision = RunMetrics(simulate(scenario, engine="auto"))["collision"]
     time, force = collision["time"], collision["initial_impact_force"]
     print(f"touches the floor at {time:.3f} s; first impact {force:.3f} N")
 

@@ -1,9 +1,12 @@
 """The worked examples in diagrams/: they run, and their pictures are current."""
 
-import os
+import contextlib
+import functools
+import io
 import re
-import subprocess
+import runpy
 import sys
+import warnings
 from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
@@ -23,17 +26,9 @@ pytestmark = pytest.mark.xdist_group("diagrams")
 DIRECTORY = Path(__file__).parent.parent / "diagrams"
 SCRIPTS = sorted(DIRECTORY.glob("*.py"))
 
-END = "-- end of a script --\n"
-
-# One interpreter for all: starting it takes longer than most of them.
-RUN_ALL = f"""
-import pathlib, runpy, sys
-for script in map(pathlib.Path, sys.argv[1:]):
-    sys.argv = [str(script), script.stem + ".svg"]
-    sys.path[0] = str(script.parent)
-    runpy.run_path(str(script), run_name="__main__")
-    print({END!r}, end="")
-"""
+# Of those that build a loop by hand and of those with a part of one's own, one each is
+# enough for the short run; the others take longer.
+SLOW = ("two_dof_arm", "own_controller")
 
 # How many more ports a MultibodyPlant has depends on the version of Drake.
 NUM_IDLE_PORTS = re.compile(r"\d+ more")
@@ -41,24 +36,25 @@ NUM_IDLE_PORTS = re.compile(r"\d+ more")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Runs the scripts; tells the picture that one wrote and the lines it printed."""
+    """Runs a script; tells the picture that it wrote and the lines it printed."""
+    # Away from the repository, as a user's own script would be.
     directory = tmp_path_factory.mktemp("diagrams")
-    output = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RUN_ALL, *SCRIPTS],
-        # Away from the repository, as a user's own script would be.
-        cwd=directory,
-        env=os.environ | {"PYTHONPATH": ""},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert output.stderr == ""
-    *lines, rest = output.stdout.split(END)
-    assert rest == ""
-    printed = dict(zip(SCRIPTS, lines, strict=True))
 
+    @functools.cache
     def run(script: Path) -> tuple[Path, list[str]]:
-        return directory / f"{script.stem}.svg", printed[script].splitlines()
+        picture = directory / f"{script.stem}.svg"
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            warnings.catch_warnings(action="error"),
+            contextlib.redirect_stderr(io.StringIO()) as errors,
+            contextlib.redirect_stdout(io.StringIO()) as output,
+        ):
+            patch.chdir(directory)
+            patch.setattr(sys, "argv", [str(script), picture.name])
+            patch.setattr(sys, "path", [str(script.parent), *sys.path])
+            runpy.run_path(str(script), run_name="__main__")
+        assert errors.getvalue() == ""
+        return picture, output.getvalue().splitlines()
 
     return run
 
@@ -78,7 +74,13 @@ def _Graph(picture: Path) -> Counter[tuple[str, str]]:
     )
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(x, marks=pytest.mark.slow if x.stem in SLOW else (), id=x.stem)
+        for x in SCRIPTS
+    ],
+)
 def test_the_committed_picture_shows_what_the_script_builds(run, script):
     picture, _ = run(script)
     committed = _Graph(script.with_suffix(".svg"))
@@ -94,6 +96,7 @@ def test_the_loop_by_hand_is_the_loop_of_the_scenario(run):
     assert printed == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_arm_by_hand_is_the_arm_of_the_scenario(run):
     _, lines = run(DIRECTORY / "two_dof_arm.py")
     printed = re.fullmatch(r"tool after 1 s: x = (\S+) m, y = (\S+) m", *lines)
@@ -118,6 +121,7 @@ def test_the_puma_by_hand_is_the_puma_of_its_kind(run):
     assert turned < 5
 
 
+@pytest.mark.slow
 def test_the_own_controller_takes_the_place_of_the_other(run):
     _, lines = run(DIRECTORY / "own_controller.py")
     own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
