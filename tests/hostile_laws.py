@@ -9,7 +9,6 @@ import contextlib
 import functools
 import itertools
 import math
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -187,12 +186,6 @@ def sum_of_masks(x):
     return 1.0 * ((x[:3] > 0) + (x[3:] > 0))  # here
 
 
-@refused
-def sum_of_product_and_choice(x):
-    product = (x[0] > 0) * (x[1] > 0)
-    return np.array([product + np.where(x[2] > 0, x[1] > 0, x[3] > 0)])  # here
-
-
 @right
 def yes_and_no(x):
     a, b = x[0] > 0, x[1] > 0
@@ -363,11 +356,9 @@ def not_numbers(x):
     none = big - big
     pairs = np.minimum(none, x), np.maximum(x, none), np.clip(none, 0, 1), 0.0 * big
     sums = 0 * np.exp(1e4 * abs(x)), 0.0 / (x - x), np.sort(none), big // 1.0, x // big
-    changed = np.nan_to_num(none), np.nan_to_num(big, posinf=4.0, neginf=-5.0)
     signs = np.sign(big), np.sign(none), np.isnan(none), np.isinf(big)
-    signs += (np.heaviside(none, 1),)
     choices = min(none[0], 1.0), min(1.0, none[0]), max(1.0, none[0]), np.argmax(none)
-    return np.concatenate((*pairs, *sums, *changed, *signs, choices))
+    return np.concatenate((*pairs, *sums, *signs, choices))
 
 
 # What changes from call to call.
@@ -411,17 +402,12 @@ def counting_in_global(x):
 
 
 def _Closures():
-    number, seen = 0, []
+    number = 0
 
     @refused
     def counting_outside(x):
         nonlocal number
         number += 1  # here
-        return x
-
-    @refused
-    def noting_outside(x):
-        seen.append(1)  # here
         return x
 
 
@@ -447,11 +433,6 @@ def drawing(x):
 
 
 @refused
-def telling_time(x):
-    return x + time.time()  # here
-
-
-@refused
 def taking_the_next(x):
     return x + next(NUMBERS)  # here
 
@@ -468,13 +449,12 @@ def functions(x):
     whole = np.ceil(a), math.ceil(b), round(a), np.round(a, 1), round(b, 2), np.rint(a)
     sizes = np.hypot(a, b), math.hypot(a, b, 2), norm(x), norm([a, b]), math.fabs(a)
     signs = np.copysign(a, 0.0), np.copysign(a, -0.0), np.copysign(3, a), abs(a) ** b
-    steps = math.copysign(a, b), np.heaviside(a, 0.5), np.deg2rad(a), 2**a, a**-1
+    steps = math.copysign(a, b), np.deg2rad(a), 2**a, a**-1
     tables = np.interp(a, [-1, 0, 0.5], [2, 3, -1]), np.interp(b, [0, 1], x[:2], left=a)
-    choice = np.select([x > 0.5, x > 0], [x, 2 * x], default=-1.0)
     lists = np.max([a, b]), np.sum([a, 1.0]), np.clip([a], -0.1, 0.1)[0]
     numbers = *angles, *waves, *rests, *whole, *sizes, *signs, *steps, *tables, *lists
     clipped = np.clip(x, None, 0.5), x.clip(-1, b)
-    return np.concatenate((numbers, choice, *clipped, x[::-1]))
+    return np.concatenate((numbers, *clipped, x[::-1]))
 
 
 @right

@@ -38,7 +38,6 @@ _INTRINSICS = (
 _WITH_TWO_SIDES = ("pow", "atan2", "fmod", "copysign")
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
-_LOGIC = {"and": "and", "or": "or"}
 
 
 class ScalarProgram(NamedTuple):
@@ -320,7 +319,7 @@ class _Writer:
             return self._Assign(f"select i1 {yes_or_no}, double {a}, double {b}")
         if operation == "not":
             return self._Assign(f"xor i1 {values[0]}, true")
-        if operation in _LOGIC:
+        if operation in ("and", "or"):
             return self._Assign(f"{operation} i1 {', '.join(values)}")
         if operation in BOOLEAN:
             comparison = _COMPARISONS.get(operation, "une")

@@ -72,10 +72,6 @@ def _Sign(a: Any) -> Any:
     return Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, a * 1.0))
 
 
-def _Heaviside(a: Any, at_zero: Any) -> Any:
-    return Where(a > 0.0, 1.0, Where(a < 0.0, 0.0, Where(a == 0.0, at_zero, a)))
-
-
 def _Log(a: Any, base: Any = None) -> Any:
     return _LOG(a) if base is None else _LOG(a) / _LOG(base)
 
@@ -150,20 +146,6 @@ def _Full(shape: Any, fill: Any, dtype: Any = None) -> Any:
     return _Array(np.full)(shape, fill, dtype=dtype)
 
 
-def _NanToNum(
-    a: Any, copy: bool = True, nan: Any = 0.0, posinf: Any = None, neginf: Any = None
-) -> Any:
-    largest = float(np.finfo(float).max)
-    a = AsNumbers(a)
-    result = Where(a != a, nan, a)
-    for end, given in ((math.inf, posinf), (-math.inf, neginf)):
-        limit = math.copysign(largest, end) if given is None else given
-        result = Where(a == end, limit, result)
-    if not copy:
-        a[...] = result
-    return result
-
-
 def _Interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None) -> Any:
     xp, fp = AsNumbers(xp), AsNumbers(fp)
     result: Any = fp[0] if left is None else left
@@ -173,13 +155,6 @@ def _Interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None) -> An
     result = Where(x >= xp[-1], fp[-1], result)
     result = result if right is None else Where(x > xp[-1], right, result)
     return Where(x == x, result, x)
-
-
-def _Select(conditions: Any, choices: Any, default: Any = 0.0) -> Any:
-    result = default
-    for condition, choice in zip(conditions[::-1], choices[::-1], strict=True):
-        result = Where(condition, choice, result)
-    return result
 
 
 def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
@@ -382,7 +357,7 @@ _ELEMENTWISE |= {
     "bitwise_xor": operator.xor,
     "logical_and": lambda a, b: AsBoolean(a) & AsBoolean(b),
     "logical_or": lambda a, b: AsBoolean(a) | AsBoolean(b),
-    "minimum": _Minimum, "maximum": _Maximum, "heaviside": _Heaviside,
+    "minimum": _Minimum, "maximum": _Maximum,
     "negative": operator.neg, "positive": operator.pos,
     "absolute": abs, "square": lambda a: a * a,
     "reciprocal": lambda a: 1.0 / a, "sign": _Sign, "invert": Not, "logical_not": Not,
@@ -431,8 +406,8 @@ FUNCTIONS |= {
     np.zeros_like: _Like(0.0), np.empty_like: _Like(0.0), np.ones_like: _Like(1.0),
     np.full_like: _Like(None), np.where: Where, np.clip: _Through(_CLIP),
     np.round: _Through(_Round), np.sort: _Sort, np.argmax: _PlaceOf(operator.gt),
-    np.argmin: _PlaceOf(operator.lt), np.nan_to_num: _NanToNum, np.mean: _Mean,
-    np.interp: _Interp, np.select: _Select, np.searchsorted: _SearchSorted,
+    np.argmin: _PlaceOf(operator.lt), np.mean: _Mean,
+    np.interp: _Interp, np.searchsorted: _SearchSorted,
     np.count_nonzero: lambda a: (AsNumbers(a) != 0.0).sum(),
     np.linalg.solve: _Solve, np.linalg.inv: lambda A: _Solve(A, np.eye(len(A))),
     np.linalg.det: _Determinant, np.linalg.eigh: _Eigh, np.linalg.svd: _Svd,
