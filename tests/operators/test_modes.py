@@ -1,4 +1,4 @@
-"""What all operators have in common; see also test_planned."""
+"""What all operators have in common, and the hand; see also test_planned."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,13 @@ from pydrake.systems.framework import DiagramBuilder
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.environments import CONTACT, Surface
 from teleop_drake.operators import OPERATOR_KINDS
-from teleop_drake.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.operators.hand import HandOperator
+from teleop_drake.scenario import (
+    LoadScenario,
+    ScenarioError,
+    ScenarioFromYaml,
+    ScenarioToYaml,
+)
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeMasterStation
 
@@ -100,3 +106,59 @@ def test_a_diagram_of_ones_own_can_be_operator(hand_file):
     scenario = LoadScenario("two_dof_collision")
     station = MakeMasterStation(scenario, operator=builder.Build())
     assert station.GetOutputPort("forward_packet").size() == 4
+
+
+def test_the_hand_follows_the_line_that_is_set_and_holds_its_end():
+    dut = HandOperator(num_axes=2)
+    CheckKernel(dut)
+    context = dut.CreateDefaultContext()
+    port, line = dut.GetOutputPort("velocity_command"), dut.GetInputPort("line")
+    assert port.Eval(context).tolist() == [0, 0]
+    line.FixValue(context, [1.0, 2.0, 0.0, 0.1, 0.2, 0.1])
+    for time, expected in ((0.5, 0.0), (1.25, 0.05), (2.0, 0.2), (5.0, 0.2)):
+        context.SetTime(time)
+        assert port.Eval(context).tolist() == pytest.approx([expected, 0.1])
+    # A change of the line alone is seen.
+    line.FixValue(context, [4.0, 6.0, 0.0, 0.1, 0.2, 0.1])
+    assert port.Eval(context).tolist() == pytest.approx([0.1, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("surgeon.kind=sin", "surgeon.kind = 'sin': must be one of constant_velocity"),
+        (
+            "surgeon.kind=human surgeon.goal=force",
+            "surgeon.goal = 'force': must be one",
+        ),
+        (
+            "surgeon.kind=human surgeon.reaction_delay=1e-9",
+            "surgeon.reaction_delay = 1e-09: must be 0 or a finite number >= 1e-06",
+        ),
+        ("surgeon.kind=human surgeon.arm_mass=0", "surgeon.arm_mass = 0.0: must be a"),
+        ("surgeon.kind=sine surgeon.frequency=0", "surgeon.frequency = 0.0: must be a"),
+        ("surgeon.kind=trapezoid surgeon.rise_time=0", "surgeon.rise_time = 0.0: must"),
+        ("surgeon.kind=sine surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be"),
+        (
+            "surgeon.kind=minimum_jerk surgeon.waypoints=[[0.1],[0.1]]",
+            "surgeon.waypoints.1 = [0.1]: must be another point than the waypoint",
+        ),
+        (
+            "surgeon.kind=minimum_jerk surgeon.waypoints=[[0.1,0]]",
+            "surgeon.waypoints.0 = [0.1, 0.0]: must be a list of 1 finite number (m)",
+        ),
+        (
+            "surgeon.kind=recorded",
+            "surgeon.file = null: must be the path of a CSV file",
+        ),
+        (
+            "surgeon.kind=sine surgeon.rise_time=2",
+            "surgeon.rise_time = 2.0: must be 0.5 for a sine operator",
+        ),
+    ],
+)
+def test_refused(override, message):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", override.split())
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
