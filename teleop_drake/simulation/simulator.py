@@ -14,9 +14,8 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
-from teleop_drake.simulation.stale_cache_guard import GuardOf, MakeGuarded
+from teleop_drake.simulation.stale_cache_guard import GuardOf, MakeGuarded, TrialStep
 from teleop_drake.simulation.stepping import LongestStep, Stepping
-from teleop_drake.simulation.trial_step import TrialStep
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
 # better than a microsecond.
