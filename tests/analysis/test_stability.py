@@ -2,14 +2,13 @@
 
 import json
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.stability import (
-    AnalyzeStability,
-)
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.linear_model.loop_model import CutLoop
 from teleop_drake.linear_model.operating_point import (
@@ -21,7 +20,7 @@ from teleop_drake.linear_model.operating_point import (
 )
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
 TASKS = ("one_dof", "two_dof_combined")
@@ -89,24 +88,12 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     assert point.num_neutral == 1 and len(point.hidden_modes) == 0
 
 
-def test_stability_returns_on_the_bone():
-    bone = Analyze("one_dof")["bone"]
-    assert bone.margin.delay == pytest.approx(0.0527, abs=1e-4)
-    assert [x.direction for x in bone.crossings] == [-1, 1]
-    assert len(bone.stable_delays) > 3
-    for begin, end in bone.stable_delays:
-        assert bone.RightmostRoot((begin + end) / 2).real < 0
-    for (_, end), (begin, _) in zip(
-        bone.stable_delays[:-1], bone.stable_delays[1:], strict=True
-    ):
-        assert bone.RightmostRoot((begin + end) / 2).real > 0
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TASKS)
 def test_collocation_agrees_at_every_border(name, kind):
     """At the ends of each interval the rightmost root is on the axis, at the frequency
-    of a crossing; inside it is left, and outside right of it."""
+    of a crossing; inside it is left, and outside right of it. On the bone stability
+    returns."""
     for point in Analyze(name, kind).points:
         assert is_delay_robust(point.loop)
         for begin, end in point.stable_delays:
@@ -121,6 +108,11 @@ def test_collocation_agrees_at_every_border(name, kind):
         assert point.stable_delays[0] == (0.0, min(margin, point.max_delay))
         if point.margin:
             assert point.RightmostRoot(1.02 * margin).real > 0
+        for (_, end), (begin, _) in pairwise(point.stable_delays):
+            assert point.RightmostRoot((begin + end) / 2).real > 0
+    if (name, kind) == ("one_dof", "direct_force"):
+        assert [x.direction for x in point.crossings] == [-1, 1]
+        assert len(point.stable_delays) > 3
 
 
 @pytest.mark.parametrize("kind", OTHERS)
@@ -465,15 +457,6 @@ def test_bare_wave_line_is_not_robust():
         assert point.stable_delays == [] and point.margin is None
 
 
-def test_a_second_delay_is_refused():
-    with pytest.raises(ValueError, match=r"inside of a station = 0\.1: must be the ro"):
-        Analyze(
-            "one_dof",
-            "smith_predictor",
-            **{"controller.smith_predictor.delay": 0.1},
-        )
-
-
 def test_idle_passivity_is_said():
     analysis = Analyze("one_dof", "time_domain_passivity")
     direct = Analyze("one_dof")
@@ -481,10 +464,7 @@ def test_idle_passivity_is_said():
         assert point.margin.delay == pytest.approx(other.margin.delay, rel=1e-7)
         assert point.ToRecord()["idle_passivity"] is True
         assert other.ToRecord()["idle_passivity"] is False
-    (note,) = analysis.notes
-    assert "passivity controllers are taken to inject nothing" in note
-    assert direct.notes == []
-    assert analysis.ToRecord()["notes"] == [note]
+    assert len(analysis.ToRecord()["notes"]) == 1 and direct.notes == []
 
 
 def test_device_whose_loop_is_too_fast_for_collocation():
@@ -569,39 +549,10 @@ def test_chart_along_the_path():
     assert [x is None for x in chart.StableDelays("free")] == [True, False, True]
 
 
-def test_chart_refuses():
-    with pytest.raises(ScenarioError, match=r"robot\.mass"):
-        ChartStability("one_dof", "robot.mass", [-1.0, 1.0])
-    with pytest.raises(ScenarioError, match=r"robot\.model = 1.0: must be one of sl"):
-        ChartStability("one_dof", "robot.model", [1.0, 2.0])
+def test_refuses():
+    """The command's tests have what else is refused."""
     with pytest.raises(ValueError, match=r"robot\.mass = \[\]: must be a list"):
         ChartStability("one_dof", "robot.mass", [])
-    with pytest.raises(ValueError, match="on the tool's path"):
-        ChartStability("one_dof", POSITION, [-1.0])
-
-
-@pytest.mark.parametrize(
-    ("scenario", "message"),
-    [
-        (
-            LoadScenario(
-                "one_dof",
-                {
-                    "forward_channel": {
-                        "kind": "network",
-                        "sample_period": 0.01,
-                        "receiver": {"policy": "extrapolate"},
-                    }
-                },
-            ),
-            "forward_channel.receiver.policy = 'extrapolate': must be newest",
-        ),
-        (LoadScenario("network_tracking_linear"), "must be a teleoperation"),
-    ],
-)
-def test_refuses(scenario, message):
-    with pytest.raises(ScenarioError, match=message):
-        AnalyzeStability(scenario)
     with pytest.raises(ValueError, match="max_delay = "):
         AnalyzeStability(LoadScenario("one_dof"), max_delay=math.inf)
     with pytest.raises(KeyError):
