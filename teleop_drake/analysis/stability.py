@@ -70,12 +70,6 @@ Array = NDArray[np.float64]
 MAX_DELAY = 2.0
 """Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
 
-COMMANDS_VELOCITY = "commands a velocity"
-"""What an operator does before contact, and who never holds a force after it."""
-
-HOLDS_FORCE = "holds a force"
-"""What an operator does who has perceived contact, if it has a contact force."""
-
 NO_LOOP = "tracking has no loop with a delay"
 """Why a task is refused that is no teleoperation."""
 
@@ -130,8 +124,9 @@ class PointStability:
 
     @property
     def operator(self) -> str:
-        """What the operator of this loop does: COMMANDS_VELOCITY or HOLDS_FORCE."""
-        return HOLDS_FORCE if self.model.point.holds_force else COMMANDS_VELOCITY
+        """What the operator of this loop does."""
+        holds_force = self.model.point.holds_force
+        return "holds a force" if holds_force else "commands a velocity"
 
     @property
     def label(self) -> str:
@@ -208,7 +203,7 @@ class PointStability:
     def ToRecord(self) -> dict[str, Any]:
         """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""
         point = self.model.point
-        root = self.RightmostRoot(self.delay)
+        root, slave = self.RightmostRoot(self.delay), self.slave_root
         margin = self.margin
         return {
             "name": point.name,
@@ -221,17 +216,13 @@ class PointStability:
             "gain_crossovers": [crossing.frequency for crossing in self.crossings],
             "crossing_delays": [crossing.delay for crossing in self.crossings],
             "crossing_directions": [crossing.direction for crossing in self.crossings],
-            "phase_margin": None if margin is None else margin.phase_margin,
-            "delay_margin": None if margin is None else margin.delay,
+            "phase_margin": margin and margin.phase_margin,
+            "delay_margin": margin and margin.delay,
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
             "rightmost_root": None if root is None else [root.real, root.imag],
             "unresolved_below": self.unresolved,
-            "slave_root": (
-                None
-                if self.slave_root is None
-                else [self.slave_root.real, self.slave_root.imag]
-            ),
+            "slave_root": None if slave is None else [slave.real, slave.imag],
             "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
             "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
@@ -320,6 +311,8 @@ def AnalyzeModel(
     margin = delay_margin(loop, crossings, unresolved)
     if not _AllDecay(modes):
         intervals, margin = [], None
+    without_delay = np.linalg.eigvals(closed_loop_matrix(loop))
+    num_slow = int(np.sum(np.abs(without_delay) < unresolved))
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
     slave_roots = _RightmostFirst(slave_roots[np.abs(slave_roots) >= unresolved])
     return PointStability(
@@ -331,7 +324,7 @@ def AnalyzeModel(
         margin=margin,
         stable_delays=intervals,
         hidden_modes=modes,
-        num_neutral=int(is_neutral.sum()) + _CountSlow(loop, unresolved),
+        num_neutral=int(is_neutral.sum()) + max(num_slow, neutral_root_count(loop)),
         unresolved=unresolved,
         slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
     )
@@ -381,12 +374,6 @@ def _IsResolved(model: LoopModel, crossing: Crossing, unresolved: float) -> bool
     return bool(abs(s) > unresolved and shift < abs(s * by_s))
 
 
-def _CountSlow(loop: StateSpace, unresolved: float) -> int:
-    """Returns the number of roots without delay that are not told from 0."""
-    sizes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
-    return max(int(np.sum(sizes < unresolved)), neutral_root_count(loop))
-
-
 def AnalyzeStability(
     scenario: ScenarioLike,
     *,
@@ -418,16 +405,10 @@ def AnalyzeStability(
         for path in ("forward_channel", "return_channel")
     )
     delay = forward.delay + back.delay
-    if points is None:
-        points = OperatingPoints(
-            scenario,
-            environment=(
-                None
-                if teleoperator is None
-                else teleoperator.GetSubsystemByName("environment")
-            ),
-        )
     linearizer = Linearizer(scenario, teleoperator)
+    if points is None:
+        environment = linearizer.diagram.GetSubsystemByName("environment")
+        points = OperatingPoints(scenario, environment=environment)
     models = [linearizer.Loop(point) for point in points]
     notes = [note for note in (forward.note, back.note) if note]
     operator_note = scenario.surgeon.LinearNote()

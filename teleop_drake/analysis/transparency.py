@@ -67,18 +67,6 @@ def EnvironmentImpedance(
     return damping + stiffness / (1j * w[:, np.newaxis, np.newaxis])
 
 
-def AxisTwoPort(admittance: ArrayLike, axis: int = 0) -> ComplexArray:
-    """Returns the admittance matrix of one axis (K, 2, 2), no force on the others.
-
-    Args:
-        admittance: y of (1) (K, 2n, 2n).
-        axis: 0 to n - 1.
-    """
-    y = np.asarray(admittance, dtype=complex)
-    ports = [axis, axis + y.shape[1] // 2]
-    return y[:, ports][:, :, ports]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transparency:
     """What the operator feels at an operating point.
@@ -131,22 +119,20 @@ def AnalyzeTransparency(
     scenario: ScenarioLike,
     point: OperatingPoint,
     *,
-    forward_delay: float,
-    return_delay: float,
     frequencies: ArrayLike = FREQUENCIES,
     linearizer: Linearizer | None = None,
 ) -> Transparency:
     """Analyses what the operator feels at an operating point.
 
     Args:
-        scenario: A valid one, or its name or file.
+        scenario: A valid one, or its name or file; see ChannelConfig.AsConstantDelay
+            for its channels.
         point: The operating point, of which the position is used, at rest.
-        forward_delay: T_f in s, >= 0.
-        return_delay: T_r in s, >= 0.
         frequencies: w in rad/s (K), > 0.
         linearizer: Of the scenario, at its ports, if there are many points.
 
     Raises:
+        ScenarioError: If a channel is no delay.
         ValueError: As Linearizer.
     """
     scenario = AsTeleoperation(scenario)
@@ -159,9 +145,11 @@ def AnalyzeTransparency(
     w = np.asarray(frequencies, dtype=float).reshape(-1)
     linearizer = linearizer or Linearizer(scenario, at_ports=True)
     model = linearizer.TwoPort(point)
-    delayed = model.Admittance(
-        w, forward_delay=forward_delay, return_delay=return_delay
+    forward, back = (
+        getattr(scenario, path).AsConstantDelay(path, scenario.duration).delay
+        for path in ("forward_channel", "return_channel")
     )
+    delayed = model.Admittance(w, forward_delay=forward, return_delay=back)
     Z_e = EnvironmentImpedance(scenario, point, w)
     n = len(point.position)
     return Transparency(
@@ -171,7 +159,7 @@ def AnalyzeTransparency(
         undelayed=TransmittedImpedance(model.Admittance(w), Z_e),
         environment=Z_e,
         llewellyn=np.stack(
-            [llewellyn(AxisTwoPort(delayed, axis)) for axis in range(n)], axis=1
+            [llewellyn(delayed[:, i::n, i::n]) for i in range(n)], axis=1
         ),
         idle_passivity=model.idle_passivity,
     )
@@ -199,24 +187,12 @@ def FeltStiffness(
     away from the layer while pushing into it no further.
 
     Args:
-        scenario: A valid one; see ChannelConfig.AsConstantDelay for its channels.
         point: Where the tool is, taken at rest.
         frequencies: w in rad/s (K), > 0.
 
     Raises:
-        ScenarioError: If a channel is no delay.
-        ValueError: As Linearizer.
+        ValueError: As AnalyzeTransparency.
     """
-    forward, back = (
-        getattr(scenario, path).AsConstantDelay(path, scenario.duration).delay
-        for path in ("forward_channel", "return_channel")
-    )
-    felt = AnalyzeTransparency(
-        scenario,
-        point,
-        forward_delay=forward,
-        return_delay=back,
-        frequencies=frequencies,
-    )
+    felt = AnalyzeTransparency(scenario, point, frequencies=frequencies)
     admittance = np.linalg.inv(felt.transmitted)[:, 0, 0]
     return np.asarray((1j * felt.frequencies / admittance).real)

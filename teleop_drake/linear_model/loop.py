@@ -112,21 +112,6 @@ _STEP_SHARE = 1 / 50
 _LEAST_DISTANCE = 1e-9
 
 
-def LinearizeLoop(
-    scenario: ScenarioLike,
-    point: OperatingPoint,
-    *,
-    teleoperator: Diagram | None = None,
-) -> LoopModel:
-    """Linearises both ends of the loop at an operating point; see Linearizer."""
-    return Linearizer(scenario, teleoperator).Loop(point)
-
-
-def LinearizeTwoPort(scenario: ScenarioLike, point: OperatingPoint) -> TwoPortModel:
-    """Linearises what is between hand and environment; see Linearizer."""
-    return Linearizer(scenario, at_ports=True).TwoPort(point)
-
-
 def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
     """Returns the block that holds a force after contact, and what it tells, if any."""
     for block in Flatten(system):

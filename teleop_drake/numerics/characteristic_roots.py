@@ -29,7 +29,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -72,13 +72,10 @@ def characteristic_roots(
         left to be found; the rightmost one is the first to be.
 
     Raises:
-        ValueError: If the delay is negative or not finite, or sizes do not match.
+        ValueError: If the delay is negative or not finite.
     """
     A, B, C, D = (np.atleast_2d(np.array(x, dtype=float)) for x in (A, B, C, D))
-    n, m = len(A), len(D)
-    if A.shape != (n, n) or B.shape != (n, m) or C.shape != (m, n) or D.shape != (m, m):
-        shapes = [A.shape, B.shape, C.shape, D.shape]
-        Refuse("shapes of A, B, C, D", shapes, "(n, n), (n, m), (m, n), (m, m)")
+    m = len(D)
     CheckNumber("delay", delay, "s", minimum=0)
     if delay == 0 or m == 0:
         closed = A + B @ np.linalg.solve(np.eye(m) - D, C)
@@ -121,8 +118,8 @@ def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:
     return roots[:count]
 
 
-def _differentiation_matrix(num_points: int) -> tuple[Array, Array]:
-    """Returns the Chebyshev points on [-1, 1], descending, and d/dx on them."""
+def _differentiation_matrix(num_points: int) -> Array:
+    """Returns d/dx on the Chebyshev points on [-1, 1], descending."""
     k = np.arange(num_points + 1)
     x = np.cos(np.pi * k / num_points)
     weights = np.where((k == 0) | (k == num_points), 2.0, 1.0) * (-1.0) ** k
@@ -130,7 +127,7 @@ def _differentiation_matrix(num_points: int) -> tuple[Array, Array]:
     matrix = np.outer(weights, 1 / weights) / difference
     # Rows sum to zero: constants have no derivative.
     matrix -= np.diag(matrix.sum(axis=1))
-    return x, matrix
+    return np.asarray(matrix)
 
 
 def _collocation_roots(
@@ -138,7 +135,7 @@ def _collocation_roots(
 ) -> ComplexArray:
     """Returns the eigenvalues of the discretised generator."""
     n, m = len(A), len(D)
-    _, derivative = _differentiation_matrix(num_points)
+    derivative = _differentiation_matrix(num_points)
     # U_0 = U(0) is eliminated; the unknowns are x and U_1 ... U_N, U_N = U(-T).
     derivative = derivative[1:] * (2 / delay)
     last = slice(n + (num_points - 1) * m, n + num_points * m)

@@ -87,14 +87,10 @@ def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> fl
     if not den.any():
         Refuse("denominator", den, "other than zero")
     num_poles = int(np.flatnonzero(den)[0])
-    den = den[num_poles:]
     # Long division in ascending powers: num / den = series_0 + series_1 s + ...
-    series: list[float] = []
-    for k in range(num_poles + 1):
-        rest = num[k] if k < num.size else 0.0
-        rest -= sum(den[j] * series[k - j] for j in range(1, min(k, den.size - 1) + 1))
-        series.append(float(rest / den[0]))
-    return series[num_poles]
+    den = den[num_poles:]
+    series, _ = np.polydiv(np.pad(num, (0, num_poles + den.size)), den)
+    return float(series[num_poles])
 
 
 def all_pass_of_delay(

@@ -9,13 +9,12 @@ from phasors import TerminatedPort
 
 from teleop_drake.analysis.transparency import (
     AnalyzeTransparency,
-    AxisTwoPort,
     EnvironmentImpedance,
     TransmittedImpedance,
 )
 from teleop_drake.figures.analysis import PlotTransparency
 from teleop_drake.laws.two_port import delay_two_port, scattering_norm
-from teleop_drake.linear_model.loop import LinearizeTwoPort
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario
 
@@ -37,8 +36,6 @@ def Analyze(name, kind, point=0, forward=0.07, back=0.13, **overrides):
     return scenario, AnalyzeTransparency(
         scenario,
         OperatingPoints(scenario)[point],
-        forward_delay=forward,
-        return_delay=back,
         frequencies=W,
     )
 
@@ -62,7 +59,7 @@ def test_transmitted_impedance_of_direct_force(point, k, d):
 def test_llewellyn_of_direct_force():
     """y11 = z/Z, y12 = -z_r/Z, y21 = -z_f/Z, y22 = 1/Z with the robot's Z."""
     scenario, result = Analyze("one_dof", "direct_force")
-    model = LinearizeTwoPort(scenario, result.point)
+    model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
     z_f, z_r = np.exp(-0.07j * W), np.exp(-0.13j * W)
     expected = np.array([[z_f * z_r, -z_r], [-z_f, np.ones(len(W))]]) / ROBOT
@@ -132,6 +129,8 @@ def test_proportional_damping_is_passive_as_published(share, is_stable):
         "one_dof",
         {
             "controller.kind": "proportional_damping",
+            "forward_channel.delay": 0.05,
+            "return_channel.delay": 0.15,
             "controller.proportional_damping.stiffness": float(K),
             "controller.proportional_damping.master_damping": B_m,
             "controller.proportional_damping.slave_damping": B_s,
@@ -140,8 +139,6 @@ def test_proportional_damping_is_passive_as_published(share, is_stable):
     result = AnalyzeTransparency(
         scenario,
         OperatingPoints(scenario)[1],
-        forward_delay=0.05,
-        return_delay=0.15,
         frequencies=np.geomspace(0.01, 10, 300),
     )
     assert result.ToRecord()["absolutely_stable"] is is_stable
@@ -150,12 +147,12 @@ def test_proportional_damping_is_passive_as_published(share, is_stable):
 def test_wave_variables_on_the_arm_are_passive():
     """All axes together: the scattering matrix of every axis, and y + y^H >= 0."""
     scenario, result = Analyze("two_dof_combined", "wave_variables", 2)
-    model = LinearizeTwoPort(scenario, result.point)
+    model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
     least = np.linalg.eigvalsh(y + np.conj(np.swapaxes(y, 1, 2)))[:, 0]
     assert least.min() > -1e-9
     for axis in (0, 1):
-        assert scattering_norm(AxisTwoPort(y, axis)).max() < 1 + 1e-9
+        assert scattering_norm(y[:, axis::2, axis::2]).max() < 1 + 1e-9
 
 
 def test_the_arm_is_felt_by_direct_force():
@@ -163,7 +160,7 @@ def test_the_arm_is_felt_by_direct_force():
     assert result.transmitted.shape == (40, 2, 2)
     assert np.all(result.environment == 0)
     # At high frequencies the inertia of the tool.
-    model = LinearizeTwoPort(scenario, result.point)
+    model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     inertia = -np.linalg.inv(model.system.B[2:4, 2:4])
     np.testing.assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)
 

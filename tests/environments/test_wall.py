@@ -13,7 +13,7 @@ from teleop_drake.environments import (
     HuntCrossleyConfig,
     StandardLinearSolidConfig,
 )
-from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -153,7 +153,7 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
             ],
         )
         point = OperatingPoints(scenario)[-1]
-        models.append(LinearizeLoop(scenario, point).slave.A[2:4, 2:4])
+        models.append(Linearizer(scenario).Loop(point).slave.A[2:4, 2:4])
     robot = replace(scenario.robot, start=point.position).MakeRobot()
     F_n = 150 * (point.position[0] - 1.0)
     damping = 0.4 * F_n / 0.001 * np.diag([0.0, 1.0])

@@ -148,9 +148,7 @@ def test_bode_of_a_loop_that_is_nothing():
 def test_llewellyns_parameter_is_explained(kind, text):
     scenario = LoadScenario("one_dof", {"controller.kind": kind})
     point = OperatingPoints(scenario)[0]
-    transparency = AnalyzeTransparency(
-        scenario, point, forward_delay=0.1, return_delay=0.1
-    )
+    transparency = AnalyzeTransparency(scenario, point)
     figure = PlotTransparency([transparency])
     texts = [note.get_text() for note in figure.axes[1].texts]
     assert [note.split("\n")[0] for note in texts] == ([text] if text else [])

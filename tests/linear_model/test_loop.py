@@ -15,9 +15,7 @@ from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.linear_model.loop import (
-    LinearizeLoop,
     Linearizer,
-    LinearizeTwoPort,
 )
 from teleop_drake.linear_model.operating_point import (
     OperatingPoint,
@@ -42,6 +40,10 @@ OWN_ARM_IN_A_PLANE = {
 
 W = np.geomspace(0.01, 300, 50)
 S = 1j * W
+
+
+def LinearizeLoop(scenario, point, teleoperator=None):
+    return Linearizer(scenario, teleoperator).Loop(point)
 
 
 def Model(name, kind="direct_force", point=0, **overrides):
@@ -370,7 +372,7 @@ def test_samples_have_no_linear_model():
 def test_predictor_is_its_equation():
     """v_felt = v_ret + v_model - d, M dv_model/dt = F_h - B v_model - K y."""
     scenario = LoadScenario("one_dof", {"controller.kind": "smith_predictor"})
-    model = LinearizeTwoPort(scenario, OperatingPoints(scenario)[0])
+    model = Linearizer(scenario, at_ports=True).TwoPort(OperatingPoints(scenario)[0])
     m, c, k = 0.5, 0.6, 0.01
     rows, columns = [0, 2, 3, 6], [0, 4, 5, 6]
     G = model.system.frequency_response(W)[:, rows][:, :, columns]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.loop_model import MotionRate
 from teleop_drake.linear_model.operating_point import OperatingPointAt
 from teleop_drake.scenario import LoadScenario
@@ -79,7 +79,7 @@ def test_rate_of_a_motion():
 
 def test_slider_on_a_spring_rests_while_it_moves():
     scenario = LoadScenario("one_dof", EverywhereBone(150.0))
-    model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.01))
+    model = Linearizer(scenario).Loop(OperatingPointAt(scenario, 0.01))
     assert model.motion.rate == 0
 
 

@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.linear_model.loop import LinearizeLoop
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.linear_model.ports import LinearizePorts
 from teleop_drake.scenario import LoadScenario
@@ -91,7 +91,7 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
     """From the forward packet received to the return packet sent, in tissue."""
     scenario = LoadScenario("one_dof", {"controller.kind": kind})
     (point,) = (x for x in OperatingPoints(scenario) if x.name == "tissue")
-    slave = LinearizeLoop(scenario, point).slave
+    slave = Linearizer(scenario).Loop(point).slave
     teleoperator = MakeTeleoperator(scenario)
     context = teleoperator.CreateDefaultContext()
     plant = teleoperator.GetSubsystemByName("robot")

@@ -5,7 +5,7 @@ import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.linear_model.loop import LinearizeLoop, LinearizeTwoPort
+from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -40,7 +40,7 @@ def test_linear_model_of_the_master(goal):
     """[F_h; v_d] against [p; v] as they return, with the exact reaction delay."""
     scenario = Load(**{"surgeon.goal": goal})
     (point,) = OperatingPoints(scenario)
-    model = LinearizeLoop(scenario, point).master
+    model = Linearizer(scenario).Loop(point).master
     w_c = scenario.surgeon.crossover_frequency
     for w in (0.3, 2.0, 9.0):
         s = 1j * w
@@ -62,7 +62,9 @@ def test_linear_model_of_the_master(goal):
 def test_the_two_port_does_not_know_who_holds_it():
     scenario, thesis = Load(), Load(**{"surgeon.kind": "constant_velocity"})
     (point,) = OperatingPoints(scenario)
-    mine, theirs = (LinearizeTwoPort(x, point) for x in (scenario, thesis))
+    mine, theirs = (
+        Linearizer(x, at_ports=True).TwoPort(point) for x in (scenario, thesis)
+    )
     np.testing.assert_array_equal(mine.system.A, theirs.system.A)
 
 

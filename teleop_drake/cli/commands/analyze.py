@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from teleop_drake.analysis.stability import StabilityAnalysis
     from teleop_drake.analysis.stability_chart import StabilityChart
     from teleop_drake.analysis.transparency import Transparency
-    from teleop_drake.scenario import AnyScenario
 
 # Below this, in rad/s, nobody asks whether a mode is neutral.
 _LEAST_UNRESOLVED = 1e-3
@@ -59,6 +58,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-delay",
         metavar="S",
+        default="2",
         help="longest round-trip delay to report on, s (default: 2)",
     )
     parser.add_argument(
@@ -80,6 +80,11 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints delay margins, stability and transparency, and draws them."""
+    from teleop_drake.analysis.stability import AnalyzeStability
+    from teleop_drake.analysis.stability_chart import ChartStability
+    from teleop_drake.analysis.transparency import AnalyzeTransparency
+    from teleop_drake.linear_model.loop import Linearizer
+
     scenario = Load(args)
     max_delay = _MaxDelay(args.max_delay)
     key, values = _VariedNumber(args.vary)
@@ -95,8 +100,25 @@ def Execute(args: argparse.Namespace) -> int:
     )
     try:
         # The chart first: it may refuse a value, and nobody should wait for that.
-        chart = _Chart(args, key, values, max_delay) if key else None
-        analysis, transparency = _Analyze(scenario, max_delay)
+        chart = None
+        if key:
+            with SweepProgress(args.quiet, "values") as show:
+                chart = ChartStability(
+                    args.scenario,
+                    key,
+                    values,
+                    overrides=OverridesOf(args),
+                    max_delay=max_delay,
+                    progress=show,
+                )
+        analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        linearizer = Linearizer(analysis.scenario, at_ports=True)
+        transparency = [
+            AnalyzeTransparency(
+                analysis.scenario, point.model.point, linearizer=linearizer
+            )
+            for point in analysis.points
+        ]
     except ValueError as e:
         raise BadInput(e) from None
     record = analysis.ToRecord()
@@ -119,12 +141,8 @@ def Execute(args: argparse.Namespace) -> int:
     return 0
 
 
-def _MaxDelay(text: str | None) -> float:
-    """Returns the number of `--max-delay`; without it, the default."""
-    from teleop_drake.analysis.stability import MAX_DELAY
-
-    if text is None:
-        return MAX_DELAY
+def _MaxDelay(text: str) -> float:
+    """Returns the number of `--max-delay`."""
     try:
         max_delay = float(text)
     except ValueError:
@@ -132,45 +150,6 @@ def _MaxDelay(text: str | None) -> float:
     if not 0 < max_delay < math.inf:
         raise BadInput(f"--max-delay = {text!r}: must be a finite number > 0 (s)")
     return max_delay
-
-
-def _Analyze(
-    scenario: "AnyScenario", max_delay: float
-) -> tuple["StabilityAnalysis", list["Transparency"]]:
-    """Analyses stability, and the transparency at the same points."""
-    from teleop_drake.analysis.stability import AnalyzeStability
-    from teleop_drake.analysis.transparency import AnalyzeTransparency
-    from teleop_drake.linear_model.loop import Linearizer
-
-    analysis = AnalyzeStability(scenario, max_delay=max_delay)
-    linearizer = Linearizer(analysis.scenario, at_ports=True)
-    return analysis, [
-        AnalyzeTransparency(
-            analysis.scenario,
-            point.model.point,
-            forward_delay=analysis.forward_delay,
-            return_delay=analysis.return_delay,
-            linearizer=linearizer,
-        )
-        for point in analysis.points
-    ]
-
-
-def _Chart(
-    args: argparse.Namespace, key: str, values: Sequence[float], max_delay: float
-) -> "StabilityChart":
-    """Analyses the stability for each value of `--vary`."""
-    from teleop_drake.analysis.stability_chart import ChartStability
-
-    with SweepProgress(args.quiet, "values") as show:
-        return ChartStability(
-            args.scenario,
-            key,
-            values,
-            overrides=OverridesOf(args),
-            max_delay=max_delay,
-            progress=show,
-        )
 
 
 def _Draw(
