@@ -43,14 +43,16 @@ from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 
 
-@pytest.mark.parametrize("controller", ARCHITECTURES)
-def test_a_scenario_compiles(controller):
-    scenario = LoadScenario("two_dof_combined", [f"controller.kind={controller}"])
-    CheckKernel(MakeDiagram(scenario), num_states=3)
-
-
-def test_the_tracking_of_chapter_3_compiles():
-    CheckKernel(MakeDiagram(LoadScenario("network_tracking_coupled")), num_states=3)
+@pytest.mark.parametrize(
+    ("name", "controller"),
+    [
+        *(("two_dof_combined", kind) for kind in ARCHITECTURES),
+        ("network_tracking_coupled", None),
+    ],
+)
+def test_a_scenario_compiles(name, controller):
+    overrides = {"controller.kind": controller} if controller else {}
+    CheckKernel(MakeDiagram(LoadScenario(name, overrides)), num_states=3)
 
 
 I = np.eye(2)

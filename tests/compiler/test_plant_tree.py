@@ -140,36 +140,33 @@ def _tolerance(x):
     return 1e-10 * max(1.0, np.abs(x).max(initial=0.0))
 
 
-def test_what_is_not_a_tree_of_such_joints_is_refused_by_name():
-    rng = np.random.default_rng(1)
-    plant = MultibodyPlant(0.0)
+def ball(plant, rng):
     body = random_body(plant, "ball", rng)
     plant.AddJoint(BallRpyJoint("shoulder", plant.world_frame(), body.body_frame()))
-    plant.Finalize()
-    with pytest.raises(UnsupportedSystem, match="joint shoulder is ball_rpy"):
-        ReadPlantTree(plant, plant.CreateDefaultContext())
 
 
-def test_springs_and_free_bodies_are_refused_by_name():
-    rng = np.random.default_rng(1)
-    plant = MultibodyPlant(0.0)
+def free(plant, rng):
     random_body(plant, "ball", rng)
-    plant.Finalize()
-    with pytest.raises(UnsupportedSystem, match="quaternion_floating"):
-        ReadPlantTree(plant, plant.CreateDefaultContext())
-    plant = MultibodyPlant(0.0)
-    body = random_body(plant, "link", rng)
-    joint = plant.AddJoint(
-        RevoluteJoint("hinge", plant.world_frame(), body.body_frame(), [0, 0, 1])
-    )
-    plant.AddForceElement(RevoluteSpring(joint, 0.0, 1.0))
-    plant.Finalize()
-    with pytest.raises(UnsupportedSystem, match="RevoluteSpring"):
-        ReadPlantTree(plant, plant.CreateDefaultContext())
 
 
-def test_a_discrete_plant_is_refused():
-    plant = MultibodyPlant(0.001)
+def spring(plant, rng):
+    frame = random_body(plant, "link", rng).body_frame()
+    joint = RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1])
+    plant.AddForceElement(RevoluteSpring(plant.AddJoint(joint), 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("add", "step", "message"),
+    [
+        (ball, 0.0, "joint shoulder is ball_rpy"),
+        (free, 0.0, "quaternion_floating"),
+        (spring, 0.0, "RevoluteSpring"),
+        (lambda plant, rng: None, 0.001, "time_step=0"),
+    ],
+)
+def test_what_is_not_a_tree_of_such_joints_is_refused_by_name(add, step, message):
+    plant = MultibodyPlant(step)
+    add(plant, np.random.default_rng(1))
     plant.Finalize()
-    with pytest.raises(UnsupportedSystem, match="time_step=0"):
+    with pytest.raises(UnsupportedSystem, match=message):
         ReadPlantTree(plant, plant.CreateDefaultContext())

@@ -144,18 +144,21 @@ def test_a_block_of_ones_own_is_checked():
         CheckKernel(builder.Build())
 
 
-def test_a_kernel_that_forgets_its_state_is_refused():
-    block = Spring(told=3.0)
-    block.Kernel = lambda: Kernel(outputs={"force": "position"})
-    with pytest.raises(UnsupportedSystem, match="no rate"):
-        CheckKernel(block)
-
-
-def test_an_input_that_no_kernel_takes_is_refused():
+@pytest.mark.parametrize(
+    ("kernel", "message"),
+    [
+        (Kernel(outputs={"force": "position"}), "no rate"),
+        (
+            Kernel(outputs={"force": "state"}, rate="state"),
+            "nothing from the input position",
+        ),
+    ],
+)
+def test_a_kernel_that_forgets_its_state_or_an_input_is_refused(kernel, message):
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
     spring = builder.AddNamedSystem("spring", Spring(told=3.0))
-    spring.Kernel = lambda: Kernel(outputs={"force": "state"}, rate="state")
+    spring.Kernel = lambda: kernel
     builder.Connect(source.get_output_port(), spring.get_input_port())
-    with pytest.raises(UnsupportedSystem, match="nothing from the input position"):
+    with pytest.raises(UnsupportedSystem, match=message):
         CheckKernel(builder.Build())

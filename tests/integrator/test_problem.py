@@ -19,24 +19,17 @@ def test_the_counts_have_places_of_their_own():
 
 def test_there_is_room_for_what_is_kept():
     packets = np.array([[0.5, 0.1, -np.inf], [0.6, 0.2, -np.inf]])
+    places = np.zeros(4, int)
     delays = Delays(
-        times=np.array([0.1, np.inf]),
-        signals=np.array([0, 2]),
-        outputs=np.array([5, 7]),
-        sizes=np.array([2, 3]),
-        initial_values=np.zeros(5),
+        *(np.array([0.1, np.inf]), places, places, places, np.zeros(5)),
         packet_ranges=np.array([[0, 0], [0, 2]]),
         packets=packets,
         piece_ranges=np.zeros((2, 2), int),
         knots=np.empty(0),
         coefficients=np.empty((0, 8)),
     )
-    places = np.zeros(4, int)
     transitions = Transitions(
-        guards=np.array([0, -1, -1, -1]),
-        sources=places,
-        targets=places,
-        sizes=places,
+        *(np.array([0, -1, -1, -1]), places, places, places),
         periods=np.array([np.inf, 0.3, np.inf, np.inf]),
         offsets=np.array([np.inf, 0.0, 1.9, 2.1]),
         are_discrete=places,

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from grids import Slow
-from pydrake.systems.framework import LeafSystem
 from runs import TASKS, Run
 from surfaces import Border
 
@@ -140,43 +139,6 @@ def test_mirror_image_elbows_give_mirror_image_runs(kind):
         assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
 
 
-class Faulty(LeafSystem):
-    """A control law that returns NaN after one second."""
-
-    def __init__(self):
-        super().__init__()
-        for name in (
-            "haptic_force",
-            "velocity_command",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        ):
-            self.DeclareVectorInputPort(name, 1)
-        self.DeclareVectorOutputPort(
-            "control_force",
-            1,
-            lambda context, force: force.SetFromVector(
-                [1e-4 if context.get_time() <= 1 else math.nan]
-            ),
-            prerequisites_of_calc={self.time_ticket()},
-        )
-
-
-def test_a_solver_that_cannot_go_on_ends_the_recording():
-    scenario = LoadScenario(
-        "one_dof", {"controller.kind": DIRECT, "simulator.max_step_size": 0.02}
-    )
-    recording = simulate(
-        scenario, teleoperator=MakeTeleoperator(scenario, control_law=Faulty())
-    )
-    assert recording.termination == "diverged"
-    assert recording.reason
-    assert recording.time[-1] == pytest.approx(1.0, abs=0.02)
-    for values in recording.signals.values():
-        assert np.all(np.isfinite(values))
-
-
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -265,23 +227,6 @@ def test_stop_ends_the_push():
     assert before[0] == 0.2
     assert np.all(after == 0)
     assert abs(recording["environment_force"][-1, 0]) < 0.02
-
-
-def test_delays_of_the_packets_in_the_recording():
-    # At steps so short that interpolation does not count.
-    recording = Run(
-        "two_dof_combined",
-        DIRECT,
-        "forward_channel.delay=0.0731",
-        "simulator.max_step_size=0.005",
-        "duration=2.1",
-        engine="auto",
-    )
-    times = np.unique(recording.time[(recording.time > 0.5) & (recording.time < 2)])
-    for way, delay in (("forward", 0.0731), ("return", 0.1)):
-        sent = recording.Interpolate(f"{way}_packet_sent", times - delay)
-        received = recording.Interpolate(f"{way}_packet_received", times)
-        assert np.abs(sent - received).max() < 1e-6
 
 
 @pytest.mark.parametrize(

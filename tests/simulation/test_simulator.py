@@ -150,11 +150,8 @@ def test_a_step_that_is_set_later_counts():
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("one_dof", "direct_force"),
         ("two_dof_combined", "adaptive_backstepping"),
-        ("two_dof_combined", "wave_variables"),
         ("two_dof_combined", "time_domain_passivity"),
-        ("two_dof_combined", "four_channel"),
         ("two_dof_combined", "smith_predictor"),
         ("network_tracking_linear", None),
     ],

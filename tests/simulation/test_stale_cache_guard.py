@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from benchmarks import accuracy
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -14,8 +13,6 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
 from teleop_drake.simulation.simulator import MakeSimulator
 
 START = [1.0, 0.0]
@@ -111,8 +108,10 @@ def largest_difference(simulator, scheme, *, repeated):
 
 @pytest.mark.parametrize("scheme", ["runge_kutta5", "runge_kutta3"])
 def test_a_repeated_step_is_as_good_as_the_first(scheme):
-    simulator = MakeSimulator(make_oscillator(), SimulatorConfig())
-    assert largest_difference(simulator, scheme, repeated=True) < 1e-12
+    diagram = make_oscillator()
+    # Each of those that watch it is guarded.
+    for simulator in [MakeSimulator(diagram, SimulatorConfig()) for _ in range(2)]:
+        assert largest_difference(simulator, scheme, repeated=True) < 1e-12
 
 
 def test_drake_alone_still_needs_the_guard():
@@ -121,18 +120,6 @@ def test_drake_alone_still_needs_the_guard():
         simulator = Simulator(make_oscillator())
         difference = largest_difference(simulator, "runge_kutta5", repeated=repeated)
         assert (difference > 1e-6) == repeated
-
-
-def test_a_run_with_repeated_steps_is_right():
-    """Without the guard its errors were up to 8e-4 of the signals' ranges."""
-    task, duration = "two_dof_collision", 1.6
-    overrides = {"simulator.accuracy": 1e-6, "simulator.max_step_size": 0.05}
-    scenario = LoadScenario(task, overrides | {"duration": duration})
-    recording = simulate(scenario, engine="drake")
-    oracle = accuracy.Oracle(task, "adaptive_backstepping", 0.1, duration)
-    signals = {name: recording[name] for name in accuracy.SIGNALS}
-    errors = accuracy.Errors(oracle, recording.time, signals)
-    assert max(errors.values()) < 5e-5
 
 
 def test_a_diagram_can_be_simulated_again():
@@ -150,14 +137,6 @@ def test_a_diagram_can_be_simulated_again():
     alone.get_mutable_context().SetContinuousState(START)
     alone.AdvanceTo(1.0)
     assert diagram.CreateDefaultContext().num_continuous_states() == 2
-
-
-def test_two_simulators_of_one_diagram_are_both_guarded():
-    diagram = make_oscillator()
-    simulators = [MakeSimulator(diagram, SimulatorConfig()) for _ in range(2)]
-    for simulator in simulators:
-        difference = largest_difference(simulator, "runge_kutta5", repeated=True)
-        assert difference < 1e-12
 
 
 def test_the_guard_lets_go_of_the_simulator():
