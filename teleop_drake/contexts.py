@@ -1,5 +1,6 @@
 """The Contexts of the systems in a diagram."""
 
+import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 
 
@@ -19,3 +20,9 @@ def ContextsIn(system: System, context: Context) -> dict[System, Context]:
             inner = system.GetMutableSubsystemContext(part, context)
             contexts |= ContextsIn(part, inner)
     return contexts
+
+
+def DiscreteState(context: Context) -> np.ndarray:
+    """Returns all discrete states of a Context, one after another."""
+    groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
+    return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])

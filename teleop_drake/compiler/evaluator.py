@@ -13,7 +13,7 @@ from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
-from teleop_drake.contexts import ContextsIn
+from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.kernel import Kernel
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import Evaluate, Library
@@ -128,10 +128,7 @@ class Evaluator:
         y, m = np.zeros(num_y), np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()
         for block, part in zip(self.blocks, program.modes, strict=True):
-            state = contexts[block.system].get_discrete_state()
-            groups = [state.value(i) for i in range(state.num_groups())]
-            if groups:
-                m[part] = np.concatenate(groups)
+            m[part] = DiscreteState(contexts[block.system])
         for (i, name), part in program.fed.items():
             block = self.blocks[i]
             y[part] = _FedValue(block.system, name, contexts[block.system])

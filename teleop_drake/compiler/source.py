@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import System
 
 from teleop_drake.compiler.flatten import Block, Source, UnsupportedSystem
+from teleop_drake.contexts import DiscreteState
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law, Part
 from teleop_drake.kernel.terms import TermReader
@@ -132,8 +133,9 @@ class Program:
         self._terms: dict[Source, tuple[str, slice, Term]] = {}
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
-        self.states, num_x = _Slices([_NumStates(block) for block in blocks])
-        self.modes, num_m = _Slices([_NumModes(block) for block in blocks])
+        self.states, num_x = _Slices([x.system.num_continuous_states() for x in blocks])
+        modes = [DiscreteState(block.system.AllocateContext()) for block in blocks]
+        self.modes, num_m = _Slices(list(map(len, modes)))
         self._num_y = 0
         self._readers = [
             _Reader(self, i, blocks[i].system, kernel)
@@ -337,18 +339,6 @@ def _Mode(transition: str) -> str:
 
 def _Elements(array: str, part: slice) -> tuple[str, int]:
     return f"{array}[{part.start}:{part.stop}]", part.stop - part.start
-
-
-def _NumStates(block: Block) -> int:
-    return int(block.system.num_continuous_states())
-
-
-def _NumModes(block: Block) -> int:
-    context = block.system.AllocateContext()
-    return sum(
-        context.get_discrete_state(i).size()
-        for i in range(context.num_discrete_state_groups())
-    )
 
 
 def _Slices(sizes: Sequence[int]) -> tuple[list[slice], int]:

@@ -1,7 +1,6 @@
 """Runs a diagram as machine code."""
 
 import time as clock
-import weakref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,15 +148,8 @@ def _ReasonOf(run: CompiledRun) -> str:
 
 def SignalPlaces(evaluator: Evaluator, diagram: Diagram) -> dict[str, slice]:
     """Returns where the outputs of the diagram's systems are in a row, by name."""
-    if diagram not in _places:
-        places, blocks = evaluator.program.signals, evaluator.blocks
-        _places[diagram] = {
-            name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
-            for name, port in SignalsOf(diagram).items()
-        }
-    return _places[diagram]
-
-
-_places: weakref.WeakKeyDictionary[Diagram, dict[str, slice]] = (
-    weakref.WeakKeyDictionary()
-)
+    places, blocks = evaluator.program.signals, evaluator.blocks
+    return {
+        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
+        for name, port in SignalsOf(diagram).items()
+    }

@@ -6,6 +6,7 @@ import time as clock
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
+from teleop_drake.contexts import DiscreteState
 from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
@@ -101,7 +102,7 @@ class Recorder:
         time, root = self._root_context.get_time(), self._root_context
         values = [evaluate(context) for evaluate, context in self._at_end]
         state = root.get_continuous_state_vector().CopyToVector()
-        rate, mode = self._RateIn(root), _DiscreteState(root)
+        rate, mode = self._RateIn(root), DiscreteState(root)
         if self._rows and time > self._rows[-1][0]:
             self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
@@ -149,12 +150,6 @@ class Recorder:
         }
         ends = np.array(self._step_ends, int)
         return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
-
-
-def _DiscreteState(context: Context) -> np.ndarray:
-    """Returns all discrete states of a Context, one after another."""
-    groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
-    return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])
 
 
 class _DrakeRun:
