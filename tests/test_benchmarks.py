@@ -39,16 +39,6 @@ def test_quick_tables_have_finite_numbers(name):
         assert all(error < 1e-2 for error in errors), table.name
 
 
-@pytest.mark.slow  # test_sampled_delays_are_about_right() takes the same solver.
-@pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
-def test_straightforward_keeps_its_targets(task):
-    scenario = contenders.Load(task)
-    arguments = (task, ADAPTIVE, 0.1, scenario.duration)
-    solution = contenders.Straightforward(*arguments)
-    error = accuracy.LargestError(accuracy.Oracle(*arguments), solution)
-    assert error <= contenders.TARGETS[scenario.num_axes]
-
-
 @pytest.mark.slow  # A benchmark's contender; channels/ has the delays.
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_sampled_delays_are_about_right(task):
@@ -58,14 +48,6 @@ def test_sampled_delays_are_about_right(task):
     )
     # Half a millisecond of mean delay too much: wrong, but not by much.
     assert 1e-4 < error < 1e-2
-
-
-@pytest.mark.slow  # test_independent_solver.py says it.
-@pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_oracle_has_converged(controller):
-    arguments = ("two_dof_combined", controller, 0.1, 4.0)
-    looser = contenders.Scipy(*arguments, rtol=1e-9)
-    assert accuracy.LargestError(accuracy.Oracle(*arguments), looser) < 1e-6
 
 
 # Both ways; the delay is the thesis's 0.1 s.

@@ -37,7 +37,7 @@ def Solve(task, controller, delay, duration, *, rtol):
 
 @functools.cache
 def Oracle(task, controller, delay, duration):
-    """Returns the converged solution; `test_benchmarks` says how converged it is."""
+    """Returns the converged solution; test_independent_solver.py says how much."""
     return Solve(task, controller, delay, duration, rtol=1e-11)
 
 

@@ -68,16 +68,11 @@ def Sampled(task, controller, delay, duration) -> Solution:
     return straightforward.simulate_sampled(Load(task, controller, delay, duration))
 
 
-def Scipy(task, controller, delay, duration, rtol: float | None = None) -> Solution:
+def Scipy(task, controller, delay, duration) -> Solution:
     """The method of steps with scipy's DOP853: the independent solver, but looser."""
     num_axes = 1 if task == "one_dof" else 2
-    result = accuracy.Solve(
-        task,
-        controller,
-        delay,
-        duration,
-        rtol=rtol or SCIPY_TOLERANCES[num_axes],
-    )
+    rtol = SCIPY_TOLERANCES[num_axes]
+    result = accuracy.Solve(task, controller, delay, duration, rtol=rtol)
     time = np.array([piece.end for piece in result.pieces])
     sampled = result.sample(time, "left")
     return Solution(

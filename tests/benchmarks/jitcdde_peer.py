@@ -38,7 +38,6 @@ class _Model:
     def __init__(self, scenario: Scenario):
         self.scenario = scenario
         self.n = n = scenario.num_axes
-        self.adaptive = scenario.controller.kind == "adaptive_backstepping"
         names = ["k_e", "d_e", "x_e", "sent", "received", "T_f", "T_r"]
         self.parameters = symengine.symbols(names)
         axes = [
@@ -54,10 +53,8 @@ class _Model:
         spacing = np.array([axis[1] - axis[0] for axis in axes])
         self.widths = scenario.controller.network.width * spacing
         self.N = len(self.means)
-        start = [StartJoints(scenario), np.zeros(3 * n)]
-        if self.adaptive:
-            weights = np.zeros(n * self.N)
-            start += [np.zeros(n), weights, scenario.initial_psi.ravel(), weights]
+        weights, psi = np.zeros(n * self.N), scenario.initial_psi.ravel()
+        start = [StartJoints(scenario), np.zeros(4 * n), weights, psi, weights]
         self.start = np.concatenate(start)
         self.helpers: list = []
 
@@ -135,13 +132,10 @@ class _Model:
         F_h = haptic * (b0 * x1_late + b1 * x2_late) + force * contact_force
         F_h = self.Named("F_h", F_h)
         v_dd = haptic * velocity
-        F_c = F_h
-        if self.adaptive:
-            F_c = np.array([y(4 * n + i) for i in range(n)], dtype=object)
+        F_c = np.array([y(4 * n + i) for i in range(n)], dtype=object)
         rates = [qdot, self.Acceleration(q, qdot, F_c - F_e), x2]
         rates.append(sent * velocity - felt - a1 * x2 - a0 * x1)
-        if self.adaptive:
-            rates.append(self._Law(p, v, F_e, F_h, v_dd))
+        rates.append(self._Law(p, v, F_e, F_h, v_dd))
         return list(np.concatenate(rates))
 
     def _Law(self, p, v, F_e, F_h, v_dd):

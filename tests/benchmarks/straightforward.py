@@ -492,7 +492,7 @@ def Run(scenario, make_delay, **config) -> Solution:
 EVENT_ACCURACY = 1e-4
 
 # By the number of axes: the loosest of the tried settings that keep the errors below
-# 1e-5 of each signal's range on one axis and 1e-4 on two, as tests/test_benchmarks.py
+# 1e-5 of each signal's range on one axis and 1e-4 on two, as the table `comparison`
 # shows.
 SETTINGS = {
     1: {"accuracy": 1e-10, "max_step_size": 0.03},
