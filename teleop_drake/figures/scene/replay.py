@@ -91,15 +91,15 @@ _FRAME_HEIGHT = 620  # pixels, in a notebook
 
 # The strips: a unit, and the lines: their name in a run's data, what the label says of
 # them, their dashes, and a colour if it is not that of the run.
-_STRIPS: dict[str, list[tuple[str, str, list[int], str | None]]] = {
+_STRIPS: dict[str, list[tuple[str, str, list[float], str | None]]] = {
     "m/s": [
         ("v", "velocity of the tool", [], None),
-        ("vf", "felt - -", [8, 6], None),
-        ("vd", "commanded ···", [3, 5], COMMAND_COLOR),
+        ("vf", "felt - -", [4, 3], None),
+        ("vd", "commanded ···", [1.5, 2.5], COMMAND_COLOR),
     ],
     "N": [
         ("f", "force of the tool", [], None),
-        ("h", "of the operator - -", [8, 6], None),
+        ("h", "of the operator - -", [4, 3], None),
     ],
 }
 
