@@ -141,5 +141,4 @@ def ForceAt(environment: System, p_WT: Array, v_WT: Array) -> Array:
     context = environment.CreateDefaultContext()
     environment.GetInputPort("tool_position").FixValue(context, p_WT)
     environment.GetInputPort("tool_velocity").FixValue(context, v_WT)
-    F_e: Array = environment.GetOutputPort("environment_force").Eval(context)
-    return F_e
+    return environment.GetOutputPort("environment_force").Eval(context)

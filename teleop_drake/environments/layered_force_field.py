@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.surface import (
     CONTACT,
+    EMPTY,
     PUNCTURE,
     Material,
     PlaneSurface,
@@ -19,7 +20,6 @@ from teleop_drake.environments.surface import (
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
-    EMPTY_SPACE,
     contact_position,
     layer_table,
     layered_force,
@@ -252,7 +252,7 @@ def LayerSurfaces(
         direction: Along which they follow each other (n); None: along x.
     """
     starts_inside |= bool(layers) and layers[0].start == -math.inf
-    behind = [] if starts_inside else [EMPTY_SPACE]
+    behind = [] if starts_inside else [LayerConfig(name=EMPTY, start=-math.inf)]
     names = {
         puncture_position(layers): PUNCTURE,
         contact_position([*behind, *layers]): CONTACT,
@@ -267,14 +267,9 @@ def LayerSurfaces(
             damping=layer.damping,
             relaxed=layer.reference,
         )
-        surfaces.append(
-            PlaneSurface(
-                names.get(layer.start, own),
-                layer.start,
-                normal_W,
-                None if layer.lateral_stiffness else material,
-            )
-        )
+        told = None if layer.lateral_stiffness else material
+        name = names.get(layer.start, own)
+        surfaces.append(PlaneSurface(name, layer.start, normal_W, told))
     return tuple(surfaces)
 
 

@@ -127,16 +127,14 @@ def UnitNormal(
         ScenarioError: If it is no direction.
     """
     if direction is None:
-        x: Array = np.eye(num_axes)[0]
-        return x
+        return np.eye(num_axes)[0]
     CheckVector(path, direction, num_axes, "not all 0")
     vector = np.asarray(direction, dtype=float)
     largest = np.abs(vector).max(initial=0.0)
     if largest == 0:
         Refuse(path, direction, "a vector whose length is not 0")
     vector = vector / largest  # Its square neither overflows nor vanishes.
-    unit: Array = vector / np.linalg.norm(vector)
-    return unit
+    return vector / np.linalg.norm(vector)
 
 
 def PlaneSurface(
@@ -185,8 +183,7 @@ def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
         surface = FindSurface(surfaces, name)
         if surface is not None:
             return surface.normal_W
-    x: Array = np.eye(num_axes)[0]
-    return x
+    return np.eye(num_axes)[0]
 
 
 def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:

@@ -19,8 +19,7 @@ def delivered_force(friction: Array, F: Array, v: Array) -> Array:
         v: Velocity of the tool in m/s (n).
     """
     F_C, v_s, B = friction[0], friction[1], friction[2]
-    delivered: Array = F - (F_C * v / np.sqrt(v * v + v_s**2) + B * v)
-    return delivered
+    return F - (F_C * v / np.sqrt(v * v + v_s**2) + B * v)
 
 
 def friction_torque(forward: Array, backward: Array, speed: float, v: Array) -> Array:
@@ -35,8 +34,7 @@ def friction_torque(forward: Array, backward: Array, speed: float, v: Array) -> 
     Because |half| <= mean, tau v <= 0: it takes energy and never gives any.
     """
     s = v / np.sqrt(v * v + speed * speed)
-    tau: Array = -s * ((forward + backward) / 2 + (forward - backward) / 2 * s)
-    return tau
+    return -s * ((forward + backward) / 2 + (forward - backward) / 2 * s)
 
 
 def quantized(resolution: float, value: Array) -> Array:
@@ -48,8 +46,7 @@ def quantized(resolution: float, value: Array) -> Array:
     """
     if resolution == 0:
         return value.copy()
-    rounded: Array = resolution * np.floor(value / resolution + 0.5)
-    return rounded
+    return resolution * np.floor(value / resolution + 0.5)
 
 
 def next_random(generator: Array) -> tuple[Array, Array]:

@@ -256,8 +256,7 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     R = U_m.T @ update @ Vt_m.T
     eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)
     S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
-    projected: Array = update - U_m @ S_minus @ Vt_m
-    return projected
+    return update - U_m @ S_minus @ Vt_m
 
 
 def backstepping_rate(

@@ -81,8 +81,7 @@ def wall_force(
     F_n = hunt_crossley_force(k, p, alpha, depth, speed)
     v_t = v_WT - speed * normal
     mu, v_s = friction_law[0], friction_law[1]
-    F_e: Array = F_n * (normal + mu / np.sqrt(np.sum(v_t * v_t) + v_s * v_s) * v_t)
-    return F_e
+    return F_n * (normal + mu / np.sqrt(np.sum(v_t * v_t) + v_s * v_s) * v_t)
 
 
 def indentation(solid: Array, creep: Array, plane: Array, p_WT: Array) -> float:
@@ -96,8 +95,7 @@ def solid_force(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:
     """Returns the force of a tool on the tissue in N (n)."""
     d = indentation(solid, creep, plane, p_WT)
     F_n = solid[0] * d + solid[1] * (d - creep[0])
-    F_e: Array = F_n * plane[1]
-    return F_e
+    return F_n * plane[1]
 
 
 def creep_rate(solid: Array, creep: Array, plane: Array, p_WT: Array) -> Array:

@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -32,20 +31,6 @@ class Layer(Protocol):
     lateral_stiffness: float
 
 
-@dataclass
-class _EmptySpace:
-    name: str = "empty space"
-    start: float = -math.inf
-    stiffness: float = 0.0
-    damping: float = 0.0
-    reference: float = 0.0
-    lateral_stiffness: float = 0.0
-
-
-EMPTY_SPACE: Layer = _EmptySpace()
-"""The space without any force in front of the first layer."""
-
-
 def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     """Returns the force in N on the material by a tool (n).
 
@@ -65,8 +50,7 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     F_x = stiffness * (x - reference) + damping * v
     offset = p_WT - point
     lateral = offset - np.sum(offset * along) * along
-    F_e: Array = F_x * along + lateral_stiffness * lateral
-    return F_e
+    return F_x * along + lateral_stiffness * lateral
 
 
 def layer_table(layers: Sequence[Layer]) -> Array:
@@ -78,8 +62,8 @@ def layer_table(layers: Sequence[Layer]) -> Array:
         layers: By ascending start.
     """
     names = ("start", "stiffness", "reference", "damping", "lateral_stiffness")
-    rows = (EMPTY_SPACE, *layers)
-    return np.array([[getattr(layer, name) for name in names] for layer in rows])
+    rows = [[getattr(layer, name) for name in names] for layer in layers]
+    return np.array([[-math.inf, 0.0, 0.0, 0.0, 0.0], *rows])
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

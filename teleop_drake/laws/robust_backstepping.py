@@ -107,8 +107,7 @@ class RobustBounds(NamedTuple):
 
 def smooth_norm(u: Array, eps: float) -> float:
     """Returns |u|_eps = sqrt(|u|^2 + eps^2)."""
-    norm: float = np.sqrt((u * u).sum() + eps**2)
-    return norm
+    return np.sqrt((u * u).sum() + eps**2)
 
 
 def robust_damping(
@@ -131,8 +130,7 @@ def robust_force_rate(
     w = shaped.T @ z
     share1 = bounds.rho1 / smooth_norm(w, bounds.eps1)
     share3 = bounds.rho3 / smooth_norm(z, bounds.eps3)
-    taken: Array = shaped @ w * share1 + z * share3
-    return taken
+    return shaped @ w * share1 + z * share3
 
 
 def robust_rate(

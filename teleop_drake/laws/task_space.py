@@ -116,8 +116,7 @@ def orientation_torque(
 
 def orientation_error(R_0: Array, R: Array) -> Array:
     """Returns sin(angle) times the axis of the turn from R_0 to R (3)."""
-    error: Array = np.cross(R_0.T, R.T).sum(axis=0) / 2
-    return error
+    return np.cross(R_0.T, R.T).sum(axis=0) / 2
 
 
 def _torque(
@@ -129,8 +128,7 @@ def _torque(
     # A = X^T X with X = L^-1 J^T, M = L L^T.
     X = _forward(_factor(M), J.T)
     force = _solve_damped(X.T @ X, y - J @ a, gains.near, gains.damping)
-    tau: Array = M @ a + J.T @ force
-    return tau
+    return M @ a + J.T @ force
 
 
 def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
@@ -146,8 +144,7 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
     x = _forward(L, (b / scale).reshape(-1, 1))
     # L^T from its last row on is lower triangular once more.
     x = _forward(L.T[::-1, ::-1], x[::-1])[::-1]
-    solution: Array = x[:, 0] / scale
-    return solution
+    return x[:, 0] / scale
 
 
 def _factor(A: Array) -> Array:

@@ -152,8 +152,7 @@ def weights_rate(
 
 def disturbance_estimate(weights: Array, Phi: Array) -> Array:
     """Returns W Phi in N (n), which estimates F_e."""
-    estimate: Array = weights.reshape(-1, Phi.size) @ Phi
-    return estimate
+    return weights.reshape(-1, Phi.size) @ Phi
 
 
 def linear_disturbance(K: Array, r: Array) -> Array:
@@ -173,5 +172,4 @@ def coupled_disturbance(K: Array, r: Array, v: Array) -> Array:
             z + z_dot * x + 2 * z * x_dot + x * x,
         ]
     )
-    force: Array = K @ terms
-    return force
+    return K @ terms

@@ -28,8 +28,7 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
         task = ImportOwn(own, "task")
         if not (isinstance(task, type) and issubclass(task, Task)):
             Refuse("task", own, "a class that derives from teleop_drake.tasks.Task")
-        made: Task[Any] = task()
-        return made
+        return task()
     for scenario_class in type(scenario).__mro__:
         if scenario_class in TASKS:
             return TASKS[scenario_class]

@@ -292,8 +292,7 @@ def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
     for surface in (*named, *surfaces):
         if surface is not None:
             return surface.normal_W
-    direction: np.ndarray = v_d / np.linalg.norm(v_d)
-    return direction
+    return v_d / np.linalg.norm(v_d)
 
 
 def _MakeSignals(recording: Recording) -> _Signals:

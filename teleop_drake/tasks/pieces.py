@@ -101,8 +101,7 @@ class Pieces:
         length = self.end - self.begin
         total = length.sum()
         share = length / total if total > 0 else np.ones(len(length))
-        rms: list[float] = np.sqrt(share @ mean_square(error)).tolist()
-        return rms
+        return np.sqrt(share @ mean_square(error)).tolist()
 
 
 def Split(recording: Recording, instants: Sequence[float] = ()) -> Pieces:

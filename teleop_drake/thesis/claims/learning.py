@@ -35,7 +35,7 @@ def CommandedPath(recording: Recording) -> np.ndarray:
 def PathDistance(recording: Recording) -> np.ndarray:
     """Returns how far the tool is from where the command has led it, in m (T,)."""
     error = recording["tool_position"] - CommandedPath(recording)
-    return np.asarray(np.linalg.norm(error, axis=1))
+    return np.linalg.norm(error, axis=1)
 
 
 def UnrepresentedShare(

@@ -42,7 +42,7 @@ def Amplitude(recording: Recording, begin: float, end: float) -> np.ndarray:
     """Returns the largest |v - v_d| per axis between two times."""
     v = recording["tool_velocity"][During(recording, begin, end)]
     v_d = np.asarray(recording.teleoperation.surgeon.velocity)
-    return np.asarray(np.abs(v - v_d).max(axis=0, initial=0.0))
+    return np.abs(v - v_d).max(axis=0, initial=0.0)
 
 
 def FirstEvent(recording: Recording, name: str) -> float:
