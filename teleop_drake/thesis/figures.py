@@ -7,6 +7,7 @@ SI prefixes where that makes them readable.
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -297,82 +298,19 @@ _CHAPTER_3 = [
 # Chapters 4 and 5: both controllers together, and what the adaptive one learns.
 
 
-class _Quantity(NamedTuple):
-    """What is compared; the label of a panel has a place for the axis."""
-
-    title: str
-    caption: str
-    signal: str
-    label: str
-    unit: str
-
-
-_BOTH = (
-    " Left against time, right against the position along x; dotted lines mark the end "
-    "of the tissue and the surface of the bone. A cross is where a run that diverges "
-    "is ended."
-)
-
-QUANTITIES = {
-    "velocity": _Quantity(
-        "Velocity of the tool",
-        "Velocity of the tool with either controller, and in grey what the surgeon "
-        "commands." + _BOTH,
-        "tool_velocity",
-        "velocity $v_{axis}$",
-        "m/s",
-    ),
-    "sensed_force": _Quantity(
-        "Sensed force",
-        "Force of the robot on its environment, as the sensor at the tool reads it."
-        + _BOTH,
-        "environment_force",
-        "sensed force $F_{{e,{axis}}}$",
-        "N",
-    ),
-    "position": _Quantity(
-        "Position of the tool",
-        "Position of the tool with either controller against time; dotted lines mark "
-        "the end of the tissue and the surface of the bone.",
-        "tool_position",
-        "position ${axis}$",
-        "m",
-    ),
-    "control_force": _Quantity(
-        "Control force",
-        "Force that the controller asks of the robot: the delayed haptic force under "
-        "direct force, the state of the backstepping law otherwise." + _BOTH,
-        "control_force",
-        "control force $F_{{c,{axis}}}$",
-        "N",
-    ),
-}
-"""In the order of the thesis's figures."""
-
-
-def ComparisonFigure(
-    *, number: str, task: str, about: str, quantity: str
-) -> ThesisFigure:
-    """Returns a figure that shows a quantity with direct force and adaptive."""
-    shown = QUANTITIES[quantity]
-    return ThesisFigure(
-        number=number,
-        title=shown.title,
-        caption=f"{about} {shown.caption}",
-        make=lambda runs: _Compare(runs, task, shown),
-    )
-
-
-def _Compare(runs: ThesisRuns, task: str, quantity: _Quantity) -> Figure:
+def _Compare(
+    runs: ThesisRuns, task: str, *, signal: str, label: str, unit: str
+) -> Figure:
+    """Plots a signal with direct force and adaptive; the label has a place {axis}."""
     both = runs.OfBoth(task)
     n = both.adaptive.recording.scenario.num_axes
     rows = [
         SignalRow(
-            label=quantity.label.format(axis=AxisName(k)),
-            unit=quantity.unit,
-            signal=quantity.signal,
+            label=label.format(axis=AxisName(k)),
+            unit=unit,
+            signal=signal,
             components=[k],
-            command=n + k if quantity.signal == "tool_velocity" else None,
+            command=n + k if signal == "tool_velocity" else None,
         )
         for k in range(n)
     ]
@@ -382,7 +320,7 @@ def _Compare(runs: ThesisRuns, task: str, quantity: _Quantity) -> Figure:
     }
     figure = PlotRows(recordings, rows)
     figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
-    if quantity.signal == "tool_position":
+    if signal == "tool_position":
         # The panels against x go; those against time take their place.
         for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
             cell = left.get_subplotspec()
@@ -390,40 +328,6 @@ def _Compare(runs: ThesisRuns, task: str, quantity: _Quantity) -> Figure:
             left.set_subplotspec(cell.get_gridspec()[cell.rowspan.start, :])
             right.remove()
     return figure
-
-
-_LEARNED: dict[str, tuple[str, str]] = {
-    "weights_1": (
-        "Weights of the first network",
-        "Weights for the unknown dynamics of the robot and its environment, a curve "
-        "for each Gaussian; colour and line style tell where its centre is.",
-    ),
-    "psi": (
-        "Estimate of the inverse inertia",
-        "Entries of the matrix that stands for the inverse inertia, and below how far "
-        "each is from its initial value.",
-    ),
-    "weights_3": (
-        "Weights of the third network",
-        "Weights for the rate of change of the environment's force, a curve for each "
-        "Gaussian; colour and line style tell where its centre is.",
-    ),
-}
-
-
-def LearnedFigure(*, number: str, task: str, about: str, quantity: str) -> ThesisFigure:
-    """Returns a figure that shows what the adaptive controller learns over time."""
-    title, caption = _LEARNED[quantity]
-    return ThesisFigure(
-        number=number,
-        title=title,
-        caption=f"{about} {caption}",
-        make=(
-            (lambda runs: _PlotPsi(runs, task))
-            if quantity == "psi"
-            else (lambda runs: _PlotWeights(runs, task, quantity))
-        ),
-    )
 
 
 def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
@@ -494,6 +398,80 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     return figure
 
 
+_BOTH = (
+    " Left against time, right against the position along x; dotted lines mark the end "
+    "of the tissue and the surface of the bone. A cross is where a run that diverges "
+    "is ended."
+)
+
+
+class _Quantity(NamedTuple):
+    """What a figure of a task shows, and what makes it of the runs and the task."""
+
+    title: str
+    caption: str
+    make: Callable[..., Figure]
+
+
+_QUANTITIES = {
+    "velocity": _Quantity(
+        "Velocity of the tool",
+        "Velocity of the tool with either controller, and in grey what the surgeon "
+        "commands." + _BOTH,
+        partial(
+            _Compare, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
+        ),
+    ),
+    "sensed_force": _Quantity(
+        "Sensed force",
+        "Force of the robot on its environment, as the sensor at the tool reads it."
+        + _BOTH,
+        partial(
+            _Compare,
+            signal="environment_force",
+            label="sensed force $F_{{e,{axis}}}$",
+            unit="N",
+        ),
+    ),
+    "position": _Quantity(
+        "Position of the tool",
+        "Position of the tool with either controller against time; dotted lines mark "
+        "the end of the tissue and the surface of the bone.",
+        partial(_Compare, signal="tool_position", label="position ${axis}$", unit="m"),
+    ),
+    "control_force": _Quantity(
+        "Control force",
+        "Force that the controller asks of the robot: the delayed haptic force under "
+        "direct force, the state of the backstepping law otherwise." + _BOTH,
+        partial(
+            _Compare,
+            signal="control_force",
+            label="control force $F_{{c,{axis}}}$",
+            unit="N",
+        ),
+    ),
+    "weights_1": _Quantity(
+        "Weights of the first network",
+        "Weights for the unknown dynamics of the robot and its environment, a curve "
+        "for each Gaussian; colour and line style tell where its centre is.",
+        partial(_PlotWeights, signal="weights_1"),
+    ),
+    "psi": _Quantity(
+        "Estimate of the inverse inertia",
+        "Entries of the matrix that stands for the inverse inertia, and below how far "
+        "each is from its initial value.",
+        _PlotPsi,
+    ),
+    "weights_3": _Quantity(
+        "Weights of the third network",
+        "Weights for the rate of change of the environment's force, a curve for each "
+        "Gaussian; colour and line style tell where its centre is.",
+        partial(_PlotWeights, signal="weights_3"),
+    ),
+}
+"""In the order of the thesis's figures."""
+
+
 # By the number of the first figure of a task of chapters 4 and 5: its name, and what
 # happens in it.
 _TASKS = {
@@ -521,14 +499,19 @@ def _TaskFigures(first: str) -> list[ThesisFigure]:
     task, about = _TASKS[first]
     chapter, start = map(int, first.split("."))
     # The position is shown of the tasks of the arm with a collision.
-    comparisons = [
-        name for name in QUANTITIES if name != "position" or first in ("5.7", "5.14")
+    shown = [
+        quantity
+        for name, quantity in _QUANTITIES.items()
+        if name != "position" or first in ("5.7", "5.14")
     ]
     return [
-        (ComparisonFigure if quantity in QUANTITIES else LearnedFigure)(
-            number=f"{chapter}.{start + i}", task=task, about=about, quantity=quantity
+        ThesisFigure(
+            number=f"{chapter}.{start + i}",
+            title=quantity.title,
+            caption=f"{about} {quantity.caption}",
+            make=partial(quantity.make, task=task),
         )
-        for i, quantity in enumerate([*comparisons, "weights_1", "psi", "weights_3"])
+        for i, quantity in enumerate(shown)
     ]
 
 

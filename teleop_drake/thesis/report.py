@@ -136,9 +136,10 @@ def Reproduce(
         progress(f"figure {figure.number}")
     if only is None:
         rows = Ledger(runs)
+        records = [dataclasses.asdict(row) for row in rows]
         texts = {
-            "ledger.json": _LedgerJson(rows),
-            "ledger.csv": _LedgerCsv(rows),
+            "ledger.json": json.dumps(records, indent=2, ensure_ascii=False) + "\n",
+            "ledger.csv": _LedgerCsv(records),
             "report.html": _Html(out, rows, commands),
         }
         for name, text in texts.items():
@@ -148,16 +149,11 @@ def Reproduce(
     return paths
 
 
-def _LedgerJson(rows: Sequence[Row]) -> str:
-    records = [dataclasses.asdict(row) for row in rows]
-    return json.dumps(records, indent=2, ensure_ascii=False) + "\n"
-
-
-def _LedgerCsv(rows: Sequence[Row]) -> str:
+def _LedgerCsv(records: Sequence[Mapping[str, str]]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in dataclasses.fields(Row)])
-    writer.writerows(dataclasses.astuple(row) for row in rows)
+    writer = csv.DictWriter(text, list(records[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
     return text.getvalue()
 
 
