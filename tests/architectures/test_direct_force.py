@@ -11,7 +11,11 @@ from teleop_drake.scenario import LoadScenario
 
 def test_the_force_acts_as_it_arrives():
     facts = LoadScenario("two_dof_combined").Facts()
-    sides = DirectForceConfig().MakeArchitecture(facts, "controller")
+    config = DirectForceConfig()
+    # Nothing derives unless a config says so.
+    assert not config.has_gains_of_delay
+    assert config.Resolve(facts, "controller") is config
+    sides = config.MakeArchitecture(facts, "controller")
     assert sides.master_side is None
     assert sides.initial_forward_packet == [0.0] * 4
     assert sides.initial_return_packet == [*facts.start, 0.0, 0.0]

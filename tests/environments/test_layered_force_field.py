@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from blocks import Feedthrough
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -221,15 +222,10 @@ def test_a_position_that_jumps(before, after, layer):
 
 
 def test_feedthrough():
-    dut = LayeredForceField(layers=Layers(), num_axes=1)
-    force = dut.GetOutputPort("environment_force").get_index()
-    layer = dut.GetOutputPort("layer").get_index()
-    position = dut.GetInputPort("tool_position").get_index()
-    velocity = dut.GetInputPort("tool_velocity").get_index()
-    assert dut.HasDirectFeedthrough(position, force)
-    assert dut.HasDirectFeedthrough(velocity, force)
-    assert dut.HasDirectFeedthrough(position, layer)
-    assert not dut.HasDirectFeedthrough(velocity, layer)
+    assert Feedthrough(LayeredForceField(layers=Layers(), num_axes=1)) == {
+        "environment_force": {"tool_position", "tool_velocity"},
+        "layer": {"tool_position"},
+    }
 
 
 @pytest.mark.parametrize(
@@ -281,8 +277,6 @@ def test_config_and_block_tell_the_same_surfaces(n):
         ({"name": "free"}, "layers.2.name = 'free': must be unique"),
         ({"start": 0.1}, "layers.bone.start = 0.1: must be > 0.1 m"),
         ({"stiffness": -1.0}, "layers.bone.stiffness = -1.0: must be a finite number"),
-        ({"damping": np.inf}, "layers.bone.damping = inf: must be a finite number"),
-        ({"lateral_stiffness": -1.0}, "layers.bone.lateral_stiffness = -1.0: must be"),
     ],
 )
 def test_refuses(last, message):
