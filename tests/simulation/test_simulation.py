@@ -13,7 +13,6 @@ from grids import Slow
 from runs import TASKS, Run
 from surfaces import Border
 
-from teleop_drake.architectures import adaptive_backstepping
 from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.recording import LoadRecording
@@ -348,7 +347,8 @@ def test_second_interrupt_does_not_wait(monkeypatch):
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("the second one did not interrupt")
 
-    monkeypatch.setattr(adaptive_backstepping, "adaptive_errors", interrupt_twice)
+    law = (*AdaptiveBackstepping.law[:2], interrupt_twice)
+    monkeypatch.setattr(AdaptiveBackstepping, "law", law)
     with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
         simulate(LoadScenario("one_dof"), engine="drake")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
