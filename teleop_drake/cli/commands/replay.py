@@ -12,8 +12,6 @@ from teleop_drake.cli.progress import Simulate
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
 
-_SUFFIX = ".npz"
-
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
@@ -43,8 +41,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Shows recordings, or simulates and shows what comes out."""
     CheckHtml(args.out, "--out")
-    recordings = _Recordings(args)
-    is_interrupted = not args.scenario.endswith(_SUFFIX) and any(
+    has_files = args.scenario.endswith(".npz")
+    recordings = (_FromFiles if has_files else _Simulated)(args)
+    is_interrupted = not has_files and any(
         recording.termination == "interrupted" for recording in recordings.values()
     )
     if is_interrupted and args.out is None:
@@ -64,10 +63,8 @@ def Execute(args: argparse.Namespace) -> int:
     return INTERRUPTED if is_interrupted else 0
 
 
-def _Recordings(args: argparse.Namespace) -> "dict[str, Recording]":
-    """Returns what is to be shown, by the names that the page gives the runs."""
-    if args.scenario.endswith(_SUFFIX):
-        return _FromFiles(args)
+def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
+    """Returns the runs of a scenario by their controllers, the names of the page."""
     if args.more:
         raise BadInput(
             f"FILE.npz = {args.more[0]!r}: must be left out after a scenario"
