@@ -87,8 +87,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points = _WithLoop(analysis)
-    figure, axes = _Panels(2, [_Title(point) for point in points])
+    points, figure, axes = _LoopPanels(analysis, 2)
     limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
@@ -105,7 +104,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     _NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
     handles: list[Artist] = [
         _THIN("L without delay"),
-        _THICK(f"with {_Seconds(points[0].delay)}"),
+        _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
     ]
     if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
@@ -150,9 +149,8 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points = _WithLoop(analysis)
-    height = WIDTH / max(len(points), 2) + 0.5
-    figure, axes = _Panels(1, [_Title(point) for point in points], height, share=False)
+    points, figure, axes = _LoopPanels(analysis, 1)
+    figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.5)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
@@ -171,7 +169,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     _NameAxes(axes, "real part", "imaginary part")
     handles = [
         _THIN("without delay"),
-        _THICK(f"with {_Seconds(points[0].delay)}"),
+        _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("-1", color="black", marker="+", ms=7, ls=""),
         Key("unit circle", color=GREY, linewidth=0.6),
         *_LocusHandles(points),
@@ -256,17 +254,15 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-    label = _PathLabel(chart) if is_path else AxisLabel(chart.key)
+    label = AxisLabel(chart.key)
+    if is_path:
+        scenario = chart.analyses[0].scenario
+        is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
+        direction = "x" if is_x else "along the surface's normal"
+        label = f"tool position {direction} [m]"
     _NameAxes(axes, label, "round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
-
-
-def _PathLabel(chart: StabilityChart) -> str:
-    scenario = chart.analyses[0].scenario
-    is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
-    where = "x" if is_x else "along the surface's normal"
-    return f"tool position {where} [m]"
 
 
 def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
@@ -364,6 +360,20 @@ def _Panels(
     return figure, axes
 
 
+def _LoopPanels(
+    analysis: StabilityAnalysis, rows: int
+) -> tuple[list[PointStability], Figure, np.ndarray]:
+    """Returns the operating points with a loop, and a column of panels for each."""
+    points = [point for point in analysis.Loops() if len(point.loop.D)]
+    if not points:
+        Refuse("analysis", "without a loop", "of a master that hears the slave")
+    titles = [
+        point.label + " (weights frozen)" * point.model.frozen_weights
+        for point in points
+    ]
+    return points, *_Panels(rows, titles, share=rows > 1)
+
+
 def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
     """Names what is drawn, along the columns below and along the rows at the left."""
     for ax in axes.flat:
@@ -372,22 +382,6 @@ def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
         ax.set_xlabel(x, fontsize=FONT_SIZE)
     for ax, label in zip(axes[:, 0], y, strict=True):
         ax.set_ylabel(label, fontsize=FONT_SIZE)
-
-
-def _WithLoop(analysis: StabilityAnalysis) -> list[PointStability]:
-    points = [point for point in analysis.Loops() if len(point.loop.D)]
-    if not points:
-        Refuse("analysis", "without a loop", "of a master that hears the slave")
-    return points
-
-
-def _Title(point: PointStability) -> str:
-    name = point.label
-    return f"{name} (weights frozen)" if point.model.frozen_weights else name
-
-
-def _Seconds(delay: float) -> str:
-    return f"{delay:.4g} s round trip"
 
 
 def _LocusStyle(i: int) -> dict[str, Any]:
