@@ -90,13 +90,9 @@ def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
     delays = 1e3 * (arrivals - sent)[has_arrived]
     ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
     lost = sent[~has_arrived]
-    cross: dict[str, Any] = {
-        "markersize": 3,
-        "markeredgewidth": 0.7,
-        "label": "lost packet",
-    }
-    height = np.full(len(lost), 1.03)
-    ax.plot(lost, height, "x", color=COLORS[1], **cross, **style.Above(ax))
+    cross: dict[str, Any] = {"markersize": 3, "label": "lost packet"}
+    cross |= {"color": COLORS[1], "markeredgewidth": 0.7, **style.Above(ax)}
+    ax.plot(lost, np.full(len(lost), 1.03), "x", **cross)
 
 
 def _Age(
@@ -118,9 +114,5 @@ def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> No
     share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
     ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
     if len(sent):
-        dashes: dict[str, Any] = {
-            "color": style.GREY,
-            "linewidth": 0.9,
-            "linestyle": "--",
-        }
+        dashes: dict[str, Any] = {"color": style.GREY, "lw": 0.9, "linestyle": "--"}
         ax.axhline(100.0 * is_lost.mean(), **dashes, label="lost in all")
