@@ -1,9 +1,11 @@
-"""Files that appear complete or not at all, and the formats of figures."""
+"""Files that are read with one clear line if they cannot, or written completely."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from teleop_drake.validation import ScenarioError
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats in which figures are written: known without Matplotlib's import."""
@@ -44,3 +46,16 @@ def IsDevice(path: Path) -> bool:
 def TemporaryPath(path: Path) -> Path:
     """Returns a name beside `path` for what is not complete yet."""
     return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
+
+
+def ReadText(path: str | os.PathLike[str], origin: str) -> str:
+    """Returns the text of a file in UTF-8, with a byte-order mark or without.
+
+    Raises:
+        ScenarioError: If it cannot be read; `origin` says whose file it is.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as e:
+        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None

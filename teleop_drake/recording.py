@@ -390,34 +390,27 @@ def LoadRecording(path: str | Path) -> Recording:
     try:
         if found != FORMAT:
             raise ValueError(f"it has format {found}")
-        return _FromDescription(description, arrays)
+        return Recording(
+            scenario=ScenarioFromYaml(description["scenario"]),
+            time=arrays["time"],
+            steps=arrays["steps"],
+            signals={
+                name.removeprefix("signal."): samples
+                for name, samples in arrays.items()
+                if name.startswith("signal.")
+            },
+            events=[Event(**event) for event in description["events"]],
+            solver=SolverStatistics(**description["solver"]),
+            surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
+            channels={
+                name: PacketStatistics(**statistics)
+                for name, statistics in description["channels"].items()
+            },
+            **{name: description[name] for name in _PLAIN},
+        )
     except (ValueError, KeyError, TypeError, AttributeError) as e:
         lacks = f"it has no {e}" if isinstance(e, KeyError) else e
         raise ValueError(
             f"{path}: must be a recording of format {FORMAT}, as this version of "
             f"teleop-drake writes it ({lacks})"
         ) from None
-
-
-def _FromDescription(
-    description: dict[str, Any], arrays: dict[str, np.ndarray]
-) -> Recording:
-    """Returns the recording whose description and arrays a file has."""
-    return Recording(
-        scenario=ScenarioFromYaml(description["scenario"]),
-        time=arrays["time"],
-        steps=arrays["steps"],
-        signals={
-            name.removeprefix("signal."): samples
-            for name, samples in arrays.items()
-            if name.startswith("signal.")
-        },
-        events=[Event(**event) for event in description["events"]],
-        solver=SolverStatistics(**description["solver"]),
-        surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
-        channels={
-            name: PacketStatistics(**statistics)
-            for name, statistics in description["channels"].items()
-        },
-        **{name: description[name] for name in _PLAIN},
-    )

@@ -5,10 +5,10 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
+from teleop_drake.files import ReadText
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -130,12 +130,7 @@ def ReadTrace(
         ScenarioError: If the file cannot be read or a line is not allowed.
     """
     origin = f"{path} = {Show(file)}"
-    try:
-        # With a byte-order mark or without.
-        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    lines = ReadText(file, origin).splitlines()
     name = "ping"
     if any(_PING.match(line) for line in lines):
         times, delays = _ReadPing(lines)

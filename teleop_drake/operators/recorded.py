@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from teleop_drake.channels.base import SHORTEST_TIME
+from teleop_drake.files import ReadText
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
 from teleop_drake.operators.modes import Array
 from teleop_drake.operators.planned import Plan, PlannedConfig, PlanOfPieces
@@ -59,12 +59,7 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
         ScenarioError: If the file cannot be read or a line is not allowed.
     """
     origin = f"{path} = {Show(file)}"
-    try:
-        # With a byte-order mark or without.
-        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    lines = ReadText(file, origin).splitlines()
     numbered = [
         (i + 1, line)
         for i, line in enumerate(lines)

@@ -14,11 +14,12 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
+from teleop_drake.files import ReadText
 from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.robots.model_file import NewPlant
 from teleop_drake.robots.robot_diagram import TOOL_BODY
-from teleop_drake.validation import REQUIRED, Refuse, ScenarioError
+from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
 
 _SUFFIXES = (".sdf", ".urdf")
 
@@ -73,11 +74,7 @@ class ArmConfig(DrivenArmConfig):
     def _CheckFile(self) -> None:
         if self.file is None or Path(self.file).suffix not in _SUFFIXES:
             Refuse("file", self.file, "the path of an .sdf or .urdf file")
-        try:
-            text = Path(self.file).read_text(encoding="utf-8")
-        except (OSError, ValueError) as e:
-            reason = getattr(e, "strerror", None) or "not UTF-8 text"
-            Refuse("file", self.file, f"readable ({reason})")
+        text = ReadText(self.file, f"file = {Show(self.file)}")
         # Drake ignores what it cannot hold in a continuous plant.
         for constraint in ("mimic", "loop_joint"):
             if re.search(rf"<(drake:)?{constraint}\b", text):

@@ -20,6 +20,7 @@ import yaml
 from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 
+from teleop_drake.files import ReadText as ReadFile
 from teleop_drake.kinds import KIND_KEYS, KindConfig, KindTable, TableOf
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
@@ -130,13 +131,7 @@ def _Origin(path: Path) -> str:
 
 def ReadText(path: Path) -> str:
     """Returns the text of a scenario file, or refuses one that cannot be read."""
-    origin = _Origin(path)
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as e:
-        raise ScenarioError(f"{origin}: must be readable ({e.strerror})") from None
-    except ValueError:  # Not UTF-8, or a NUL in the name.
-        raise ScenarioError(f"{origin}: must be readable as UTF-8 text") from None
+    return ReadFile(path, _Origin(path))
 
 
 def ParseFile(path: Path, text: str) -> dict[Any, Any]:

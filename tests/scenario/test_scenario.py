@@ -531,7 +531,7 @@ def test_suggestions(override, suggestion):
         (b"robot: [}", "at line 1, column 9: must be valid YAML"),
         (b"a: 1\nduration: 1\nduration: 2", r"column 1: .*duplicate key 'duration'"),
         (b"robot: {model: slider, model: slider}", "duplicate key 'model'"),
-        (b"\xff\xfe\x00", "must be readable as UTF-8 text"),
+        (b"\xff\xfe\x00", r"must be readable \(not UTF-8 text\)"),
         (b"\x00", "must be valid YAML"),
         (b"[" * 101, "must be valid YAML .nested more than 100 deep"),
         (b"? {a: b}\n: 1", "must be valid YAML"),
