@@ -469,4 +469,4 @@ def test_path_to_an_oblique_bone():
     assert 0 < normal @ on.position - 0.3 < 2e-6
     assert on.name == inside.name == "contact" and not np.any(inside.velocity)
     with pytest.raises(ScenarioError, match=r"position = 0\.1: must be on the tool's"):
-        OperatingPointAt(scenario, start - 0.01)
+        OperatingPointAt(scenario, 0.1)
