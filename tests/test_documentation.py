@@ -19,6 +19,7 @@ from matplotlib.image import imread
 from runs import Run
 
 from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.cli import main
 from teleop_drake.figures.runs import PlotComparison, SaveFigure
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.tasks.metrics import RunMetrics
@@ -157,5 +158,17 @@ def test_figure_is_that_of_the_runs(tmp_path):
     recordings = {kind: Run("two_dof_combined", kind) for kind in CONTROLLERS}
     SaveFigure(PlotComparison(recordings), tmp_path / "now.png")
     now = imread(tmp_path / "now.png")
+    assert now.shape == committed.shape
+    assert np.mean(np.abs(now - committed)) < 0.01
+
+
+@pytest.mark.slow
+def test_map_is_that_of_the_sweep(tmp_path, monkeypatch):
+    """By the command that the page on stability names."""
+    monkeypatch.chdir(tmp_path)
+    (command,) = re.findall(r"`teleop-drake (sweep one_dof [^`]*--vary[^`]*)`", TEXT)
+    assert main([*command.split(), "--metrics", "collision.time", "--quiet"]) == 0
+    committed = imread(PAGES[0].parent / "stability_map.png")
+    now = imread("out/stability.png")
     assert now.shape == committed.shape
     assert np.mean(np.abs(now - committed)) < 0.01

@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -96,7 +97,7 @@ def _DeclareTerms(
         tickets[output] = reader.tickets or {block.nothing_ticket()}
     for output, line in lines.items():
         values[output], tickets[output] = line.Eval, line.tickets
-    block._kernel_outputs = {port: _Callback(values[port]) for port in sizes}
+    block._kernel_outputs = {port: _Callback(block, values[port]) for port in sizes}
     for port, size in sizes.items():
         callback = Weakly(block._kernel_outputs[port])
         block.DeclareVectorOutputPort(port, size, callback, tickets[port])
@@ -232,9 +233,14 @@ class FixedBlock(KernelBlock):
         return self._kernel
 
 
-def _Callback(value: _Value) -> Callable[[Context, BasicVector], None]:
-    """Returns what sets an output port to a value."""
-    return lambda context, output: output.SetFromVector(value(context))
+def _Callback(block: Any, value: _Value) -> Callable[[Context, BasicVector], None]:
+    """Returns what sets an output port to a value; an error in it names the block."""
+    of = weakref.ref(block)
+
+    def SetOutput(context: Context, output: BasicVector, block: Any = of) -> None:
+        output.SetFromVector(value(context))
+
+    return SetOutput
 
 
 def _ModeOf(context: Context) -> Any:

@@ -1,6 +1,7 @@
 """Tells a run that blows up from a block that is wrong."""
 
 import contextlib
+import weakref
 from collections.abc import Iterator
 
 import numpy as np
@@ -109,6 +110,7 @@ def _BlockOf(error: BaseException) -> str:
     while traceback is not None:
         for name in ("self", "block"):  # A method's, and a KernelBlock's callback's.
             block = traceback.tb_frame.f_locals.get(name)
+            block = block() if isinstance(block, weakref.ref) else block
             if isinstance(block, System):
                 path = block.GetSystemPathname().split("::_::")[-1]
         traceback = traceback.tb_next
