@@ -28,9 +28,8 @@ def AssertSame(scenario):
         assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
 
 
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
-def test_it_is_the_native_run(name):
-    AssertSame(LoadScenario(name))
+def test_it_is_the_native_run():
+    AssertSame(LoadScenario("one_dof"))
 
 
 @pytest.mark.slow
