@@ -78,8 +78,9 @@ diagram one_dof -o loop.svg
 analyze one_dof
 replay run/one_dof_adaptive_backstepping.npz --out replay.html
 reproduce --help
-drive --help
-drive one_dof --wait 0 --duration 0.1 --rate 50 --out drive
+diagram one_dof -o loop.html
+page one_dof -o page.html
+drive one_dof -o drive.html
 docs
 docs --out site
 """
@@ -115,5 +116,5 @@ def test_an_installed_package_has_all_that_its_commands_need(tmp_path):
             assert run.stdout.startswith(str(packages))
     assert {path.name for path in folder.iterdir()} == {
         *("run", "run.html", "compare", "sweep", "loop.svg", "replay.html"),
-        *("drive", "site"),
+        *("loop.html", "page.html", "drive.html", "site"),
     }

@@ -59,7 +59,7 @@ _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have con
 
 
 class MustJoinCaller(BaseException):
-    """A helper whose ways have to be ways of its caller; its code is in `args`."""
+    """A helper whose ways have to be ways of its caller; it is raised with its code."""
 
 
 class Node(NamedTuple):
