@@ -5,14 +5,14 @@ import types
 import numpy as np
 import pytest
 
-from teleop_drake.integrator.advance import (
+from teleop_drake.integrator.problem import Transitions
+from teleop_drake.integrator.transitions import (
     change_modes,
     is_due,
     is_near,
     next_time,
     note_guards,
 )
-from teleop_drake.integrator.problem import Transitions
 
 # One with a guard, one every 0.5 s, and a discrete update that comes with the latter.
 TRANSITIONS = Transitions(
