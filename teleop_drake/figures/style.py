@@ -168,14 +168,21 @@ def AddLegend(
     *,
     ncols: int,
     fontsize: float = FONT_SIZE,
+    title: str = "",
 ) -> None:
-    """Adds a legend above all panels, if there is anything to tell."""
+    """Adds a legend above all panels, if there is anything to tell.
+
+    Args:
+        title: What the entries have in common.
+    """
     if handles:
         figure.legend(
             handles=handles,
             loc="outside upper center",
             ncols=ncols,
             fontsize=fontsize,
+            title=title or None,
+            title_fontsize=fontsize,
             frameon=False,
         )
 

@@ -18,12 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.environments.surface import (
-    CONTACT,
-    FindSurface,
-    MaterialAt,
-    Surface,
-)
+from teleop_drake.environments.surface import CONTACT, FindSurface, MaterialAt, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.figures.runs import PlotRows, SaveFigure
 from teleop_drake.figures.style import (
@@ -33,7 +28,11 @@ from teleop_drake.figures.style import (
     LINES,
     SMALL_FONT_SIZE,
     WIDTH,
+    AddLegend,
     FormatAxes,
+    Key,
+    NameAbove,
+    RunStyle,
     Widen,
 )
 from teleop_drake.laws.gaussian_network import equidistant_lattice
@@ -112,32 +111,14 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]
             for time in recording.EventTimes(name)[:1]:
                 ax.axvline(time, **BOUNDARY_STYLE)
                 if ax is axes[0]:
-                    ax.annotate(
-                        name,
-                        (time, 1.0),
-                        xycoords=("data", "axes fraction"),
-                        xytext=(0, 2),
-                        textcoords="offset points",
-                        ha="center",
-                        fontsize=SMALL_FONT_SIZE,
-                    )
+                    NameAbove(ax, time, name)
     axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
     return figure, axes
 
 
-def AddLegendAbove(
-    figure: Figure, handles: Sequence[Line2D], title: str | None = None
-) -> None:
-    """Adds a legend above all panels; the title is what its entries have in common."""
-    figure.legend(
-        handles=handles,
-        title=title,
-        title_fontsize=SMALL_FONT_SIZE,
-        loc="outside upper center",
-        ncols=len(handles) if len(handles) <= 5 else 4,
-        fontsize=SMALL_FONT_SIZE,
-        frameon=False,
-    )
+def _AddLegend(figure: Figure, handles: Sequence[Line2D], title: str = "") -> None:
+    ncols = len(handles) if len(handles) <= 5 else 4
+    AddLegend(figure, handles, ncols=ncols, fontsize=SMALL_FONT_SIZE, title=title)
 
 
 # Chapter 2: the loop and the stiffness of the environment.
@@ -231,18 +212,11 @@ def _PlotAgainstReference(
     figure, axes = TimeFigure(recording, 2)
     for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
         for i, (name, signal) in enumerate(signals.items()):
-            ax.plot(
-                recording.time,
-                recording[signal][:, k],
-                color=COLORS[i],
-                linestyle=LINES[i],
-                linewidth=1.1,
-                label=name,
-            )
+            ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
         values = [recording[signal][:, k] for signal in signals.values()]
         ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
         ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
-    AddLegendAbove(figure, axes[0].get_lines()[-len(signals) :])
+    _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
     return figure
 
 
@@ -338,17 +312,12 @@ def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     # Psi hardly moves; the second panel magnifies by how much.
     change = recording["psi"] - recording["psi"][0]
     for k in range(n * n):
-        style = {
-            "color": COLORS[k],
-            "linestyle": LINES[k % len(LINES)],
-            "linewidth": 1.1,
-            "label": rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$",
-        }
-        above.plot(recording.time, recording["psi"][:, k], **style)
-        below.plot(recording.time, change[:, k], **style)
+        label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
+        above.plot(recording.time, recording["psi"][:, k], **RunStyle(k), label=label)
+        below.plot(recording.time, change[:, k], **RunStyle(k))
     above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
     below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
-    AddLegendAbove(figure, above.get_lines()[-n * n :])
+    _AddLegend(figure, above.get_lines()[-n * n :])
     return figure
 
 
@@ -380,21 +349,16 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
         for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
             ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
         ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
-    handles = [
-        Line2D([], [], label=f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0))
-        for x in x_values
-    ]
+    handles = [Key(f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0)) for x in x_values]
     if len(distance_values) > 1:
         handles += [
-            Line2D(
-                [],
-                [],
-                label=rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
-                **{**Style(x_values[0], y), "color": "black"},
+            Key(
+                rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
+                **Style(x_values[0], y) | {"color": "black"},
             )
             for y in distance_values
         ]
-    AddLegendAbove(figure, handles, "centre of the Gaussian at")
+    _AddLegend(figure, handles, "centre of the Gaussian at")
     return figure
 
 

@@ -55,31 +55,6 @@ def Ledger(runs: ThesisRuns, only: str = "") -> list[Row]:
     return [claim.Judge(runs) for claim in claims]
 
 
-_SHORT_KEYS = (
-    "4-direct-overshoot",
-    "4-adaptive-overshoot",
-    "4-direct-largest-force",
-    "4-no-start-overshoot",
-    "4-settling",
-    "5-I-direct-diverges",
-    "5-II-lower-first-impact",
-    "5-III-lower-first-impact",
-    "6-higher-delays",
-    "6-adaptation-matters",
-)
-
-
-def ShortLedger(rows: Sequence[Row]) -> str:
-    """Returns the ten most telling rows of a whole ledger as a Markdown table."""
-    by_key = {row.key: row for row in rows}
-    lines = ["| thesis | claim | printed | here | verdict |", "|---|---|---|---|---|"]
-    for key in _SHORT_KEYS:
-        row = by_key[key]
-        cells = (row.place, row.claim, row.thesis, row.ours, row.verdict)
-        lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
-    return "\n".join(lines) + "\n"
-
-
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:
     """Returns figures by their numbers, such as "4.1", in order; None: all.
 
