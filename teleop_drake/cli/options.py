@@ -236,13 +236,16 @@ def GridOf(
     """
     from teleop_drake.sweep.study import MakeGrid
 
-    varied = []
-    for item in args.vary:
-        path, equals, text = item.partition("=")
-        if not equals or not path.strip():
-            raise BadInput(f"--vary = {item!r}: must be PATH=VALUES")
-        varied.append((path.strip(), text))
+    varied = [SplitVary(item, "VALUES") for item in args.vary]
     return MakeGrid(controllers or None, [*varied, *more], args.seeds)
+
+
+def SplitVary(item: str, values: str) -> tuple[str, str]:
+    """Returns the path and the values that an item of --vary has, as text."""
+    path, equals, text = item.partition("=")
+    if not equals or not path.strip():
+        raise BadInput(f"--vary = {item!r}: must be PATH={values}")
+    return path.strip(), text
 
 
 def AddEngineOption(parser: argparse.ArgumentParser) -> None:

@@ -128,8 +128,8 @@ def test_files(capsys, unrendered):
     ("command", "message"),
     [
         ("one_dot", "scenario = 'one_dot': must be one of "),
-        ("one_dof --max-delay 0", "--max-delay = '0': must be a finite number > 0 (s)"),
-        ("one_dof --max-delay soon", "--max-delay = 'soon': must be a finite number"),
+        ("one_dof --max-delay 0", "max_delay = 0.0: must be a finite number > 0 (s)"),
+        ("one_dof --max-delay soon", "argument --max-delay: invalid float value: 'so"),
         ("one_dof --vary robot.mass", "--vary = 'robot.mass': must be PATH=START:"),
         ("one_dof --vary robot.mass=a", "--vary robot.mass = 'a': must be finite nu"),
         ("one_dof --vary robot.mass=1:2", "--vary robot.mass = '1:2': must be START:"),

@@ -6,22 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.cli.options import (
-    AddFormatOption,
-    AddRunOptions,
-    AddScenarioOptions,
-    FormatsOf,
-    Load,
-    OverridesOf,
-)
-from teleop_drake.cli.output import (
-    CheckJson,
-    PrepareFolder,
-    ToJson,
-    WriteJson,
-    WriteText,
-)
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
 
@@ -54,11 +40,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "All delays found are round trips: forward and return delay together, of which "
         "only the sum matters."
     )
-    AddScenarioOptions(parser)
+    options.AddScenarioOptions(parser)
     parser.add_argument(
         "--max-delay",
+        type=float,
         metavar="S",
-        default="2",
+        default=2.0,
         help="longest round-trip delay to report on, s (default: 2)",
     )
     parser.add_argument(
@@ -68,8 +55,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
         "along the normal of the surface, position=0.86:1.2:35",
     )
-    AddFormatOption(parser)
-    AddRunOptions(
+    options.AddFormatOption(parser)
+    options.AddRunOptions(
         parser,
         json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
         out_help="write Bode, Nyquist, stability and transparency plots and "
@@ -85,15 +72,14 @@ def Execute(args: argparse.Namespace) -> int:
     from teleop_drake.analysis.transparency import AnalyzeTransparency
     from teleop_drake.linear_model.loop import Linearizer
 
-    scenario = Load(args)
-    max_delay = _MaxDelay(args.max_delay)
+    scenario = options.Load(args)
     key, values = _VariedNumber(args.vary)
-    CheckJson(args.json)
+    output.CheckJson(args.json)
     stem = f"{scenario.name}_{scenario.controller.kind}"
     figures = ["bode", "nyquist", "stable_delays", "transparency"]
     figures += ["chart"] * bool(key)
-    formats = FormatsOf(args)
-    *figure_paths, summary_path = PrepareFolder(
+    formats = options.FormatsOf(args)
+    *figure_paths, summary_path = output.PrepareFolder(
         args.out,
         *(f"{stem}_{name}.{suffix}" for name in figures for suffix in formats),
         f"{stem}_analysis.json",
@@ -107,11 +93,11 @@ def Execute(args: argparse.Namespace) -> int:
                     args.scenario,
                     key,
                     values,
-                    overrides=OverridesOf(args),
-                    max_delay=max_delay,
+                    overrides=options.OverridesOf(args),
+                    max_delay=args.max_delay,
                     progress=show,
                 )
-        analysis = AnalyzeStability(scenario, max_delay=max_delay)
+        analysis = AnalyzeStability(scenario, max_delay=args.max_delay)
         linearizer = Linearizer(analysis.scenario, at_ports=True)
         transparency = [
             AnalyzeTransparency(
@@ -127,9 +113,9 @@ def Execute(args: argparse.Namespace) -> int:
         record["chart"] = chart.ToRecord()
     if args.out is not None:
         _Draw(figure_paths, analysis, transparency, chart)
-        WriteText(summary_path, ToJson(record))
+        output.WriteText(summary_path, output.ToJson(record))
     if args.json is not None:
-        WriteJson(args.json, record)
+        output.WriteJson(args.json, record)
     if args.json != "-":
         print(_AnalysisTable(record))
         if chart is not None:
@@ -139,17 +125,6 @@ def Execute(args: argparse.Namespace) -> int:
             written = [*figure_paths, summary_path]
             print("Written:", ", ".join(map(str, written)))
     return 0
-
-
-def _MaxDelay(text: str) -> float:
-    """Returns the number of `--max-delay`."""
-    try:
-        max_delay = float(text)
-    except ValueError:
-        max_delay = math.nan
-    if not 0 < max_delay < math.inf:
-        raise BadInput(f"--max-delay = {text!r}: must be a finite number > 0 (s)")
-    return max_delay
 
 
 def _Draw(
@@ -181,18 +156,16 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
         return "", []
     from teleop_drake.sweep import ParseValues, SweepError
 
-    path, equals, text = item.partition("=")
-    if not equals or not path.strip():
-        raise BadInput(f"--vary = {item!r}: must be PATH=START:STOP:COUNT")
+    path, text = options.SplitVary(item, "START:STOP:COUNT")
     try:
         values = ParseValues(text)
     except SweepError as e:
-        raise BadInput(f"--vary {path.strip()} = {e}") from None
+        raise BadInput(f"--vary {path} = {e}") from None
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in values):
-        raise BadInput(f"--vary {path.strip()} = {text!r}: must be finite numbers")
+        raise BadInput(f"--vary {path} = {text!r}: must be finite numbers")
     if len(set(values)) < 2:
-        raise BadInput(f"--vary {path.strip()} = {text!r}: must be two values or more")
-    return path.strip(), [float(x) for x in values]
+        raise BadInput(f"--vary {path} = {text!r}: must be two values or more")
+    return path, [float(x) for x in values]
 
 
 def _AnalysisTable(record: Mapping[str, Any]) -> str:
