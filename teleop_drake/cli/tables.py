@@ -36,14 +36,11 @@ def _Delay(channel: Any) -> str:
 
 def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
     """Returns the metrics of some runs: a row for each, a column for each run."""
-    from teleop_drake.sweep import CHANNEL_METRICS, FlattenMetrics
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.sweep import FlattenMetrics, MetricUnits
 
-    # By the last part of the name.
-    units = {"wall_time_s": "s"} | CHANNEL_METRICS
+    units = {"wall_time_s": "s"}
     for recording in recordings.values():
-        for name, unit in TaskOf(recording.scenario).units.items():
-            units[name.removesuffix(".*").split(".")[-1]] = unit
+        units |= MetricUnits(recording.scenario)
     columns = {
         name: FlattenMetrics(record["metrics"])
         | FlattenMetrics(record.get("channels", {}))
@@ -63,8 +60,8 @@ def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
         if row in groups:
             continue
         cells = [Cell(column.get(row)) for column in columns.values()]
-        unit = next((units[part] for part in row.split(".") if part in units), "")
-        lines.append([row.replace("_", " ").replace(".", " "), *cells, unit])
+        label = row.replace("_", " ").replace(".", " ")
+        lines.append([label, *cells, units.get(row, "")])
     return Align(lines)
 
 
