@@ -1,9 +1,5 @@
 """The command line."""
 
-from teleop_drake.cli.main import (
-    main,
-)
+from teleop_drake.cli.main import main
 
-__all__ = [
-    "main",
-]
+__all__ = ["main"]

@@ -17,27 +17,12 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from teleop_drake.analysis.stability import (
-    PointStability,
-    StabilityAnalysis,
-)
+from teleop_drake.analysis.stability import PointStability, StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.environments import ShownNormal
-from teleop_drake.figures.style import (
-    FONT_SIZE,
-    GREY,
-    LINES,
-    SMALL_FONT_SIZE,
-    WIDTH,
-    AddLegend,
-    AxisLabel,
-    CellEdges,
-    Figure,
-    Key,
-    MapLimits,
-    RunColor,
-)
+from teleop_drake.figures import style
+from teleop_drake.figures.style import FONT_SIZE, GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.linear_model.operating_point import POSITION
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.validation import Refuse
@@ -120,19 +105,19 @@ def _DrawLoci(
     loci = _TrackedLoci(point, w)
     shown: list[float] = []
     for i in range(loci.shape[1]):
-        style = _LocusStyle(i)
+        look = _LocusStyle(i)
         if np.abs(loci[:, i]).max() < _NOTHING:
             continue
-        top.loglog(w, np.abs(loci[:, i]), **style)
+        top.loglog(w, np.abs(loci[:, i]), **look)
         phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
         k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
         # The branch on which the last crossover has -180 to 180 degrees: the way
         # from there down to -180 is its phase margin.
         phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
-        bottom.semilogx(w, phase, **style | {"linewidth": 0.6})
+        bottom.semilogx(w, phase, **look | {"linewidth": 0.6})
         delayed = phase - np.degrees(w * point.delay)
-        bottom.semilogx(w, delayed, **style)
-        dots = {"marker": "o", "ms": 3, "ls": "", "color": style["color"]}
+        bottom.semilogx(w, delayed, **look)
+        dots = {"marker": "o", "ms": 3, "ls": "", "color": look["color"]}
         top.plot(w[k], np.ones(len(k)), **dots)
         bottom.plot(w[k], delayed[k], **dots)
         shown += [*delayed[k], *phase[k]]
@@ -155,10 +140,10 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
         for i in range(loci.shape[1]):
-            style = _LocusStyle(i)
+            look = _LocusStyle(i)
             delayed = loci[:, i] * np.exp(-1j * w * point.delay)
-            ax.plot(loci[:, i].real, loci[:, i].imag, **style | {"linewidth": 0.6})
-            ax.plot(delayed.real, delayed.imag, **style)
+            ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
+            ax.plot(delayed.real, delayed.imag, **look)
         angle = np.linspace(0, 2 * np.pi, 200)
         ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
         for draw in (ax.axhline, ax.axvline):
@@ -213,7 +198,7 @@ def PlotStableDelays(
         [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
     ax.set_xlabel("round-trip delay [s]", fontsize=FONT_SIZE)
-    _Format(ax)
+    style.FormatTicks(ax)
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
 
@@ -239,7 +224,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     panels = [names] if is_path else [[name] for name in names]
     titles = [along] if is_path else names
     figure, axes = _Panels(1, titles, 1.4 * _ROW_HEIGHT + 0.4)
-    edges = CellEdges(chart.values)
+    edges = style.CellEdges(chart.values)
     for ax, panel in zip(axes[0], panels, strict=True):
         for name in panel:
             for i, intervals in enumerate(chart.StableDelays(name)):
@@ -252,9 +237,9 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
                     ax.bar(edges[i], end - begin, **cell, **where)
         delays = [analysis.points[0].delay for analysis in chart.analyses]
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
-        ax.set_xlim(MapLimits(chart.values))
+        ax.set_xlim(style.MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-    label = AxisLabel(chart.key)
+    label = style.AxisLabel(chart.key)
     if is_path:
         scenario = chart.analyses[0].scenario
         is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
@@ -287,7 +272,7 @@ def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
         (0.03, 0.96),
         xycoords="axes fraction",
         va="top",
-        fontsize=SMALL_FONT_SIZE,
+        fontsize=style.SMALL_FONT_SIZE,
         color="#404040",
     )
 
@@ -313,12 +298,12 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
-            style = _LocusStyle(i)
-            thin = style | {"linewidth": 0.6}
+            look = _LocusStyle(i)
+            thin = look | {"linewidth": 0.6}
             top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
-            top.loglog(w, np.abs(point.transmitted[:, i, i]), **style)
+            top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
             bottom.semilogx(
-                w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **style
+                w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **look
             )
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
@@ -377,7 +362,7 @@ def _LoopPanels(
 def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
     """Names what is drawn, along the columns below and along the rows at the left."""
     for ax in axes.flat:
-        _Format(ax)
+        style.FormatTicks(ax)
     for ax in axes[-1]:
         ax.set_xlabel(x, fontsize=FONT_SIZE)
     for ax, label in zip(axes[:, 0], y, strict=True):
@@ -385,8 +370,8 @@ def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
 
 
 def _LocusStyle(i: int) -> dict[str, Any]:
-    line = LINES[i % len(LINES)]
-    return {"color": RunColor(i), "linestyle": line, "linewidth": 1.2}
+    line = style.LINES[i % len(style.LINES)]
+    return {"color": style.RunColor(i), "linestyle": line, "linewidth": 1.2}
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
@@ -434,9 +419,3 @@ def _Unwrap(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     steps = (np.diff(phase) + 210) % 360 - 210
     return np.concatenate([phase[:1], phase[0] + np.cumsum(steps)])
-
-
-def _Format(ax: Axes) -> None:
-    ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.spines[["left", "bottom"]].set_linewidth(0.6)

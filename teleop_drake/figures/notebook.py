@@ -1,4 +1,4 @@
-"""What a notebook shows: a run, a table, a block diagram."""
+"""Runs, tables and block diagrams for a notebook."""
 
 import base64
 import html

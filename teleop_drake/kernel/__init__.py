@@ -1,4 +1,4 @@
-"""What a block tells of itself, and what is made of it for Drake."""
+"""Kernels: descriptions of blocks, and all that is made of them for Drake."""
 
 from teleop_drake.kernel.block import FixedBlock, KernelBlock
 from teleop_drake.kernel.kernel import (
