@@ -12,7 +12,6 @@ look such a kind up imports its module: a scenario that names one is a program.
 import dataclasses
 import importlib
 from collections.abc import Iterable
-from importlib import metadata
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from teleop_drake.validation import Choices, FixedFields, Refuse, ScenarioError, Show
@@ -97,8 +96,7 @@ class KindTable(Generic[_T]):
         if isinstance(name, str):
             if name in self._kinds:
                 return self._kinds[name]
-            entries = metadata.entry_points(group=ENTRY_POINT_GROUP, name=name)
-            places = [name] if ":" in name else [entry.value for entry in entries]
+            places = [name] if ":" in name else _EntryPoints(name)
             if places:
                 kind = ImportOwn(places[0], path)
                 if not (
@@ -131,9 +129,15 @@ def ImportOwn(place: str, path: str) -> Any:
 
 def IsOwn(name: Any) -> bool:
     """Returns whether a name means a kind of a user's own, without importing it."""
-    return isinstance(name, str) and (
-        ":" in name or bool(metadata.entry_points(group=ENTRY_POINT_GROUP, name=name))
-    )
+    return isinstance(name, str) and (":" in name or bool(_EntryPoints(name)))
+
+
+def _EntryPoints(name: str) -> list[str]:
+    """Returns what entry points of a name stand for, each as `module:Class`."""
+    from importlib import metadata  # It takes longer than all that is asked here.
+
+    found = metadata.entry_points(group=ENTRY_POINT_GROUP, name=name)
+    return [entry.value for entry in found]
 
 
 def TableOf(base: Any) -> "KindTable[Any] | None":

@@ -4,7 +4,6 @@ All of them refuse with one line: the field, its value and what is allowed.
 """
 
 import contextlib
-import difflib
 import functools
 import math
 import reprlib
@@ -129,6 +128,8 @@ def Within(path: str) -> Iterator[None]:
 
 def Choices(value: Any, choices: Iterable[str]) -> str:
     """Returns "one of a, b (did you mean 'a'?)"."""
+    import difflib  # A name is seldom wrong.
+
     choices = list(choices)
     text = "one of " + ", ".join(choices)
     nearest = difflib.get_close_matches(str(value), choices, n=1, cutoff=0.5)

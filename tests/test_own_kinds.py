@@ -235,7 +235,7 @@ def test_entry_points(monkeypatch):
         assert group == "teleop_drake.kinds"
         return [Entry] if name == "band_limited" else []
 
-    monkeypatch.setattr("teleop_drake.kinds.metadata.entry_points", EntryPoints)
+    monkeypatch.setattr("importlib.metadata.entry_points", EntryPoints)
     scenario = LoadScenario("one_dof", ["return_channel={kind: band_limited}"])
     assert scenario.return_channel.kind == "own_channel:BandLimitedChannel"
 

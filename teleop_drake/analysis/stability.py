@@ -50,6 +50,7 @@ from teleop_drake.linear_model.operating_point import (
     OperatingPoints,
     PointOfRest,
 )
+from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,
@@ -374,6 +375,7 @@ def _IsResolved(model: LoopModel, crossing: Crossing, unresolved: float) -> bool
     return bool(abs(s) > unresolved and shift < abs(s * by_s))
 
 
+@Interpreted()  # There are too few calls to pay compiling.
 def AnalyzeStability(
     scenario: ScenarioLike,
     *,

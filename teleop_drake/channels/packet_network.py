@@ -315,7 +315,7 @@ class PacketNetwork:
         """Returns how many packets are sent before a time in s."""
         return math.ceil(end / self.sample_period - TIE)
 
-    def _Random(self, impairment: str, block: int) -> np.random.Generator:
+    def _Random(self, impairment: str, block: int) -> "np.random.Generator":
         name = f"{self._stream}/{impairment}".encode()
         sequence = np.random.SeedSequence(self._seed, spawn_key=tuple(name))
         key = sequence.generate_state(2, np.uint64)

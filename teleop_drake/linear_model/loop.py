@@ -83,6 +83,7 @@ from teleop_drake.linear_model.loop_model import (
 )
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.linear_model.tool_motion import ToolMotion
+from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.operators import ConstantVelocityOperator
@@ -143,6 +144,7 @@ class Linearizer:
             cannot be there.
     """
 
+    @Interpreted()  # There are too few calls to pay compiling.
     def __init__(
         self,
         scenario: ScenarioLike,
@@ -299,6 +301,7 @@ class Linearizer:
             trim_residual=residual,
         )
 
+    @Interpreted()
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
         _, slopes = self._Settle(point)

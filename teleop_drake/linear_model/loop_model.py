@@ -177,12 +177,11 @@ def CutLoop(model: LoopModel) -> StateSpace:
         np.hstack([system.C, system.D]),
     )
     heard = back[_Nonzero(by_input[:, back].T)]
-    sent = np.intersect1d(
-        forward[_Nonzero(by_output[forward])], forward[_Nonzero(by_input[:, forward].T)]
-    )
+    acts = _Nonzero(by_output[forward]) & _Nonzero(by_input[:, forward].T)
+    sent = forward[acts]
     # What is closed passes without delay, for the other one has all of it.
     closed, crossing = (forward, heard) if len(heard) <= len(sent) else (back, sent)
-    rest = np.setdiff1d(np.arange(len(system.D)), closed)
+    rest = np.delete(np.arange(len(system.D)), closed)
     kept = np.flatnonzero(np.isin(rest, np.r_[crossing, inner_slave, inner_master]))
     loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)
     return _MergeInputs(StateSpace(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D))
@@ -203,10 +202,10 @@ def _MergeInputs(loop: StateSpace) -> StateSpace:
     return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
 
 
-def _Nonzero(rows: Array) -> Indices:
-    """Returns which rows are not zero."""
+def _Nonzero(rows: Array) -> NDArray[np.bool_]:
+    """Returns for each row whether it is not zero."""
     sizes = np.abs(rows).max(axis=1, initial=0.0)
-    return np.flatnonzero(sizes > _NEGLIGIBLE * sizes.max(initial=1e-300))
+    return np.asarray(sizes > _NEGLIGIBLE * sizes.max(initial=1e-300))
 
 
 def MotionRate(A: Array, A_dot: Array) -> float:

@@ -134,8 +134,10 @@ def sweep_frequencies(loop: StateSpace) -> Array:
         width = max(abs(pole.real), 1e-9 * abs(pole)) / 8
         offsets = np.geomspace(width, abs(pole), _NUM_POLE_POINTS)
         frequencies += [pole.imag + offsets, pole.imag - offsets]
-    result = np.unique(np.concatenate(frequencies))
-    return result[(result >= low) & (result <= high)]
+    # np.unique() imports all of numpy.ma.
+    result = np.sort(np.concatenate(frequencies))
+    is_new = np.diff(result, prepend=-np.inf) > 0
+    return result[is_new & (result >= low) & (result <= high)]
 
 
 def find_crossings(loop: StateSpace) -> list[Crossing]:

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from contextvars import ContextVar
-from importlib import resources
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +18,7 @@ _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=
 
 def ReadModel(name: str) -> ElementTree.Element:
     """Returns the SDF model of this name in the package."""
-    file = resources.files("teleop_drake") / "models" / f"{name}.sdf"
+    file = Path(__file__).parent.parent / "models" / f"{name}.sdf"
     return ElementTree.fromstring(file.read_text(encoding="utf-8"))
 
 
