@@ -10,7 +10,6 @@ Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it
 not state is marked "assumed" or "fitted" in the scenario files.
 """
 
-import copy
 import dataclasses
 import functools
 import math
@@ -314,32 +313,25 @@ def LoadScenario(
     Raises:
         ScenarioError: if the file cannot be read or anything in it is not allowed.
     """
-    tree, _ = _OverriddenTree(name_or_path, overrides)
+    return LoadOverridden(name_or_path, overrides)[0]
+
+
+def LoadOverridden(
+    name_or_path: str | os.PathLike[str], overrides: Mapping[str, Any] | Iterable[str]
+) -> tuple[AnyScenario, list[str]]:
+    """Returns what LoadScenario() does, and what the overrides replace.
+
+    These are dotted paths with the numbers of elements, never their names: the same for
+    all names of a field, and two for `delay`.
+    """
+    path = _FindScenario(name_or_path)
+    tree = ToTree(_CompleteTree(path, ReadText(path)))
+    pairs = ParseOverrides(overrides)
+    replaced = [SetPath(tree, dotted, value) for dotted, value in pairs]
     scenario = FromTree(tree, _SchemaOf(tree))
     scenario._Check()
     scenario._Remember(ToTree(scenario))
-    return scenario
-
-
-def OverriddenPaths(
-    name_or_path: str | os.PathLike[str], overrides: Iterable[str]
-) -> list[str]:
-    """Returns what each override replaces: the same for all names of a field.
-
-    These are dotted paths with the numbers of elements, never their names; two for
-    `delay`. A path that does not exist raises a ScenarioError.
-    """
-    return _OverriddenTree(name_or_path, overrides)[1]
-
-
-def _OverriddenTree(
-    name_or_path: str | os.PathLike[str], overrides: Mapping[str, Any] | Iterable[str]
-) -> tuple[dict[str, Any], list[str]]:
-    """Returns the complete tree of a file with overrides, and what they replace."""
-    path = _FindScenario(name_or_path)
-    tree = copy.deepcopy(_CompleteTree(path, ReadText(path)))
-    pairs = ParseOverrides(overrides)
-    return tree, [SetPath(tree, dotted, value) for dotted, value in pairs]
+    return scenario, replaced
 
 
 def ReadScenario(

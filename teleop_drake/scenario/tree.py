@@ -245,8 +245,13 @@ def FieldTypes(schema: Any) -> dict[str, Any]:
     return {item.name: item.type for item in dataclasses.fields(schema)}
 
 
+_PLAIN = {str, float, int, bool, type(None)}
+
+
 def ToTree(value: Any) -> Any:
     """Returns the tree of a config, an array, a list, a dict or a plain value."""
+    if type(value) in _PLAIN:  # Most are.
+        return value
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
         return {
             key: _KindToTree(getattr(value, key), schema)

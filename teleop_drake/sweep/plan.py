@@ -19,8 +19,8 @@ from teleop_drake.scenario import (
     DELAYS,
     AnyScenario,
     CheckSteps,
+    LoadOverridden,
     LoadScenario,
-    OverriddenPaths,
     ScenarioError,
     ScenarioNames,
 )
@@ -96,7 +96,7 @@ def PlanSweep(
     if engine not in ENGINES:
         raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
     if isinstance(overrides, Mapping):
-        overrides = [_Override(path, _ToPlain(x)) for path, x in overrides.items()]
+        overrides = [f"{k}={_YamlOf(_ToPlain(x))}" for k, x in overrides.items()]
     elif isinstance(overrides, str):
         overrides = [overrides]
     overrides = list(overrides)
@@ -111,9 +111,9 @@ def PlanSweep(
 
     def Load(point: list[str]) -> AnyScenario:
         # By the name that the user gave, which the messages have.
-        loaded = LoadScenario(scenario, point)
+        loaded, replaced = LoadOverridden(scenario, point)
         CheckSteps(loaded)
-        _CheckPaths(overrides, axes, OverriddenPaths(scenario, point))
+        _CheckPaths(overrides, axes, replaced)
         for file in sorted({*ScenarioFiles(loaded).values()} - {*traces}):
             traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
         if len(good) < _MAX_LOADED:
@@ -315,16 +315,18 @@ def _ToPlain(value: Any, **options: Any) -> Any:
     return json.loads(text)
 
 
-def _Override(path: str, value: Any) -> str:
+def _YamlOf(value: Any) -> str:
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value)
     # In brackets, a number needs no end of document, and none is broken into lines.
     text = DumpYaml([value], default_flow_style=True, width=math.inf)
-    return f"{path}={text.strip()[1:-1]}"
+    return text.strip()[1:-1]
 
 
 def PointOverrides(point: Mapping[str, Any]) -> list[str]:
     """Returns the overrides that make a point of the grid."""
     return [
-        _Override(path, value)
-        for key, value in point.items()
+        f"{path}={text}"
+        for key, text in zip(point, map(_YamlOf, point.values()), strict=True)
         for path in ALIASES.get(key, (key,))
     ]

@@ -17,8 +17,8 @@ from teleop_drake.robots import SliderConfig
 from teleop_drake.scenario import (
     DELAYS,
     CheckSteps,
+    LoadOverridden,
     LoadScenario,
-    OverriddenPaths,
     Scenario,
     ScenarioError,
     ScenarioFromYaml,
@@ -200,7 +200,7 @@ def test_delay_is_that_of_both_channels(tmp_path):
     ):
         assert scenario.forward_channel.delay == scenario.return_channel.delay == 0.07
     assert LoadScenario(file).forward_channel.kind == "sampled"
-    paths = OverriddenPaths("one_dof", ["delay=0", "duration=1"])
+    _, paths = LoadOverridden("one_dof", ["delay=0", "duration=1"])
     assert paths == [*DELAYS, "duration"]
     file.write_text(MINIMAL + "delay: 0.07\nreturn_channel: {delay: 0.1}\n")
     with pytest.raises(ScenarioError, match=r"delay = 0.07: must be left out, or the"):
