@@ -36,7 +36,7 @@ def _Delay(channel: Any) -> str:
 
 def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
     """Returns the metrics of some runs: a row for each, a column for each run."""
-    from teleop_drake.sweep import FlattenMetrics, MetricUnits
+    from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
     units = {"wall_time_s": "s"}
     for recording in recordings.values():

@@ -3,9 +3,6 @@
 from teleop_drake.sweep.folder import TableNames, WriteTables
 from teleop_drake.sweep.plan import ALIASES, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
-    CHANNEL_METRICS,
-    FlattenMetrics,
-    MetricUnits,
     SelectMetrics,
     SweepError,
     SweepResult,
@@ -17,10 +14,10 @@ from teleop_drake.sweep.statistics import (
     Statistics,
     VariesSeedsOnly,
 )
+from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
 __all__ = [
     "ALIASES",
-    "CHANNEL_METRICS",
     "Differences",
     "FlattenMetrics",
     "HasSeeds",

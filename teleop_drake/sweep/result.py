@@ -8,18 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.tasks import TaskOf
-
-CHANNEL_METRICS = {
-    **dict.fromkeys(("sent", "received", "lost", "loss_rate", "reordered", "late"), ""),
-    **{
-        f"delay_{name}": "s"
-        for name in ("mean", "minimum", "median", "p95", "p99", "maximum")
-    },
-    **{"age_mean": "s", "age_maximum": "s"},
-}
-"""What becomes of the packets of a network channel, see PacketStatistics. In a table
-the names begin with that of the channel, as in `forward_channel.age_mean`."""
+from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
 _HEADLINES = (
     "start_velocity_overshoot",
@@ -110,25 +99,6 @@ class SweepResult:
         return rows
 
 
-def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
-    """Returns the names of all scalar metrics of a scenario, and their units.
-
-    Those of its network channels, if it has any, are among them.
-    """
-    task = TaskOf(scenario)
-    units = dict(task.units) | {
-        f"{name}.{key}": unit
-        for name, channel in task.Channels(scenario).items()
-        if channel.has_packet_statistics
-        for key, unit in CHANNEL_METRICS.items()
-    }
-    return {
-        name.replace("*", axis): unit
-        for name, unit in units.items()
-        for axis in ("xyz"[: scenario.num_axes] if name.endswith("*") else " ")
-    }
-
-
 def SelectMetrics(
     scenario: AnyScenario, names: Sequence[str] | None = None
 ) -> list[str]:
@@ -151,20 +121,6 @@ def SelectMetrics(
             raise SweepError(f"metric {name!r}: must be one of {', '.join(known)}")
         selected |= dict.fromkeys(found)
     return list(selected)
-
-
-def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`."""
-    flat: dict[str, Any] = {}
-    for key, value in metrics.items():
-        if isinstance(value, Mapping):
-            flat |= FlattenMetrics(value, f"{prefix}{key}.")
-        elif isinstance(value, list):
-            axes = "xyz"[: len(value)]
-            flat |= {f"{prefix}{key}.{a}": x for a, x in zip(axes, value, strict=True)}
-        else:
-            flat[prefix + key] = value
-    return flat
 
 
 def _RecordMetrics(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.sweep.result import MetricUnits, SweepError, SweepResult
+from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.tasks.metrics import MetricUnits
 
 SEED = "seed"
 """The key of a grid over which statistics are taken."""

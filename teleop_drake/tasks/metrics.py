@@ -1,12 +1,25 @@
 """Numbers that describe one run: pure functions of a recording."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
+from teleop_drake.scenario import AnyScenario
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
+
+CHANNEL_METRICS = {
+    **dict.fromkeys(("sent", "received", "lost", "loss_rate", "reordered", "late"), ""),
+    **{
+        f"delay_{name}": "s"
+        for name in ("mean", "minimum", "median", "p95", "p99", "maximum")
+    },
+    **{"age_mean": "s", "age_maximum": "s"},
+}
+"""What becomes of the packets of a network channel, see PacketStatistics. In a table
+the names begin with that of the channel, as in `forward_channel.age_mean`."""
 
 
 def RunMetrics(
@@ -79,6 +92,39 @@ def RunSummary(
         **statistics,
         "solver": dataclasses.asdict(recording.solver),
     }
+
+
+def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
+    """Returns the names of all scalar metrics of a scenario, and their units.
+
+    Those of its network channels, if it has any, are among them.
+    """
+    task = TaskOf(scenario)
+    units = dict(task.units) | {
+        f"{name}.{key}": unit
+        for name, channel in task.Channels(scenario).items()
+        if channel.has_packet_statistics
+        for key, unit in CHANNEL_METRICS.items()
+    }
+    return {
+        name.replace("*", axis): unit
+        for name, unit in units.items()
+        for axis in ("xyz"[: scenario.num_axes] if name.endswith("*") else " ")
+    }
+
+
+def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`."""
+    flat: dict[str, Any] = {}
+    for key, value in metrics.items():
+        if isinstance(value, Mapping):
+            flat |= FlattenMetrics(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            axes = "xyz"[: len(value)]
+            flat |= {f"{prefix}{key}.{a}": x for a, x in zip(axes, value, strict=True)}
+        else:
+            flat[prefix + key] = value
+    return flat
 
 
 def _FinitePart(recording: Recording) -> Recording:
