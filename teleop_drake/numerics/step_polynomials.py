@@ -163,8 +163,9 @@ def finite_part(series: Series) -> Series:
     times, signals, steps = series
     columns = [times[:, np.newaxis], *signals.values()]
     # A sum is quick, and finite unless one of its numbers is not, or it is absurd.
+    ones = np.ones(len(times))
     with np.errstate(invalid="ignore", over="ignore"):
-        if all(math.isfinite(x.sum()) for x in columns):
+        if all(math.isfinite((ones @ x).sum()) for x in columns):
             return series
     is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
     if is_finite.all():

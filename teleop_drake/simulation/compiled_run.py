@@ -45,38 +45,39 @@ def RunCompiled(
     diagram, config = job.diagram, job.config
     if why := WhyNotSolved(config):
         raise CannotCompile(why)
-    context = evaluator = None
+    context = None
     if loop is None:
         context = diagram.CreateDefaultContext()
         context.SetAccuracy(EVENT_ACCURACY)
         diagram.ExecuteInitializationEvents(context)
-        longest_step = LongestStep(diagram, of_delays=False)
         try:
             evaluator = Evaluator(diagram, context, as_machine_code=True)
         except UnsupportedSystem as error:
             raise CannotCompile(str(error)) from error
-    else:
-        evaluator, longest_step = loop.evaluator, loop.longest_step
+        longest_step = LongestStep(diagram, of_delays=False)
+        places = SignalPlaces(evaluator, diagram)
+        loop = Loop(diagram, evaluator, places, None, longest_step)
     run = CompiledRun(
-        evaluator,
+        loop.evaluator,
         context,
-        start=loop and loop.start,
+        start=loop.start,
         end=job.duration,
         accuracy=config.accuracy,
-        max_step=min(config.max_step_size, longest_step),
+        max_step=min(config.max_step_size, loop.longest_step),
     )
-    outcome = _Run(run, job)
-    if loop is not None:
-        outcome.TakeStatistics(channel for channel, _ in loop.channels.values())
+    outcome = _Run(run, job, loop.places)
+    if context is None:
+        channels = loop.channels or {}
+        outcome.TakeStatistics(channel for channel, _ in channels.values())
         return outcome
-    program = evaluator.program.text
+    program = loop.evaluator.program.text
     is_known = program in _checked
     visited = run.visited[-1:] if is_known else [run.start, *run.visited]
-    CheckVisited(evaluator, diagram, context, visited)
+    CheckVisited(loop.evaluator, diagram, context, visited)
     _checked.add(program)
     outcome.TakeStatistics(diagram.GetSystems())
     if structure is not None:
-        structure.Keep(diagram, evaluator, run.start, longest_step)
+        structure.Keep(loop._replace(start=run.start))
     return outcome
 
 
@@ -95,10 +96,13 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
     return ""
 
 
-def _Run(run: CompiledRun, job: Job) -> Outcome:
-    """Runs to the end of a job, or less far."""
+def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
+    """Runs to the end of a job, or less far.
+
+    Args:
+        places: Where in a row the signals are that are recorded, by their names.
+    """
     limit, pace, start = job.speed_limit, Pace(job.duration), clock.monotonic()
-    places = SignalPlaces(run.evaluator, job.diagram)
     # Without a tool, whatever is computed has to stay finite.
     watched = places.get("tool_velocity", slice(None))
     steps: list[NDArray[np.int64]] = []

@@ -4,7 +4,8 @@ To make, check and compile a teleoperator takes several times as long as to run 
 two scenarios that differ in their channels, in the duration and in the solver alone,
 the second run takes over the program of the first one, and sets its delays. It gives
 the same numbers to the last bit. Whatever differs otherwise is made anew, and so is a
-loop whose architecture derives anything from the channels.
+loop whose architecture derives anything from the channels. Machine code is made anew
+only for another structure: no number is in it.
 """
 
 import copy
@@ -53,16 +54,19 @@ class Loop(NamedTuple):
     Attributes:
         diagram: What was compiled; its channels are those of the first scenario.
         evaluator: Of the diagram, with the delays of the channels.
-        start: Where a run starts.
+        places: Where in a row its signals are, by their names.
+        start: Where a run starts; None: where the diagram does.
         longest_step: That the blocks allow, s.
-        channels: The block of each and its place among the delays, by name.
+        channels: The block of each and its place among the delays, by name; none if
+            others cannot take their place; None: nobody has asked yet.
     """
 
     diagram: Diagram
     evaluator: Evaluator
-    start: Visited
+    places: dict[str, slice]
+    start: Visited | None
     longest_step: float
-    channels: dict[str, tuple[System, int]]
+    channels: dict[str, tuple[System, int]] | None = None
 
 
 class Structure:
@@ -82,6 +86,11 @@ class Structure:
         """Returns the loop with the channels of the scenario, if one was kept."""
         loop = _loops.get(self._key)
         if loop is None or WhyNotSolved(self._scenario.simulator):
+            return None
+        if loop.channels is None:
+            loop = loop._replace(channels=_ChannelsIn(loop, self._scenario))
+            _loops[self._key] = loop
+        if not loop.channels:
             return None
         evaluator, channels = copy.copy(loop.evaluator), {}
         evaluator.program = program = copy.copy(evaluator.program)
@@ -104,27 +113,14 @@ class Structure:
         evaluator.function = CompileEvaluate(program)
         return loop._replace(evaluator=evaluator, channels=channels)
 
-    def Keep(
-        self, diagram: Diagram, evaluator: Evaluator, start: Visited, step: float
-    ) -> None:
-        """Keeps a loop that was checked, if others can take it over; see Loop."""
-        if not self._key or not _IsFree(self._scenario, diagram):
+    def Keep(self, loop: Loop) -> None:
+        """Keeps a loop that was checked, perhaps for others to take over."""
+        channels = map(loop.diagram.GetSubsystemByName, _CHANNELS)
+        if not self._key or not all(map(_DelayOf, channels)):
             return
-        channels = {}
-        blocks = [block.system for block in evaluator.blocks]
-        outputs = [part for _, _, part in evaluator.program.delays]
-        for name in _CHANNELS:
-            channel = diagram.GetSubsystemByName(name)
-            delay = _DelayOf(channel)
-            if delay is None:
-                return
-            part = evaluator.program.signals[
-                Source(blocks.index(channel), delay.output)
-            ]
-            channels[name] = channel, outputs.index(part)
         if len(_loops) >= _MAX_LOOPS:
             del _loops[next(iter(_loops))]
-        _loops[self._key] = Loop(diagram, evaluator, start, step, channels)
+        _loops[self._key] = loop
 
 
 _loops: dict[str, Loop] = {}
@@ -152,6 +148,21 @@ def _Key(scenario: Any, task: Task[Any]) -> str:
     ) or any(not name.startswith(_CHANNELS) for name in ScenarioFiles(scenario)):
         return ""
     return repr([type(task), *(ToTree(getattr(scenario, name)) for name in fields)])
+
+
+def _ChannelsIn(loop: Loop, scenario: Any) -> dict[str, tuple[System, int]]:
+    """Returns the channels of a loop if others can take their place; see Loop."""
+    blocks = [block.system for block in loop.evaluator.blocks]
+    program = loop.evaluator.program
+    outputs = [part for _, _, part in program.delays]
+    channels = {}
+    for name in _CHANNELS:
+        channel = loop.diagram.GetSubsystemByName(name)
+        delay = _DelayOf(channel)
+        assert delay is not None
+        part = program.signals[Source(blocks.index(channel), delay.output)]
+        channels[name] = channel, outputs.index(part)
+    return channels if _IsFree(scenario, loop.diagram) else {}
 
 
 def _IsFree(scenario: Any, diagram: Diagram) -> bool:

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from teleop_drake.compiler import evaluator
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate, structure
 from teleop_drake.tasks import TaskOf
@@ -113,6 +114,64 @@ def test_what_differs_otherwise_is_made_anew(other, loops, made):
     assert len(made) == 2
     loops.clear()
     assert Numbers(simulate(changed)) == numbers
+
+
+# Numbers of a scenario, each with values that are likely to be special.
+VALUES = {
+    "delay": [0.0, 0.02, 0.3],
+    "controller.G1": [0.5, 4.0, 9.0],
+    "controller.Lambda": [1.0, 2.5],
+    "controller.adaptation_rate": [0.0, 0.3, 2.0],
+    "controller.leakage": [0.0, 0.01],
+    "controller.initial_psi": ["auto", 0.7, 1.0],
+    "environment.layers.tissue.stiffness": [0.0, 0.05, 0.4],
+    "environment.layers.tissue.damping": [0.0, 0.1],
+    "robot.mass": [0.5, 1.0, 3.0],
+    "robot.damping": [0.0, 0.2],
+    "surgeon.velocity": [[0.004], [0.02]],
+    "divergence_speed_ratio": [1.01, 5.0],
+    "actuator.bandwidth": [None, 50.0, 80.0],
+    "sensor.encoder": [
+        {"sample_period": 0.002},
+        {"sample_period": 0.01, "resolution": 1e-6},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    "task", ["one_dof", pytest.param("two_dof_puncture", marks=pytest.mark.slow)]
+)
+def test_runs_with_any_other_numbers_are_those_of_a_fresh_process(
+    task, loops, monkeypatch
+):
+    """Programs that several runs share have none of their numbers in them."""
+    traced = []
+    trace = evaluator.TraceProgram
+
+    def TraceProgram(text, *others):
+        traced.append(text)
+        return trace(text, *others)
+
+    monkeypatch.setattr(evaluator, "TraceProgram", TraceProgram)
+    rng = np.random.default_rng(23)
+    runs, changed = [], set()
+    for _ in range(12):
+        keys = rng.choice(list(VALUES), size=3, replace=False)
+        changes = {key: VALUES[key][rng.integers(len(VALUES[key]))] for key in keys}
+        if task != "one_dof":
+            changes |= {"surgeon.velocity": rng.uniform(0.02, 0.2, 2).tolist()}
+            changes = {k: x for k, x in changes.items() if k[:6] != "robot."}
+        runs.append(LoadScenario(task, SHORT | changes))
+        changed |= changes.keys()
+    evaluator._Compiled.cache_clear()
+    shared = [Numbers(simulate(scenario)) for scenario in runs]
+    # One for each structure: drives and sensors, and a delay that passes through.
+    assert len(traced) == len(set(traced)) < len(runs) / 2
+    assert len(changed) > 9
+    for scenario, numbers in zip(runs, shared, strict=True):
+        evaluator._Compiled.cache_clear()
+        loops.clear()
+        assert Numbers(simulate(scenario)) == numbers
 
 
 def test_kinds_of_a_users_own_are_made_anew(made, monkeypatch):
