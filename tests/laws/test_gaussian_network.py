@@ -71,13 +71,6 @@ def test_rate_against_finite_differences(m, seed):
     np.testing.assert_allclose(Phi_dot, difference / (2 * h), atol=1e-6)
 
 
-def test_arrays_are_read_only():
-    network = GaussianNetwork(lower=[0.0], upper=[1.0], count=[2], width=1.0)
-    for array in (network.centres, network.widths):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 3.0
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

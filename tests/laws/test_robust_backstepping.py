@@ -1,9 +1,4 @@
-"""The robust law against its proof: the identity, the bound, and the jumps.
-
-The plant is synthetic: the networks can represent it but for remainders d1 and d3,
-
-    ds/dt = Psi* (F_c - F_e) + W1* Phi + d1,   dF_e/dt = W3* Phi + d3.
-"""
+"""The robust law against its proof: the identity, the bound, and the jumps."""
 
 from dataclasses import dataclass
 
@@ -39,7 +34,7 @@ def _definite(rng, n):
 
 @dataclass
 class Case:
-    """A law and a plant, all of their matrices full."""
+    """A law, and a plant that the networks represent but for remainders d1 and d3."""
 
     n: int
 
