@@ -1,7 +1,4 @@
-"""How wrong a solution is, measured against the independent solver.
-
-The oracle (tests/independent_solver.py) shares no code with the package.
-"""
+"""How wrong a solution is, measured against tests/independent_solver.py."""
 
 import functools
 
@@ -53,13 +50,8 @@ def _JumpTimes(oracle) -> list[float]:
 def Errors(oracle, time, signals) -> dict[str, float]:
     """Largest deviations of a solution, each relative to that signal's range.
 
-    At the solution's own samples, so that nothing is blamed on interpolation. The range
-    is that of the signal's largest axis; "velocity_y" is relative to its own.
-
-    Args:
-        oracle: What Oracle() returned.
-        time: (N,) instants.
-        signals: (N, k) samples by name.
+    At the solution's own samples (N,) and (N, k), so that nothing is interpolated. The
+    range is that of the signal's largest axis; "velocity_y" is relative to its own.
     """
     keep = (time < oracle.end - JUMP_WINDOW) & (time > 0)
     for jump in _JumpTimes(oracle):

@@ -1,10 +1,4 @@
-"""Runs a program and waits for every process that it leaves behind.
-
-    python -m benchmarks.all_processes MODULE ARGUMENTS
-
-So their CPU time is that of a child of whoever started this. A server from which
-workers are forked ends a moment after the program, and nobody would count it.
-"""
+"""Runs a program and waits for what it leaves behind, so that its CPU time counts."""
 
 import contextlib
 import ctypes

@@ -1,14 +1,4 @@
-"""The independent solution over channels that are no constant delay.
-
-tests/independent_solver.py has the equations and the method of steps; here are the
-two other ways in which a signal arrives:
-
-* `variable`: signal(t - T(t)), T(t) = delay + amplitude sin(frequency t + phase);
-* packets (`sampled`, `network`): values sent every sample period and held. A step
-  ends at each sending and each arrival, so between them the loop is an ordinary
-  differential equation. When packets of a network arrive is drawn from a seed: those
-  times are the package's, as data.
-"""
+"""The independent solution over channels that are no constant delay."""
 
 import bisect
 import functools
@@ -89,7 +79,7 @@ class _Channels(Result):
 
 
 class _Variable(_Channels):
-    """Both delays are T(t), continuous."""
+    """Both delays are T(t) = delay + amplitude sin(frequency t + phase)."""
 
     def __init__(self, task, amplitude, frequency, phase):
         super().__init__(task)
@@ -148,7 +138,11 @@ class _Variable(_Channels):
 
 
 class _Packets(_Channels):
-    """Both directions hold the newest packet that has arrived."""
+    """Both directions hold the newest packet that has arrived.
+
+    A step ends at each sending and each arrival. When packets of a network arrive is
+    drawn from a seed: those times are the package's, as data.
+    """
 
     longest_step = inf
 

@@ -5,9 +5,8 @@ from functools import partial
 
 from benchmarks import accuracy
 from benchmarks.contenders import CONTENDERS, PEER, TARGETS, Find, Load
-from benchmarks.options import Options
 from benchmarks.tables import Table
-from benchmarks.timing import Alternate
+from benchmarks.timing import Alternate, Options
 
 CASES = {
     ("one_dof", "adaptive_backstepping"): "1-DOF",

@@ -1,9 +1,4 @@
-"""The ways to simulate a task that are compared, behind one signature.
-
-Each takes a task's name, a controller, the delay each way and a duration, builds
-everything anew, and returns a Solution. The package runs its scenarios as they are.
-What has been tuned has the loosest setting whose error stays below TARGETS.
-"""
+"""The ways to simulate a task that are compared, each of which builds it anew."""
 
 from collections.abc import Callable
 
@@ -18,7 +13,8 @@ from teleop_drake.simulation import simulate
 TARGETS = {1: 1e-5, 2: 1e-4}
 """Largest error, relative to the signal's range, by the number of axes."""
 
-SCIPY_TOLERANCES = {1: 1e-4, 2: 1e-4}
+# The loosest setting whose error stays below TARGETS.
+SCIPY_TOLERANCE = 1e-4
 PEER = "JiTCDDE, compiled"
 
 
@@ -70,9 +66,7 @@ def Sampled(task, controller, delay, duration) -> Solution:
 
 def Scipy(task, controller, delay, duration) -> Solution:
     """The method of steps with scipy's DOP853: the independent solver, but looser."""
-    num_axes = 1 if task == "one_dof" else 2
-    rtol = SCIPY_TOLERANCES[num_axes]
-    result = accuracy.Solve(task, controller, delay, duration, rtol=rtol)
+    result = accuracy.Solve(task, controller, delay, duration, rtol=SCIPY_TOLERANCE)
     time = np.array([piece.end for piece in result.pieces])
     sampled = result.sample(time, "left")
     return Solution(

@@ -1,10 +1,4 @@
-"""Fifty delays on two processes, start-up included: what a study of delay costs.
-
-Every contender is a program of its own, timed from outside: imports, processes, and
-what compiling there is, count. The program is
-
-    python -m benchmarks.delays CONTENDER TASK DURATION '[DELAY, ...]'
-"""
+"""Fifty delays: python -m benchmarks.delays CONTENDER TASK DURATION "[DELAY, ...]"."""
 
 import json
 import multiprocessing
@@ -17,9 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from benchmarks.options import Options
 from benchmarks.tables import Table
-from benchmarks.timing import Alternate
+from benchmarks.timing import Alternate, Options
 
 CONTROLLER = "adaptive_backstepping"
 DELAYS = np.linspace(0.02, 0.4, 50)

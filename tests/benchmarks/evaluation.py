@@ -3,9 +3,8 @@
 from benchmarks import straightforward
 from benchmarks.comparison import CASES, DELAY
 from benchmarks.contenders import Load
-from benchmarks.options import Options
 from benchmarks.tables import Table
-from benchmarks.timing import Alternate
+from benchmarks.timing import Alternate, Options
 
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator

@@ -1,14 +1,4 @@
-"""JiTCDDE: the same delay differential equation, compiled from its symbols.
-
-G. Ansmann, "Efficiently and easily integrating differential equations with JiTCODE,
-JiTCDDE, and JiTCSDE", Chaos 28 (2018). It is made for smooth right-hand sides, so what
-is frozen between two events (the layer, the operator's mode, what has arrived of it) is
-a control parameter. Steps end on every event: those that are known beforehand, and a
-border that the tool crosses, to which the last step is shortened by the secant method.
-After each the derivative's discontinuity is handled with `adjust_diff`, as its
-documentation recommends for changed parameters. Its Bogacki-Shampine pair has order
-3(2). The delays are control parameters as well: one compilation serves all of them.
-"""
+"""JiTCDDE: the same delay differential equation, compiled from its symbols."""
 
 import contextlib
 import itertools
@@ -33,7 +23,11 @@ _modules: dict[tuple[str, str], tuple[Path, object]] = {}
 
 
 class _Model:
-    """The equations in symbols; the state is [q, q', x1, x2, F_c, W1, Psi, W3]."""
+    """The equations in symbols; the state is [q, q', x1, x2, F_c, W1, Psi, W3].
+
+    G. Ansmann, Chaos 28 (2018). Right-hand sides have to be smooth: what is frozen
+    between two events is a control parameter, and so are the delays.
+    """
 
     def __init__(self, scenario: Scenario):
         self.scenario = scenario

@@ -1,19 +1,4 @@
-"""The loop as one writes it first: the yardstick of the package's speed.
-
-What somebody who knows Drake and numpy makes of the thesis's equations in an
-afternoon, without the package and without a thought of speed: one Diagram, one
-LeafSystem an idea, and
-
-* four delay blocks, one for each signal that crosses: F_h, v_d, position, velocity.
-  Each keeps samples of the solver's steps in a ring buffer in discrete state and
-  joins them by cubics. A located event is recorded on both sides.
-* plain numpy in every callback, and the arm's kinematics anew in every one of them.
-* the puncture and the operator's switch located by Drake's witness functions as they
-  are. Everything else (corners, and the echoes of the jumps) is left to error control.
-
-It is right: its error against the independent solver is measured wherever its time is.
-It takes a scenario only for the numbers in it. Equation numbers are the thesis's.
-"""
+"""The loop as one who knows Drake and numpy writes it first: the yardstick of speed."""
 
 import math
 from collections.abc import Callable

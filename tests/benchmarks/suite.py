@@ -21,10 +21,10 @@ import time
 from importlib import metadata
 from pathlib import Path
 
-from benchmarks.options import Options
 from benchmarks.tables import Table
+from benchmarks.timing import Options
 
-BENCHMARKS = ("comparison", "evaluation", "delays", "startup")
+BENCHMARKS = ("comparison", "evaluation", "delays")
 
 
 def Measure(names: list[str], options: Options) -> list[Table]:

@@ -1,6 +1,5 @@
 """Tables of measurements, as markdown to read and as plain data to compare."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,16 +40,8 @@ class Table:
 
 def Format(value: Any) -> str:
     """Returns a cell as text: three digits of a number, - for none."""
-    if value is None:
-        return "-"
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return str(value)
-    if isinstance(value, int):
-        return str(value)
-    if value == 0 or not math.isfinite(value):
-        return f"{value:g}"
-    return f"{value:.3g}" if 1e-2 <= abs(value) < 1e3 else _Extreme(value)
-
-
-def _Extreme(value: float) -> str:
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.1e}"
+    if not isinstance(value, float):
+        return "-" if value is None else str(value)
+    if 1e3 <= abs(value) < 1e6:
+        return f"{value:.0f}"
+    return f"{value:.3g}" if 1e-2 <= abs(value) < 1e3 or not value else f"{value:.1e}"

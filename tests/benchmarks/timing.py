@@ -1,10 +1,4 @@
-"""Fair timing on a machine that does other things as well.
-
-Contenders take turns (A B A B ...) in one invocation, so that whatever slows the
-machine slows all of them, and a comparison is the ratio of their medians. CPU time
-counts, that of processes which a contender starts and ends included: wall time would
-count what else the machine is doing.
-"""
+"""Fair timing: contenders take turns, and the ratio of their medians counts."""
 
 import gc
 import resource
@@ -13,6 +7,23 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Whether to measure little, to see that all works, and whether JiTCDDE as well."""
+
+    quick: bool = False
+    peers: bool = False
+
+    @property
+    def repeats(self) -> int:
+        """How often each contender runs."""
+        return 1 if self.quick else 3
+
+    def Duration(self, scenario) -> float:
+        """Returns how much of a scenario to simulate, in s."""
+        return 0.5 if self.quick else scenario.duration
 
 
 @dataclass
@@ -41,7 +52,10 @@ def _CpuTime() -> float:
 def Alternate(
     contenders: Mapping[str, Callable[[], Any]], repeats: int
 ) -> dict[str, Measurement]:
-    """Calls the contenders in turn, each of them `repeats` times."""
+    """Calls the contenders in turn (A B A B ...), each of them `repeats` times.
+
+    CPU time is that of processes as well which a contender starts and ends.
+    """
     measurements = {name: Measurement() for name in contenders}
     for _ in range(repeats):
         for name, call in contenders.items():
