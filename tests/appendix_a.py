@@ -1,8 +1,4 @@
-"""The two-link arm of the thesis's Appendix A in closed form, written by hand.
-
-An oracle for tests that shares no code with the package. (A.4) is corrected: as printed
-its c21 carries stray terms of inertia.
-"""
+"""The two-link arm of the thesis's Appendix A in closed form, written by hand."""
 
 import numpy as np
 
@@ -46,6 +42,15 @@ def J(q):
     s1, c1 = np.sin(q[0]), np.cos(q[0])
     s12, c12 = np.sin(q[0] + q[1]), np.cos(q[0] + q[1])
     return np.array([[-L1 * s1 - L3 * s12, -L3 * s12], [L1 * c1 + L3 * c12, L3 * c12]])
+
+
+def joints(p, sign=1):
+    """(A.14); `sign` is that of q2."""
+    x, y = p
+    c2 = (x * x + y * y - L1**2 - L3**2) / (2 * L1 * L3)
+    q2 = sign * np.arccos(c2)
+    outer = np.arctan2(L3 * np.sin(q2), L1 + L3 * np.cos(q2))
+    return np.array([np.arctan2(y, x) - outer, q2])
 
 
 def p_WT(q):

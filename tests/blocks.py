@@ -25,13 +25,7 @@ def Gains(n, Psi_min=0.1):
 
 
 class Block:
-    """A block in a Context of its own, with values at its inputs and in its state.
-
-    Args:
-        system: The block.
-        inputs: Values by port.
-        state: Its continuous state; None leaves the initial one.
-    """
+    """A block in a Context of its own, with values at its inputs and in its state."""
 
     def __init__(self, system, inputs, state=None):
         self.system = system

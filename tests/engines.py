@@ -1,8 +1,4 @@
-"""One scenario by both engines, compared where both of them stop.
-
-Between the ends of its steps a recording is interpolated, which is another matter: here
-each engine ends a step where it is looked at.
-"""
+"""One scenario by both engines, compared where both end a step."""
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig

@@ -8,10 +8,7 @@ import pytest
 def Slow(cases: Sequence, *, but: Sequence[int] = (0,)) -> list:
     """Returns the cases for pytest.mark.parametrize, marked slow.
 
-    Args:
-        cases: Values, or tuples of values.
-        but: Indices of those that are not marked, because they show something that no
-            other case of the short run does.
+    `but` are the indices of those that the short run needs.
     """
     return [
         case

@@ -1,8 +1,4 @@
-"""Laws that would fool a tracer, and such as use what numpy has.
-
-Those in RIGHT compute in machine code what they compute in Python. Those in REFUSED are
-refused, with the function and the line that is marked.
-"""
+"""Laws that machine code has right, or refuses with the line that is marked."""
 
 # ruff: noqa: B006
 import contextlib

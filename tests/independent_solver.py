@@ -1,21 +1,11 @@
-"""A second solver of the whole teleoperation loop, the oracle of the tests.
-
-It shares no code with the package: numpy and scipy only, and the equations are written
-out here once more. The loop is a delay differential equation, solved by the method of
-steps: DOP853 steps never longer than the shortest delay, each kept as the polynomial
-that DOP853 interpolates with, so that the delayed signals are read to the accuracy of
-the steps. Every known discontinuity (the operator's steps, their arrival, their echoes)
-and every located one (a layer boundary crossed) ends a segment, and inside a segment
-layer and modes are frozen: no step ever straddles a jump.
-
-Equation numbers are those of P. P. Sarda, MS thesis, UT Arlington, 2012. SI units.
-"""
+"""A second solver of the whole loop, which shares no code with the package."""
 
 import bisect
 import functools
 from dataclasses import dataclass
 from math import inf, isinf
 
+import appendix_a as arm
 import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq, minimize_scalar
@@ -63,50 +53,22 @@ class TwoLinkArm:
 
     start: tuple[float, float]
     elbow: str
-    m1: float
-    m2: float
-    L1: float  # links: L1, L3; centres of mass: L2, L4
-    L2: float
-    L3: float
-    L4: float
-    I1: float
-    I2: float
     n = 2
 
     def start_joints(self):
-        x, y = self.start
-        c2 = (x * x + y * y - self.L1**2 - self.L3**2) / (2 * self.L1 * self.L3)
-        q2 = {"down": 1, "up": -1}[self.elbow] * np.arccos(c2)
-        outer = np.arctan2(self.L3 * np.sin(q2), self.L1 + self.L3 * np.cos(q2))
-        return np.array([np.arctan2(y, x) - outer, q2])
-
-    def jacobian(self, q):
-        s1, c1 = self.L1 * np.sin(q[0]), self.L1 * np.cos(q[0])
-        s12, c12 = self.L3 * np.sin(q[0] + q[1]), self.L3 * np.cos(q[0] + q[1])
-        return np.array([[-s1 - s12, -s12], [c1 + c12, c12]])
-
-    def inertia(self, q):
-        coupling = self.m2 * self.L1 * self.L4 * np.cos(q[1])
-        outer = self.m2 * self.L4**2 + self.I2
-        inner = self.m1 * self.L2**2 + self.m2 * self.L1**2 + self.I1
-        off = coupling + outer
-        return np.array([[inner + outer + 2 * coupling, off], [off, outer]])
+        return arm.joints(self.start, {"down": 1, "up": -1}[self.elbow])
 
     def tool(self, q, qdot):
-        J = self.jacobian(q)
+        J = arm.J(q)
         # The Jacobian's first column is the tool position turned by a right angle.
         return np.array([J[1, 0], -J[0, 0]]), J @ qdot
 
     def acceleration(self, q, qdot, force):
-        h = self.m2 * self.L1 * self.L4 * np.sin(q[1])
-        coriolis = np.array(
-            [-h * qdot[1] * (2 * qdot[0] + qdot[1]), h * qdot[0] ** 2]
-        )  # c21 = + m2 L1 L4 sin(q2) q1', without the stray terms of (A.4).
-        return np.linalg.solve(self.inertia(q), self.jacobian(q).T @ force - coriolis)
+        return np.linalg.solve(arm.M(q), arm.J(q).T @ force - arm.C(q, qdot) @ qdot)
 
     def mobility(self, q):
-        J = self.jacobian(q)
-        return J @ np.linalg.inv(self.inertia(q)) @ J.T
+        J = arm.J(q)
+        return J @ np.linalg.inv(arm.M(q)) @ J.T
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -467,7 +429,10 @@ class Result:
 def solve(
     task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", echoes=4
 ) -> Result:
-    """Solves the loop from rest until `duration`.
+    """Solves the loop from rest until `duration`, by the method of steps.
+
+    No step is longer than the shortest delay, and none straddles a jump, known before
+    or located; in between, layer and modes are frozen.
 
     Ends early at the first event of the kind `until`, and as "diverged" where |v_WT|
     exceeds `speed_limit`. `echoes` is how many hops through a channel a discontinuity
@@ -604,9 +569,7 @@ def thesis_task(
         gains = {"G1": 2.0, "G2": 20.0, "initial_psi": 4.3}
         gains |= {"lower": (0.0,), "upper": (0.015,), "count": (5,)}
     else:
-        link = {"m1": 0.5, "L1": 0.75, "L2": 0.375, "I1": 0.0234}
-        link |= {"m2": 0.5, "L3": 0.75, "L4": 0.375, "I2": 0.0234}
-        robot, scale = TwoLinkArm(start=(0.85, 0.0), elbow=elbow, **link), (0.1, 0.0)
+        robot, scale = TwoLinkArm(start=(0.85, 0.0), elbow=elbow), (0.1, 0.0)
         force, tissue_end, bone = {
             "two_dof_puncture": (None, 1.1, None),
             "two_dof_collision": ((0.2, 0.0), None, 1.0),

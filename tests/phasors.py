@@ -15,21 +15,11 @@ def TerminatedPort(matrix, load):
 
 
 def Response(block, inputs, outputs, s):
-    """Returns the transfer matrix from the inputs to the outputs at s (complex).
-
-    The block has to be linear and 0 at 0; inputs not named are 0.
-
-    Args:
-        block: The LeafSystem or Diagram.
-        inputs: Names of input ports.
-        outputs: Names of output ports.
-        s: Complex frequency in rad/s.
-    """
-    context = block.CreateDefaultContext()
-    ports = [block.get_input_port(i) for i in range(block.num_input_ports())]
-    for port in ports:
+    """Returns the transfer matrix between ports at s (rad/s), of what is 0 at 0."""
+    context, num_states = block.CreateDefaultContext(), block.num_continuous_states()
+    for i in range(block.num_input_ports()):
+        port = block.get_input_port(i)
         port.FixValue(context, np.zeros(port.size()))
-    num_states = block.num_continuous_states()
 
     def Evaluate(x, u):
         if num_states:
@@ -63,13 +53,7 @@ def Response(block, inputs, outputs, s):
 def FeltImpedance(master, slave, s, *, delays, robot, environment):
     """Returns F_h / v_felt of an architecture on one axis, all as phasors.
 
-    Args:
-        master: The master side.
-        slave: The slave side.
-        s: Complex frequency in rad/s.
-        delays: T_f and T_r in s.
-        robot: Impedance of the tool, N s/m, complex.
-        environment: Impedance behind it, N s/m, complex.
+    `robot` and `environment` are the impedances of the tool and behind it in N s/m.
     """
     m_f = master.GetOutputPort("forward_packet").size()
     M = Response(

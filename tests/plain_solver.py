@@ -80,17 +80,10 @@ class _PlainLoop:
 def SolvePlainly(
     scenario: Scenario, *, tolerance: float, max_step: float, end: float
 ) -> tuple[list[float], list[float], list[float]]:
-    """Solves the loop of one axis with direct force as a plain ode45 would.
+    """Returns times, positions and velocities at the ends of the steps of an ode45.
 
-    That is: Dormand-Prince 5(4), here scipy's RK45, with error control relative to
-    |y| + |v_d| in each state; nothing located, so that a step may lie across a boundary
-    of a layer; delays by linear interpolation between the steps, and extrapolation
-    where a step is longer than the delay; the operator's switch at the first step after
-    contact is felt.
-
-    The scenario has one axis, transport channels and a contact force; its simulator and
-    its controller are ignored. The result: times, positions and velocities at the ends
-    of the steps.
+    Nothing is located; delays are interpolated linearly between the steps, and the
+    operator switches at the first step after contact is felt.
     """
     loop = _PlainLoop(scenario)
     solver = RK45(

@@ -1,7 +1,4 @@
-"""Simulations that several tests look at; each is run once.
-
-Processes that run the tests side by side share them as files.
-"""
+"""Simulations that several tests look at; each is run once, and shared as a file."""
 
 import functools
 import hashlib

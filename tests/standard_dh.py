@@ -1,9 +1,4 @@
-"""Recursive Newton-Euler over standard Denavit-Hartenberg, for the Puma 560.
-
-It shares no code and no file with the package: the numbers stand here once more, from
-the same papers (see models/puma560.sdf). J. Luh, M. Walker and R. Paul, "On-line
-computational scheme for mechanical manipulators", 1980, as in textbooks.
-"""
+"""Recursive Newton-Euler (Luh, Walker, Paul 1980) over standard DH, for the Puma 560."""
 
 import numpy as np
 

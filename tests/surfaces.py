@@ -2,11 +2,6 @@
 
 
 def Border(scenario, name):
-    """Returns where a surface is along x in m, None where there is none.
-
-    Args:
-        scenario: A teleoperation.
-        name: `contact` or `puncture`.
-    """
+    """Returns where `contact` or `puncture` is along x in m, None where it is not."""
     surface = scenario.FindSurface(name)
     return None if surface is None else float(surface.point_W[0])

@@ -1,9 +1,4 @@
-"""The loop against an independent solver of its delay differential equations.
-
-The solver (independent_solver.py) shares no code with the package, not even Drake: it
-integrates by the method of steps with scipy, and has the arm in the closed form of
-Appendix A.
-"""
+"""The loop against an independent solver of its delay differential equations."""
 
 import numpy as np
 import pytest

@@ -23,16 +23,6 @@ TESTS = Path(__file__).parent
 START = np.array([0.85, 0.0])
 
 
-def InverseKinematics(p, sign=1.0):
-    """(A.14)"""
-    L1, L3 = appendix_a.L1, appendix_a.L3
-    C2 = (p @ p - L1**2 - L3**2) / (2 * L1 * L3)
-    S2 = sign * math.sqrt(1 - C2**2)
-    q2 = math.atan2(S2, C2)
-    q1 = math.atan2(p[1], p[0]) - math.atan2(L3 * math.sin(q2), L1 + L3 * math.cos(q2))
-    return np.array([q1, q2])
-
-
 def Mobility(q):
     J = appendix_a.J(q)
     return J @ np.linalg.solve(appendix_a.M(q), J.T)
@@ -106,7 +96,7 @@ def test_c21_as_printed_creates_energy():
 
 
 def test_direct_force_cannot_carry_the_arm():
-    q = InverseKinematics(START)
+    q = appendix_a.joints(START)
     needed = np.linalg.solve(appendix_a.J(q).T, appendix_a.G(q))
     assert np.linalg.norm(needed) > 3.4
 
@@ -137,7 +127,7 @@ def test_mobility_that_the_delayed_loop_tolerates():
     gain = math.hypot(25 * w, 50) / (w * math.hypot(w, 25) * w)
     assert 1 / gain == pytest.approx(4.69, abs=0.005)
     for x in np.linspace(0.85, 1.49, 30):
-        largest = np.linalg.eigvalsh(Mobility(InverseKinematics(np.array([x, 0.0]))))[
+        largest = np.linalg.eigvalsh(Mobility(appendix_a.joints(np.array([x, 0.0]))))[
             -1
         ]
         assert 6.0 < largest < 6.8
@@ -208,6 +198,6 @@ def test_appendix_a_is_consistent():
     assert appendix_a.G(q) == pytest.approx(G)
     for sign in (1.0, -1.0):
         p = np.array([0.9, -0.3])
-        assert appendix_a.p_WT(InverseKinematics(p, sign)) == pytest.approx(p)
+        assert appendix_a.p_WT(appendix_a.joints(p, sign)) == pytest.approx(p)
     rod = appendix_a.m1 * appendix_a.L1**2 / 12
     assert math.isclose(appendix_a.I1, rod, rel_tol=2e-3)

@@ -6,7 +6,6 @@ from math import factorial, inf, pi
 import numpy as np
 import pytest
 from independent_solver import (
-    AdaptiveLaw,
     Layer,
     Slider,
     Task,
@@ -16,7 +15,6 @@ from independent_solver import (
 from scipy.linalg import expm
 
 FREE = Layer(start=-inf, stiffness=0.0, damping=0.0, reference=0.0)
-ARM = thesis_task("two_dof_combined", False).robot
 
 
 def linear_task(**changes):
@@ -145,93 +143,3 @@ def test_an_operator_who_starts_in_contact_presses_at_once():
         x = F / k * (1 - np.cos(np.sqrt(k / m) * (t - 0.1)))
         assert result.at(t)["p_WT"][0] == pytest.approx(x, rel=1e-8)
     assert result.at(0.45)["F_h"] == 0.0
-
-
-@pytest.mark.parametrize("elbow", ["up", "down"])
-def test_the_arm_conserves_energy_and_starts_with_its_mobility(elbow):
-    """A stray term in c21 of (A.4) would show here."""
-    robot = replace(ARM, elbow=elbow)
-    spring = Layer(start=-inf, stiffness=8.0, damping=0.0, reference=1.0)
-    task = linear_task(
-        robot=robot, layers=(spring,), velocity=(0.0, 0.0), numerator=(0.0, 0.0)
-    )
-    result = solve(task, 2.0)
-    assert result.at(0.0)["p_WT"] == pytest.approx([0.85, 0.0], abs=1e-13)
-    assert np.sign(result.at(0.0)["q"][1]) == {"down": 1, "up": -1}[elbow]
-    for t in np.linspace(0.1, 2.0, 20):
-        now = result.at(t)
-        energy = now["qdot"] @ robot.inertia(now["q"]) @ now["qdot"] / 2
-        energy += 8.0 * (now["p_WT"][0] - 1.0) ** 2 / 2
-        assert energy == pytest.approx(8.0 * 0.15**2 / 2, rel=1e-8)
-    assert np.ptp(result.sample(np.linspace(0, 2, 50))["qdot"][:, 0]) > 0.5
-    start = robot.mobility(robot.start_joints()) @ [8.0 * 0.15, 0.0]
-    assert result.at(1e-4)["v_WT"] / 1e-4 == pytest.approx(start, rel=1e-4)
-
-
-@pytest.mark.parametrize("name", ["one_dof", "two_dof_combined"])
-def test_the_adaptive_law_satisfies_its_lyapunov_identity(name):
-    """dV2/dt = -s^T P G1 s - z^T G2 z where the networks are exact."""
-    random = np.random.default_rng(3)
-    robot = thesis_task(name, False).robot
-    n = robot.n
-    matrices = random.normal(size=(5, n, n))
-    P = matrices[0] @ matrices[0].T + np.eye(n)
-    beta = 0.37
-    controller = thesis_task(
-        name,
-        True,
-        Lambda=matrices[1],
-        G1=matrices[2],
-        G2=matrices[3],
-        P=P,
-        adaptation_rate=beta,
-        leakage=0.0,
-        supervision=0.0,
-    ).controller
-    law = AdaptiveLaw(controller, np.eye(n))
-    a = law.start() + random.normal(size=len(law.start()))
-    F_c, W1, Psi, W3 = law.unpack(a)
-    Psi += 5 * np.eye(n)
-    p = np.full(n, 0.01) if n == 1 else np.array([1.0, 0.02])
-    v, F_e, F_h, v_d = random.normal(size=(4, n))
-    s, z, Phi, *_ = law.errors(a, p, v, F_e, F_h, v_d)
-    true_W1, true_W3 = random.normal(size=(2, *W1.shape))
-    true_Psi = Psi + matrices[4]
-    s_dot, F_e_dot = true_Psi @ (F_c - F_e) + true_W1 @ Phi, true_W3 @ Phi
-    a_dot = law.rates(a, p, v, F_e, F_h, v_d)
-
-    def z_after(h):
-        # F_h only shifts s, so it carries the true ds/dt = s_dot of the plant.
-        moved = F_e + h * F_e_dot
-        shift = np.linalg.solve(law.Lambda, s + h * s_dot - (v - v_d))
-        return law.errors(a + h * a_dot, p + h * v, v, moved, moved - shift, v_d)[1]
-
-    h = 1e-6
-    z_dot = (z_after(h) - z_after(-h)) / (2 * h)
-    _, W1_dot, Psi_dot, W3_dot = law.unpack(a_dot)
-    V_dot = s @ P @ s_dot + z @ z_dot
-    pairs = [(true_W1 - W1, W1_dot), (true_Psi - Psi, Psi_dot), (true_W3 - W3, W3_dot)]
-    V_dot -= sum(np.sum(error * rate) for error, rate in pairs) / beta
-    expected = -s @ P @ matrices[2] @ s - z @ matrices[3] @ z
-    assert V_dot == pytest.approx(expected, rel=1e-6)
-
-
-def test_leakage_supervision_and_projection():
-    controller = thesis_task("one_dof", True).controller
-    law = AdaptiveLaw(controller, np.array([[4.0]]))
-    a = law.start()
-    _, W1, Psi, W3 = law.unpack(a)
-    W1 += 2.0
-    W3 += 3.0
-    Psi += 1.0
-    far, zero = np.array([1e3]), np.zeros(1)
-    _, W1_dot, Psi_dot, W3_dot = law.unpack(law.rates(a, far, zero, zero, zero, zero))
-    assert W1_dot == pytest.approx(-0.1 * 0.1 * W1)
-    assert W3_dot == pytest.approx(-0.1 * 0.1 * W3)
-    assert Psi_dot == pytest.approx(0.1 * 1.0 * (4.0 - 5.0))
-    # A falling Psi is held below its minimum, a rising one is not.
-    law = AdaptiveLaw(controller, np.array([[-1.0]]))
-    for value, rate in ((0.2, -0.12), (0.05, 0.0), (-2.0, 0.1)):
-        Psi[:] = value
-        found = law.unpack(law.rates(a, far, zero, zero, zero, zero))[2]
-        assert found[0, 0] == pytest.approx(rate)

@@ -75,12 +75,3 @@ def test_a_task_that_is_moved_goes_the_same_way():
     position, *ours = signals(there, *MOTION)
     expected, *theirs = signals(here, *MOTION)
     assert_equal([position - shift, *ours], [expected, *theirs])
-
-
-def test_the_other_elbow_is_the_mirrored_arm():
-    scenario = load("two_dof_combined")
-    mirrored = load("two_dof_combined")
-    mirrored.robot.elbow = {"up": "down", "down": "up"}[scenario.robot.elbow]
-    ours = signals(mirrored, *MOTION)
-    assert np.abs(ours[1][:, 1]).max() > 1e-3
-    assert_equal([x * [1, -1] for x in ours], signals(scenario, *MOTION), 1e-5)

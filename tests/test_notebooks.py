@@ -1,9 +1,4 @@
-"""The notebooks: they run in a kernel of their own, and are committed clean.
-
-Every cell runs, with deprecation warnings as errors and in a directory with nothing but
-the league table. The short run of the tests takes a notebook that fails, and the
-imports of all.
-"""
+"""The notebooks: they run in a kernel of their own, and are committed clean."""
 
 import ast
 import importlib
@@ -52,7 +47,10 @@ def CodeCells(notebook):
 
 
 def Execute(notebook, directory):
-    """Executes a notebook in place; raises what its cells raise or print to stderr."""
+    """Executes a notebook in place; raises what its cells raise or print to stderr.
+
+    Deprecation warnings are errors.
+    """
     strict = nbformat.v4.new_code_cell(STRICT)
     notebook.cells.insert(0, strict)
     NotebookClient(

@@ -117,9 +117,6 @@ def test_a_scenario_keeps_it():
     assert ScenarioFromYaml(ScenarioToYaml(scenario)) == scenario
 
 
-ONE_JOB = ("--jobs", "1", "--engine", "drake")
-
-
 def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
     """It works wherever nothing derives from its inertia, which it does not tell."""
     direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)

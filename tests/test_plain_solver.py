@@ -1,7 +1,4 @@
-"""The printed collision numbers of direct force in a solver that locates nothing.
-
-Errata: they are not converged. Section 4.2 prints 7.78 mN, 11.3 mN and -0.72 mm/s.
-"""
+"""The printed collision numbers of direct force, which are not converged (errata)."""
 
 import numpy as np
 import pytest
@@ -10,6 +7,7 @@ from plain_solver import CollisionNumbers, SolvePlainly
 from teleop_drake.scenario import LoadScenario
 
 SCENARIO = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+# Section 4.2.
 PRINTED = np.array([7.78e-3, 0.0113, -0.72e-3])
 CONVERGED = np.array([8.657e-3, 15.74e-3, -1.229e-3])
 

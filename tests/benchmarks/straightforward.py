@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import appendix_a
 import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -351,11 +352,7 @@ def StartJoints(scenario: Scenario) -> np.ndarray:
     """(A.14): the slider's position, or the arm's two angles."""
     if scenario.num_axes == 1:
         return np.array(scenario.robot.start)
-    (x, y), L = scenario.robot.start, 0.75
-    c2 = (x * x + y * y - 2 * L * L) / (2 * L * L)
-    q2 = ELBOW[scenario.robot.elbow] * math.acos(c2)
-    q1 = math.atan2(y, x) - math.atan2(L * math.sin(q2), L + L * math.cos(q2))
-    return np.array([q1, q2])
+    return appendix_a.joints(scenario.robot.start, ELBOW[scenario.robot.elbow])
 
 
 def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]):

@@ -1,9 +1,4 @@
-"""The two engines compute the same: tasks, architectures, channels, operators.
-
-Both are looked at at the same instants, so that no recording is interpolated. Among
-waves, which a jump never leaves, it is Drake's run that needs short steps: at 5 ms it
-is off by 2e-5 of a signal's range, and the compiled one by 3e-8.
-"""
+"""The two engines compute the same: tasks, architectures, channels, operators."""
 
 import numpy as np
 import pytest

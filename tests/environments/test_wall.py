@@ -27,12 +27,7 @@ KINDS = {
 
 
 def Refusal(kind, change):
-    """Returns what is said of a scenario with a wall.
-
-    Args:
-        kind: One of KINDS.
-        change: A field and its value, in YAML.
-    """
+    """Returns what is said of a scenario with a wall with a changed `field: value`."""
     fields = [*f"start: 1.0, {KINDS[kind]}".split(", "), change]
     text = ", ".join(
         f"{x}: {y}" for x, y in dict(x.split(": ") for x in fields).items()

@@ -1,8 +1,4 @@
-"""Tests of numerics.delay_margin against published examples and closed forms.
-
-Each example is dx/dt = A0 x + A1 x(t - T), or its characteristic equation. Beside the
-published number stands its derivation.
-"""
+"""Delay margins against published examples and closed forms, with derivations."""
 
 import math
 

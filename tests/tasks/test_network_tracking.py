@@ -24,7 +24,6 @@ from teleop_drake.tasks.tracking import MakeReference
 pytestmark = pytest.mark.xdist_group("tracking")
 
 CASES = ("network_tracking_linear", "network_tracking_coupled")
-CASE = pytest.mark.parametrize("name", CASES)
 
 
 @functools.cache
@@ -84,10 +83,7 @@ def Loop(t, state, name):
 @functools.cache
 def Reference(name):
     """Returns times and the signals at them by the second solver."""
-    r = np.array([1.15, 0.095])
-    q2 = np.arccos((r @ r - 2 * 0.75**2) / (2 * 0.75**2))
-    q1 = np.arctan2(r[1], r[0]) - q2 / 2
-    start = np.concatenate([[q1, q2, 0, 0], np.zeros(50)])
+    start = np.concatenate([arm.joints([1.15, 0.095]), np.zeros(52)])
     solution = solve_ivp(
         lambda t, state: Loop(t, state, name)[0],
         (0, 6.3),
