@@ -122,11 +122,14 @@ def test_a_constant_delay_is_that_of_the_sampled_channel(delay):
         )
 
 
-def test_statistics_are_those_of_the_packets_sent():
-    ramp = Ramp(make(**BUSY))
-    ramp.Output(2.0)
-    statistics = ramp.dut.Statistics(ramp.context)
-    assert statistics.sent == 200
-    arrivals = make_network(**BUSY).Arrivals(200)
-    assert statistics.lost == np.sum(np.isinf(arrivals)) > 10
-    assert statistics.received == np.sum(arrivals <= 2.0)
+@pytest.mark.parametrize(
+    ("delay", "h"), [(0.1, 0.01), (0.1, 0.03), (0.1, 0.1), (0.123, 0.02), (1 / 3, 0.05)]
+)
+def test_packets_arrive_one_delay_after_they_were_sent(delay, h):
+    ramp = sources.Ramp(
+        SampledDelay(delay=delay, sample_period=h, size=2, initial_value=[-1.0, -2.0])
+    )
+    for time in np.arange(0.00713, 1.0, 0.0137):
+        newest = math.floor((time - delay) / h + 1e-9)
+        expected = np.array([1.0, 2.0]) * (newest * h if newest >= 0 else -1.0)
+        np.testing.assert_allclose(ramp.Output(time), expected, atol=1e-12)

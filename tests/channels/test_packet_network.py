@@ -266,6 +266,19 @@ def test_more_loss_loses_the_same_packets_and_more():
 TRACE = ([0.0, 1.0], [0.1, 0.2])
 
 
+def jitter(kind, *, waves=0.0, **fields):
+    jitter = {"jitter": Jitter(kind=kind, **fields)}
+    return jitter | ({"sinusoid": Sinusoid(amplitude=waves)} if waves else {})
+
+
+def loss(kind, probability=0.1, **fields):
+    return {"loss": Loss(kind=kind, probability=probability, **fields)}
+
+
+def sinusoid(**fields):
+    return {"sinusoid": Sinusoid(**fields)}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -273,68 +286,38 @@ TRACE = ([0.0, 1.0], [0.1, 0.2])
         ({"drift": math.nan}, "drift = nan: must be a finite number"),
         ({"drift": -0.01}, "delay = 0.1: must be such that the delay, down to -inf s"),
         ({"drift": -0.1, "duration": 2.0}, "down to -0.1 s, is never negative"),
-        ({"sinusoid": Sinusoid(amplitude=0.2)}, "down to -0.1 s, is never negative"),
-        ({"sinusoid": Sinusoid(amplitude=-1)}, "sinusoid.amplitude = -1: must be"),
-        ({"sinusoid": Sinusoid(frequency=-1)}, "sinusoid.frequency = -1: must be"),
-        ({"sinusoid": Sinusoid(phase=math.inf)}, "sinusoid.phase = inf: must be"),
+        (sinusoid(amplitude=0.2), "down to -0.1 s, is never negative"),
+        (sinusoid(amplitude=-1), "sinusoid.amplitude = -1: must be"),
+        (sinusoid(frequency=-1), "sinusoid.frequency = -1: must be"),
+        (sinusoid(phase=math.inf), "sinusoid.phase = inf: must be"),
         ({"duration": 0.0}, "duration = 0.0: must be a number > 0"),
         ({"trace": TRACE, "h": 1.5}, "sample_period = 1.5: must be .* <= 1 "),
         ({"h": 0.0}, "sample_period = 0.0: must be"),
         ({"h": math.nan}, "sample_period = nan: must be"),
         ({"h": math.inf}, "sample_period = inf: must be"),
         ({"seed": -1}, "seed = -1: must be"),
-        ({"jitter": Jitter(kind="norm")}, "jitter.kind = 'norm': must be one of none,"),
-        ({"jitter": Jitter(std=0.1)}, "jitter.std = 0.1: must be 0 where"),
-        (
-            {"jitter": Jitter(correlation_time=1)},
-            "jitter.correlation_time = 1: must be",
-        ),
-        ({"jitter": Jitter(kind="normal", std=-1)}, "jitter.std = -1: must be"),
-        ({"jitter": Jitter(kind="uniform", std=0.06)}, "jitter.std = 0.06: must be"),
-        ({"jitter": Jitter(kind="uniform", minimum=0.1)}, "minimum = 0.1: must be 0"),
-        (
-            {"jitter": Jitter(kind="normal", minimum=0.2)},
-            "minimum = 0.2: must be .*0.1",
-        ),
-        (
-            {"jitter": Jitter(kind="gamma", std=0.1, minimum=0.1)},
-            "jitter.minimum = 0.1: must be less than the mean delay, 0.1 s",
-        ),
-        (
-            {
-                "jitter": Jitter(kind="gamma", std=0.1),
-                "sinusoid": Sinusoid(amplitude=0.01),
-            },
-            "jitter.minimum = 0.0: must be >= 0.01",
-        ),
-        ({"loss": Loss(kind="some")}, "loss.kind = 'some': must be one of"),
-        ({"loss": Loss(probability=0.1)}, "loss.probability = 0.1: must be 0 where"),
-        (
-            {"loss": Loss(kind="independent", probability=1.1)},
-            "loss.probability = 1.1: must be",
-        ),
-        (
-            {"loss": Loss(kind="independent", probability=0.1, burst_length=3)},
-            "loss.burst_length = 3: must be 1 where",
-        ),
-        (
-            {"loss": Loss(kind="burst", probability=0.1, burst_length=0.5)},
-            "loss.burst_length = 0.5: must be",
-        ),
-        (
-            {"loss": Loss(kind="burst", probability=0.9, burst_length=2)},
-            "loss.probability = 0.9: must be >= 0 and <= 0.666667",
-        ),
-        (
-            {"loss": Loss(kind="burst", probability=0.1, good_loss=0.2)},
-            "loss.probability = 0.1: must be >= 0.2",
-        ),
-        (
-            {"loss": Loss(kind="burst", good_loss=0.5, bad_loss=0.5)},
-            "loss.bad_loss = 0.5: must be > good_loss",
-        ),
+        (jitter("norm"), "jitter.kind = 'norm': must be one of none,"),
+        (jitter("none", std=0.1), "jitter.std = 0.1: must be 0 where"),
+        (jitter("none", correlation_time=1), "jitter.correlation_time = 1: must be"),
+        (jitter("normal", std=-1), "jitter.std = -1: must be"),
+        (jitter("uniform", std=0.06), "jitter.std = 0.06: must be"),
+        (jitter("uniform", minimum=0.1), "minimum = 0.1: must be 0"),
+        (jitter("normal", minimum=0.2), "minimum = 0.2: must be .*0.1"),
+        (jitter("gamma", std=0.1, minimum=0.1),
+         "jitter.minimum = 0.1: must be less than the mean delay, 0.1 s"),
+        (jitter("gamma", std=0.1, waves=0.01), "jitter.minimum = 0.0: must be >= 0.01"),
+        (loss("some", 0.0), "loss.kind = 'some': must be one of"),
+        (loss("none"), "loss.probability = 0.1: must be 0 where"),
+        (loss("independent", 1.1), "loss.probability = 1.1: must be"),
+        (loss("independent", burst_length=3), "loss.burst_length = 3: must be 1 where"),
+        (loss("burst", burst_length=0.5), "loss.burst_length = 0.5: must be"),
+        (loss("burst", 0.9, burst_length=2),
+         "loss.probability = 0.9: must be >= 0 and <= 0.666667"),
+        (loss("burst", good_loss=0.2), "loss.probability = 0.1: must be >= 0.2"),
+        (loss("burst", 0.0, good_loss=0.5, bad_loss=0.5),
+         "loss.bad_loss = 0.5: must be > good_loss"),
     ],
-)
+)  # fmt: skip
 def test_bad_parameters(arguments, message):
     with pytest.raises(ValueError, match=message):
         make(**arguments)
