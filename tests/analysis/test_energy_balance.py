@@ -10,8 +10,6 @@ from teleop_drake.analysis.energy import (
     ChannelEnergyBalance,
     TwoPortEnergyBalance,
 )
-from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
@@ -62,61 +60,8 @@ def test_system_and_recording_agree(name, overrides):
     assert balance.violation[-1] == pytest.approx(max(0, -balance.energy.min()))
 
 
-def Sinusoids(phi, forward, back, w=3.0):
-    """A recording of sinusoids behind a raw delay, on two axes."""
-    t = np.linspace(0, 12, 2401)
-
-    def F(t):
-        return 2 * np.sin(w * t)
-
-    def v(t):
-        return 0.7 * np.sin(w * t + phi)
-
-    def Pack(first, second):
-        zero = 0 * t
-        return np.stack([first, zero, second, zero], axis=1)
-
-    return Recording(
-        scenario=None,
-        time=t,
-        steps=np.arange(0, len(t) - 1, DEGREE)[:, None] + np.arange(DEGREE + 1),
-        signals={
-            "tool_velocity": np.zeros((len(t), 2)),
-            "forward_packet_sent": Pack(F(t), 9 + 0 * t),
-            "forward_packet_received": Pack(F(t - forward), 9 + 0 * t),
-            "return_packet_sent": Pack(7 + 0 * t, v(t)),
-            "return_packet_received": Pack(7 + 0 * t, v(t - back)),
-        },
-        events=[],
-        solver=SolverStatistics(
-            engine="drake",
-            scheme="",
-            accuracy=0,
-            steps=0,
-            derivative_evaluations=0,
-            wall_time_s=0,
-            real_time_factor=0,
-        ),
-    )
-
-
-@pytest.mark.parametrize("phi", [-1.2, 0.4])
-def test_sinusoids_in_closed_form(phi):
-    w, forward, back = 3.0, 0.3, 0.1
-    balance = ChannelEnergyBalance(Sinusoids(phi, forward, back, w))
-    t = balance.time
-    # sin a sin b = (cos(a - b) - cos(a + b))/2, integrated from 0.
-    expected = 0.7 * (
-        (np.cos(phi - w * back) - np.cos(phi + w * forward)) * t
-        - (np.sin(2 * w * t + phi - w * back) - np.sin(phi - w * back)) / (2 * w)
-        + (np.sin(2 * w * t + phi - w * forward) - np.sin(phi - w * forward)) / (2 * w)
-    )
-    np.testing.assert_allclose(balance.energy, expected, atol=1e-8)
-    assert (balance.violation[-1] > 1) == (phi < 0)
-
-
 def test_other_recordings():
-    recording = Sinusoids(0.4, 0.3, 0.1)
+    recording = RunWithTwoPortMeter("one_dof", "direct_force", duration=0.05)
     recording.signals["forward_packet_sent"] = np.zeros((len(recording.time), 3))
     with pytest.raises(ValueError, match="entries of forward_packet = 3"):
         ChannelEnergyBalance(recording)

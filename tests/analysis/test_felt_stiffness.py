@@ -10,7 +10,6 @@ from phasors import FeltImpedance
 from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeArchitecture, ResolveController
 
 BONE = 150.0
@@ -106,29 +105,6 @@ def test_the_blocks_alone_say_the_same(kind):
         )
         expected.append((s * impedance).real)
     assert OnBone(scenario, *OMEGA) == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.slow  # The short run has the other method, the phasors.
-@pytest.mark.parametrize(
-    "kind", ["adaptive_backstepping", "wave_variables", "proportional_damping"]
-)
-def test_runs_say_the_same(kind):
-    """Twice the force on the bone, and how much farther the hand goes for it."""
-    ends = []
-    for force in (0.005, 0.01):
-        scenario = Scenario(
-            kind, 0.2, duration=35.0, **{"surgeon.contact_force": [force]}
-        )
-        scenario.controller.adaptation_rate = 0.0
-        scenario.simulator.accuracy = 1e-8
-        recording = simulate(scenario)
-        name = "tool_velocity" if kind == "adaptive_backstepping" else "felt_velocity"
-        v, t = recording[name][:, 0], recording.time
-        ends.append(np.sum(np.diff(t) * (v[1:] + v[:-1]) / 2))
-        assert recording["environment_force"][-1, 0] == pytest.approx(force, rel=1e-3)
-    stiffness = 0.005 / (ends[1] - ends[0])
-    slow = OnBone(Scenario(kind, 0.2), 1e-4)[0]
-    assert stiffness == pytest.approx(slow, rel=0.02)
 
 
 def test_what_the_operator_does_has_no_part_in_it():
