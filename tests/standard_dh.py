@@ -1,4 +1,4 @@
-"""Recursive Newton-Euler (Luh, Walker, Paul 1980) over standard DH, for the Puma 560."""
+"""Recursive Newton-Euler (Luh, Walker, Paul 1980) over standard DH: the Puma 560."""
 
 import numpy as np
 

@@ -55,22 +55,14 @@ def dut():
 
 
 def test_ports(dut):
-    assert {
-        dut.get_input_port(i).get_name(): dut.get_input_port(i).size()
-        for i in range(dut.num_input_ports())
-    } == {
-        "plant_state": 6,
-        "body_spatial_accelerations": 0,
-        "control_force": 2,
-        "environment_force": 2,
-    }
-    assert {
-        dut.get_output_port(i).get_name(): dut.get_output_port(i).size()
-        for i in range(dut.num_output_ports())
-    } == {
-        "tool_kinematics": 10,
-        "tool_acceleration": 2,
-        "joint_torques": 6,
+    inputs = map(dut.get_input_port, range(dut.num_input_ports()))
+    assert [(port.get_name(), port.size()) for port in inputs] == [
+        *(("plant_state", 6), ("body_spatial_accelerations", 0)),
+        *(("control_force", 2), ("environment_force", 2)),
+    ]
+    outputs = map(dut.get_output_port, range(dut.num_output_ports()))
+    assert {port.get_name(): port.size() for port in outputs} == {
+        **{"tool_kinematics": 10, "tool_acceleration": 2, "joint_torques": 6}
     }
 
 
