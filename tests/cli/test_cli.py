@@ -447,15 +447,3 @@ def test_failed_write_leaves_nothing(monkeypatch, capsys):
     assert "No space left on device" in capsys.readouterr().err
     assert os.listdir() == ["a.json"]
     assert Path("a.json").read_text() == "old"
-
-
-def test_an_engine_that_cannot_run_it_says_why(capsys):
-    override = "simulator.integration_scheme=runge_kutta3"
-    for options in ([], ["--engine", "compiled"]):
-        moment = ["--duration", "0.02", "--quiet"]
-        assert main(["run", "one_dof", *moment, "--set", override, *options]) == 0
-        out, err = capsys.readouterr()
-        assert (
-            err.count("Run in Drake's Simulator: compiled runs use runge_kutta5") == 1
-        )
-        assert re.search(r"^engine +drake$", out, re.MULTILINE)
