@@ -2,10 +2,8 @@
 
 import json
 import os
-import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -45,37 +43,6 @@ def expected():
         return Sweep(
             "one_dof", GRID, overrides=OVERRIDES, engine="drake", executor=executor
         ).records
-
-
-@pytest.mark.slow  # test_sweep.py kills processes of its own.
-def test_a_killed_worker_costs_no_run(distributed, expected):
-    with (
-        Cluster(distributed, n_workers=2, processes=True) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        pids = client.run(os.getpid)
-        assert len(set(pids.values())) == 2
-        victim = next(iter(pids.values()))
-
-        def Progress(finished, runs):
-            if finished == 3:
-                os.kill(victim, signal.SIGKILL)
-
-        result = Sweep(
-            "one_dof",
-            GRID,
-            overrides=OVERRIDES,
-            engine="drake",
-            executor=client.get_executor(pure=False),
-            out="out",
-            progress=Progress,
-        )
-        client.wait_for_workers(2, timeout=60)
-        assert victim not in client.run(os.getpid).values()
-    assert result.records == expected
-    lines = Path("out/runs.jsonl").read_text().splitlines()
-    records = [json.loads(line) for line in lines]
-    assert records == expected
 
 
 def test_the_command(distributed, expected, capsys):
