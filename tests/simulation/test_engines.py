@@ -20,27 +20,6 @@ from teleop_drake.teleoperator import MakeTeleoperator
 pytestmark = pytest.mark.xdist_group("machine_code")
 
 
-def tight(name, *overrides):
-    """So accurate that a second bounce on the bone is at one time within 1e-7 s."""
-    return LoadScenario(
-        name,
-        ["simulator.accuracy=1e-11", "simulator.max_step_size=0.01", *overrides],
-    )
-
-
-def test_a_puncture_compiles():
-    """The numbers of its signals are compared in compiler/test_equality.py."""
-    near = ("robot.start=[0.0069]", "duration=1.5")
-    scenario = tight("one_dof", *near, "controller.kind=direct_force")
-    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
-    assert compiled.solver.engine == "compiled"
-    assert compiled.EventTimes("puncture")
-    assert list(compiled.signals) == list(drake.signals)
-    assert [x.name for x in compiled.events] == [x.name for x in drake.events]
-    for ours, theirs in zip(compiled.events, drake.events, strict=True):
-        assert ours.time == pytest.approx(theirs.time, abs=1e-6)
-
-
 def test_a_run_that_is_too_fast_ends_at_its_limit():
     scenario = LoadScenario(
         "one_dof",

@@ -384,21 +384,6 @@ def test_invalid_scenario_is_refused_before_anything_runs():
         simulate(scenario, progress=lambda time: pytest.fail("simulated"))
 
 
-@pytest.mark.parametrize("scheme", Slow(["runge_kutta3", "runge_kutta2", "radau3"]))
-def test_other_integrators_agree(scheme):
-    # From close to the border of the tissue across it.
-    task = ("one_dof", DIRECT, "duration=1.5", "robot.start=[0.0069]")
-    fine = "simulator.max_step_size=0.002"
-    other = Run(*task, f"simulator.integration_scheme={scheme}", fine)
-    reference = Run(*task)
-    assert reference.EventTimes("puncture")
-    times = np.linspace(0, 1.5, 501)
-    difference = other.Interpolate("tool_velocity", times) - reference.Interpolate(
-        "tool_velocity", times
-    )
-    assert np.abs(difference).max() < 2e-6
-
-
 def test_save_and_load(tmp_path):
     recording = Run("one_dof", ADAPTIVE)
     path = tmp_path / "run.npz"
