@@ -1,48 +1,11 @@
 import numpy as np
 import pytest
-from forced_robot import context_with_forces
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from teleop_drake.robots import SliderConfig, TwoLinkArmConfig
 
 SLIDER = SliderConfig(start=[0.25])
 ARM = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")
 ROBOTS = pytest.mark.parametrize("config", [SLIDER, ARM], ids=["slider", "arm"])
-
-
-@pytest.mark.parametrize(
-    "config, x",
-    [(SliderConfig(start=[0.25], damping=0), [0, 1.5]), (ARM, [-0.9, 1.8, 1, -2])],
-)
-def test_energy_is_conserved_without_forces(config, x):
-    n = config.num_axes
-    robot = config.MakeRobot()
-    simulator = Simulator(robot, context_with_forces(robot, [0] * n, [0] * n))
-    ApplySimulatorConfig(
-        SimulatorConfig(
-            integration_scheme="runge_kutta5",
-            max_step_size=0.05,
-            accuracy=1e-11,
-            use_error_control=True,
-        ),
-        simulator,
-    )
-    plant = robot.GetSubsystemByName("plant")
-    context = simulator.get_mutable_context()
-    context.SetContinuousState(x)
-
-    def energy():
-        plant_context = plant.GetMyContextFromRoot(context)
-        return plant.CalcKineticEnergy(plant_context) + plant.CalcPotentialEnergy(
-            plant_context
-        )
-
-    start = energy()
-    assert start > 0.1
-    simulator.AdvanceTo(3.0)
-    assert energy() == pytest.approx(start, rel=1e-8)
-    # It did move.
-    assert abs(context.get_continuous_state_vector()[0] - x[0]) > 0.1
 
 
 @ROBOTS
