@@ -1,13 +1,10 @@
 """The Puma 560 pushes its needle through tissue on to bone."""
 
-import json
-
 import numpy as np
 import pytest
 import standard_dh
 from pydrake.math import RotationMatrix
 
-from teleop_drake.cli import main
 from teleop_drake.robots.inverse_kinematics import ToolRotation
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -66,17 +63,3 @@ def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
     assert run.termination == "completed"
     assert np.abs(run["joint_position"][:, 4]).min() < 0.05
     assert all(np.isfinite(x).all() for x in run.signals.values())
-
-
-@pytest.mark.slow
-def test_every_command_knows_it(tmp_path, capsys):
-    for command, *options in (
-        ("compare", "--engine", "compiled", "--out", str(tmp_path / "compare")),
-        ("sweep", "--delay", "0.05", "--jobs", "1", "--out", str(tmp_path / "sweep")),
-        ("analyze", "--json", str(tmp_path / "analysis.json")),
-        ("diagram", "-o", str(tmp_path / "loop.svg")),
-        ("replay", "--duration", "0.1", "--out", str(tmp_path / "scene.html")),
-    ):
-        assert main([command, NAME, *options]) == 0, command
-    capsys.readouterr()
-    assert "puma560" in json.loads((tmp_path / "analysis.json").read_text())["scenario"]
