@@ -271,20 +271,6 @@ def test_config_and_block_tell_the_same_surfaces(n):
     assert [x["point_W"][0] for x in told] == [0.0, 0.1, 0.2]
 
 
-@pytest.mark.parametrize(
-    ("last", "message"),
-    [
-        ({"name": "free"}, "layers.2.name = 'free': must be unique"),
-        ({"start": 0.1}, "layers.bone.start = 0.1: must be > 0.1 m"),
-        ({"stiffness": -1.0}, "layers.bone.stiffness = -1.0: must be a finite number"),
-    ],
-)
-def test_refuses(last, message):
-    with pytest.raises(ScenarioError) as error:
-        Config(**last).Check()
-    assert str(error.value).startswith(message)
-
-
 def test_refuses_a_direction_of_other_axes():
     with pytest.raises(ScenarioError, match=r"^environment.direction = .* 2 finite"):
         LoadScenario("two_dof_collision", ["environment.direction=[1, 0, 0]"])
