@@ -81,6 +81,12 @@ def _SharedRuns(tmp_path_factory):
 
 
 @pytest.fixture
+def in_an_empty_folder(tmp_path, monkeypatch):
+    """Lets a test write where nothing is."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
 def unrendered(monkeypatch):
     """Lets commands make and save their figures blank.
 

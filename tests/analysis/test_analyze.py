@@ -11,10 +11,7 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario
 
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 def test_table(capsys):

@@ -9,10 +9,7 @@ from teleop_drake.cli import main
 from teleop_drake.cli.commands.sweep import PlanOf
 from teleop_drake.cli.main import MakeParser
 
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 def Channels(capsys, *options):

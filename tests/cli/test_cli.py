@@ -28,12 +28,9 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
 )
 
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
+
 SHORT = ["--duration", "0.3", "--accuracy", "1e-5", "--quiet"]
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def test_import_is_light():

@@ -12,12 +12,9 @@ import teleop_drake.figures.runs
 from teleop_drake.cli import main
 from teleop_drake.cli.commands import compare, replay, run
 
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
+
 SHORT = ["--duration", "0.05", "--accuracy", "1e-4", "--quiet"]
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario, ScenarioToYaml
 from teleop_drake.sweep import SweepError, study
 
-pytestmark = pytest.mark.usefixtures("in_this_process")
+pytestmark = pytest.mark.usefixtures("in_this_process", "in_an_empty_folder")
 
 STUDY = """
 scenarios: [one_dof, mine.yaml]
@@ -20,11 +20,6 @@ grid:
 overrides: {duration: 0.02}
 engine: drake
 """
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def Write(text=STUDY, name="study.yaml"):

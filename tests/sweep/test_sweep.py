@@ -43,7 +43,10 @@ from teleop_drake.sweep import (
 from teleop_drake.tasks.metrics import RunSummary
 
 # They use the same worker processes.
-pytestmark = pytest.mark.xdist_group("sweep")
+pytestmark = [
+    pytest.mark.xdist_group("sweep"),
+    pytest.mark.usefixtures("in_an_empty_folder"),
+]
 
 SHORT = {"duration": 0.02, "simulator.accuracy": 1e-5}
 OPTIONS = ["--duration", "0.02", "--accuracy", "1e-5", "--engine", "drake"]
@@ -52,11 +55,6 @@ OPTIONS = ["--duration", "0.02", "--accuracy", "1e-5", "--engine", "drake"]
 Sweep, PlanSweep = (
     functools.partial(function, engine="drake") for function in (Sweep, PlanSweep)
 )
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture

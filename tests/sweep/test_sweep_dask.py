@@ -14,12 +14,10 @@ OVERRIDES = {"duration": 0.02, "simulator.accuracy": 1e-5}
 GRID = {"delay": [0.01 * k for k in range(1, 7)]}
 
 # One process imports it.
-pytestmark = pytest.mark.xdist_group("dask")
-
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = [
+    pytest.mark.xdist_group("dask"),
+    pytest.mark.usefixtures("in_an_empty_folder"),
+]
 
 
 @pytest.fixture(scope="module")
