@@ -1,16 +1,12 @@
 """The operators' laws: a human by transfer functions, stated intentions (2.5)."""
 
 import numpy as np
-import pytest
 
 from teleop_drake.laws.operator import (
     HumanOperator,
-    force_command,
     intended_velocity,
-    operator_mode,
     rate_to_position,
     rate_to_velocity,
-    velocity_command,
 )
 
 HUMAN = HumanOperator(
@@ -66,23 +62,3 @@ def test_on_the_goal_nothing_changes():
     np.testing.assert_allclose(
         rate_to_velocity(state, felt, NOTHING, HUMAN), 0, atol=1e-16
     )
-
-
-VELOCITY, HAPTIC, CONTACT = (np.array(x) for x in ([0.1, 0], [3.0, 4.0], [0.2, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ("perceived", "stopped", "mode", "velocity", "force"),
-    [
-        (0, 0, 0, VELOCITY, HAPTIC),
-        (1, 0, 1, NOTHING, CONTACT),
-        # The haptic device brakes the tool.
-        (0, 1, 2, NOTHING, HAPTIC),
-        (1, 1, 2, NOTHING, NOTHING),
-    ],
-)
-def test_modes(perceived, stopped, mode, velocity, force):
-    state = np.array([perceived, stopped], dtype=float)
-    assert operator_mode(state) == mode
-    np.testing.assert_array_equal(velocity_command(state, VELOCITY), velocity)
-    np.testing.assert_array_equal(force_command(state, HAPTIC, CONTACT), force)

@@ -6,11 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from teleop_drake.laws.task_space import (
     PostureGains,
-    joint_torques,
     orientation_error,
     orientation_torque,
     posture_torque,
-    tool_kinematics,
 )
 
 GAINS = PostureGains(frequency=7.0, damping_ratio=0.6, near=1e-3, damping=1e-2)
@@ -80,19 +78,3 @@ def test_the_damping_begins_where_it_should():
         tau = posture_torque(GAINS, M, J, *y)
         leak = np.abs(J @ tau).max()
         assert (leak > 1e-4) == is_damped
-
-
-@pytest.mark.parametrize(("n", "nv"), [(1, 1), (2, 6), (3, 2)])
-def test_power_at_the_joints_is_power_at_the_tool(n, nv):
-    """(2.6) to (2.13)"""
-    random = np.random.default_rng(n + 10 * nv)
-    J, p, q, qdot = (random.normal(size=size) for size in ((3, nv), 3, nv + 1, nv))
-    kinematics = tool_kinematics(n, p, J, np.concatenate([q, qdot]))
-    np.testing.assert_array_equal(kinematics[:n], p[:n])
-    v = kinematics[n : 2 * n]
-    np.testing.assert_allclose(v, (J @ qdot)[:n], rtol=1e-12)
-    np.testing.assert_array_equal(kinematics[2 * n :].reshape(n, nv), J[:n])
-    F_c, F_e = random.normal(size=(2, n))
-    tau, tau_e = joint_torques(F_c, F_e, kinematics).reshape(2, nv)
-    assert tau @ qdot == pytest.approx(F_c @ v)
-    assert tau_e @ qdot == pytest.approx(-F_e @ v)

@@ -8,8 +8,6 @@ import pytest
 
 from teleop_drake.laws.tracking import (
     TrackingGains,
-    coupled_disturbance,
-    linear_disturbance,
     task_dynamics,
     tracking_error,
     tracking_force,
@@ -80,14 +78,6 @@ def test_leakage_pulls_the_weights_to_zero():
     known = np.array([1, 0, 0, 1, 9, 9.0]), W, rng.uniform(size=7), rng.normal(size=2)
     pull = weights_rate(replace(GAINS, nu=0.25), *known) - weights_rate(GAINS, *known)
     np.testing.assert_allclose(pull, -5.0 * 0.25 * W)
-
-
-def test_disturbances():
-    K = np.array([[1.0, 10.0], [0.0, 2.0]])
-    r, v = np.array([2.0, 3.0]), np.array([5.0, 7.0])
-    assert linear_disturbance(K, r).tolist() == [32, 6]
-    # x + x' z + 2 z' x + z^2 = 2 + 15 + 28 + 9; z + z' x + 2 z x' + x^2 = 3 + 14 + ...
-    assert coupled_disturbance(K, r, v).tolist() == [54 + 510, 102]
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,13 @@ import pytest
 from blocks import Gains
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.environments.layered_force_field import (
-    force_in_layer,
-    layer_at,
-)
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
     adaptive_errors,
     adaptive_rate,
     unpack_state,
 )
-from teleop_drake.laws.contact import wall_force
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.layered_force import layer_table
 from teleop_drake.laws.robust_backstepping import (
     RobustBounds,
     robust_errors,
@@ -32,7 +26,7 @@ from teleop_drake.machine_code.compiled import (
     CompiledLaw,
     Interpreted,
 )
-from teleop_drake.scenario import LayerConfig, LoadScenario
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
 
@@ -77,29 +71,6 @@ def test_task_space():
         AssertSame(tool_kinematics, (n,), [(rng.normal(size=3), J, rng.normal(size=9))])
         forces = rng.normal(size=(2, n))
         AssertSame(joint_torques, (), [(*forces, rng.normal(size=n * (2 + 4)))])
-
-
-def test_layered_force():
-    rng = np.random.default_rng(0)
-    layers = [
-        LayerConfig(name="a", start=0.0, stiffness=9.0, reference=0.1, damping=2.0),
-        LayerConfig(name="b", start=1.0, stiffness=5.0, reference=1.0, damping=0.0),
-        LayerConfig(name="c", start=2.0, stiffness=7.0, reference=2.0, damping=1.0),
-    ]
-    layers[-1].lateral_stiffness = 3.0
-    table = layer_table(layers)
-    axis = np.array([[0.6, 0.8], [1.0, -2.0]])
-    motions = rng.uniform(-1, 3, size=(20, 2, 2))
-    samples = [(np.array([layer]), *motion) for motion in motions for layer in range(4)]
-    AssertSame(force_in_layer, (table, axis), samples)
-    AssertSame(layer_at, (table, axis), [(p_WT,) for p_WT, _ in motions])
-
-
-def test_wall_force():
-    rng = np.random.default_rng(0)
-    plane = np.array([[0.6, 0.8], [0.1, -0.2]])
-    constants = (np.array([900.0, 1.5, 0.3]), np.array([0.4, 1e-3]), plane)
-    AssertSame(wall_force, constants, rng.uniform(-1, 1, size=(40, 2, 2)))
 
 
 def halved(u):

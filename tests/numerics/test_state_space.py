@@ -22,15 +22,6 @@ def test_frequency_response_of_a_known_filter():
     )
 
 
-def test_matrices_are_copies_and_read_only():
-    A = np.array([[-1.0]])
-    system = System(A, [[1.0]], [[1.0]])
-    A[0, 0] = 5.0
-    assert system.A[0, 0] == -1.0
-    with pytest.raises(ValueError, match="read-only"):
-        system.A[0, 0] = 2.0
-
-
 @pytest.mark.parametrize(
     ("matrices", "message"),
     [

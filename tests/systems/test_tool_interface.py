@@ -61,9 +61,8 @@ def test_ports(dut):
         *(("control_force", 2), ("environment_force", 2)),
     ]
     outputs = map(dut.get_output_port, range(dut.num_output_ports()))
-    assert {port.get_name(): port.size() for port in outputs} == {
-        **{"tool_kinematics": 10, "tool_acceleration": 2, "joint_torques": 6}
-    }
+    sizes = {"tool_kinematics": 10, "tool_acceleration": 2, "joint_torques": 6}
+    assert {port.get_name(): port.size() for port in outputs} == sizes
 
 
 def test_direct_feedthrough(dut):
