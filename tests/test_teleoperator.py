@@ -4,14 +4,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import MatrixGain
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
-from teleop_drake.channels import SampledChannelConfig
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.figures.block_diagram import DiagramDot
 from teleop_drake.robots import MakeRobot
@@ -86,16 +82,6 @@ def test_default_context_is_the_start():
     assert felt.tolist() == pytest.approx([0.85, 0.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_channels_by_kind():
-    ports = {"size": 2, "initial_value": [0, 0]}
-    config = LoadScenario("one_dof").forward_channel
-    assert isinstance(config.MakeChannel(**ports), TransportDelay)
-    config = SampledChannelConfig(sample_period=0.001)
-    assert isinstance(config.MakeChannel(**ports), SampledDelay)
-    with pytest.raises(ScenarioError, match="sample_period = null: must be a finite"):
-        SampledChannelConfig().MakeChannel(**ports)
-
-
 def test_stations_speak_in_packets():
     scenario = LoadScenario("two_dof_combined")
     master = MakeMasterStation(scenario)
@@ -114,41 +100,6 @@ def test_an_invalid_scenario_is_refused():
     scenario.forward_channel.delay = -1.0
     with pytest.raises(ScenarioError, match=r"forward_channel\.delay"):
         MakeTeleoperator(scenario)
-
-
-class Honey(LeafSystem):
-    """An environment of a user's own: viscous everywhere."""
-
-    def __init__(self):
-        super().__init__()
-        self.DeclareVectorInputPort("tool_position", 1)
-        velocity = self.DeclareVectorInputPort("tool_velocity", 1)
-        self.DeclareVectorOutputPort(
-            "environment_force",
-            1,
-            lambda context, force: force.SetFromVector(2.0 * velocity.Eval(context)),
-            prerequisites_of_calc={velocity.ticket()},
-        )
-
-
-def test_environment_and_robot_of_ones_own():
-    scenario = LoadScenario(
-        "one_dof", {"controller.kind": "direct_force", "duration": 1.0}
-    )
-    recording = simulate(
-        scenario,
-        teleoperator=MakeTeleoperator(
-            scenario,
-            robot=MakeRobot(model="slider", start=[0.0], mass=2.0, damping=0.0),
-            environment=Honey(),
-        ),
-    )
-    assert recording.termination == "completed"
-    velocity = recording["tool_velocity"]
-    assert recording["environment_force"] == pytest.approx(2.0 * velocity, abs=1e-15)
-    acceleration = recording["tool_acceleration"]
-    balance = recording["control_force"] - recording["environment_force"]
-    assert 2.0 * acceleration == pytest.approx(balance, abs=1e-12)
 
 
 @pytest.mark.parametrize(
