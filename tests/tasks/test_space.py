@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from grids import Slow
 from own_kinds import PuckConfig
 from pydrake.systems.framework import BasicVector
 
@@ -10,7 +9,6 @@ from teleop_drake.environments import FrictionWallConfig
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.tasks.metrics import RunMetrics
 
 NORMAL = np.array([0.6, 0.48, -0.64])
@@ -72,36 +70,6 @@ def test_a_turned_task_has_the_same_metrics():
     offset = turned.Interpolate("tool_position", at)[0] @ turn - [0, 0.02, 0]
     np.testing.assert_allclose(force[1:], 5.0 * offset[1:], rtol=1e-5)
     assert force[0] == pytest.approx(metrics["puncture"]["force"], rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    "name, overrides",
-    Slow(
-        [
-            ("wall_sliding", ["controller.kind=direct_force", "duration=1.9"]),
-            ("needle_insertion", ["duration=3.2"]),
-        ],
-        but=(),
-    ),
-)
-def test_both_engines(name, overrides):
-    scenario = LoadScenario(name, overrides)
-    assert WhyNotCompiled(scenario) == ""
-    drake, compiled = (simulate(scenario, engine=x) for x in ("drake", "compiled"))
-    expected, metrics = RunMetrics(drake), RunMetrics(compiled)
-    assert expected["collision"]["peak_force"] > 0.3
-    for key in ("time", "velocity", "peak_force", "rebound_velocity"):
-        value = expected["collision"][key]
-        assert metrics["collision"][key] == pytest.approx(value, rel=1e-4)
-    # What counts, once more from the samples.
-    (contact, *_) = drake.EventTimes("contact")
-    surface = drake.FindSurface("contact")
-    is_after = drake.time > contact
-    v_n = surface.Along(drake["tool_velocity"])[is_after]
-    F_n = surface.Along(drake["environment_force"])[is_after]
-    collision = expected["collision"]
-    assert collision["rebound_velocity"] == pytest.approx(v_n.min(), rel=0.02)
-    assert collision["peak_force"] == pytest.approx(F_n.max(), rel=0.02)
 
 
 def test_the_tool_slides_at_coulombs_limit():
