@@ -1,21 +1,12 @@
 """What an architecture of one's own gets from the bases."""
 
-import pytest
 from blocks import Feedthrough
 
 from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.architectures.base import (
-    ArchitectureConfig,
-    ControlLawConfig,
     MakeSlaveStation,
 )
 from teleop_drake.scenario import LoadScenario
-
-
-def test_the_bases_are_abstract():
-    for base in (ArchitectureConfig, ControlLawConfig):
-        with pytest.raises(TypeError, match="abstract"):
-            base()
 
 
 def test_telemetry_leaves_the_station_by_its_name():

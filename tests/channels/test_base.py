@@ -107,11 +107,6 @@ def test_the_block_delivers_the_initial_value_first(config, block_type):
         assert block.HasAnyDirectFeedthrough()
 
 
-def test_a_base_makes_no_block():
-    with pytest.raises(TypeError, match="abstract"):
-        ChannelConfig()
-
-
 @pytest.mark.parametrize(
     ("config", "message"),
     [
