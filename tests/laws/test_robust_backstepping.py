@@ -17,7 +17,6 @@ from teleop_drake.laws.backstepping import (
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (
     RobustBounds,
-    robust_damping,
     robust_errors,
     robust_rate,
 )
@@ -250,15 +249,6 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
         rtol=1e-12,
         atol=1e-12,
     )
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_slope_is_that_of_the_damping(n):
-    case = Case(n)
-    s = case.rng.normal(size=n)
-    damping, slope = robust_damping(case.gains, BOUNDS, s)
-    np.testing.assert_allclose(damping, case.Damping(s), rtol=1e-12)
-    np.testing.assert_allclose(slope, case.Slope(s), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 3])
