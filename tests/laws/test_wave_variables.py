@@ -89,6 +89,18 @@ def test_the_line_is_a_transmission_line(omega):
     assert matched == pytest.approx(B)
 
 
+def test_the_drift_is_corrected_with_the_energy_of_the_wave():
+    S = np.diag([2.0, 4.0])
+    far = drift_correcting_wave(
+        np.array([-0.1, 0.1]), np.array([5.0, 5.0]), np.zeros(2), S, 3.0
+    )
+    assert far == pytest.approx([0.1, 0.1])
+    near = drift_correcting_wave(
+        np.array([-1.0, -1.0]), np.array([0.1, 0.01]), np.zeros(2), S, 3.0
+    )
+    assert near == pytest.approx([-1 + 0.3, -1 + 0.06])
+
+
 @pytest.mark.parametrize(("slope", "factor"), [(-1.0, 1.0), (0.0, 1.0), (0.36, 0.8)])
 def test_a_delay_that_grows_stretches_the_wave(slope, factor):
     assert passive_scaling(slope) == pytest.approx(factor)
