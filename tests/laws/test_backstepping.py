@@ -446,6 +446,22 @@ def test_bad_gains(change, message):
         replace(VALID, **change)
 
 
+def test_definite_P_and_G1_do_not_make_their_product_definite():
+    """Why the check is on P G1: here s^T P G1 s < 0 although P > 0 and G1 > 0."""
+    P, G1 = np.diag([1.0, 100.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
+    for matrix in (P, G1):
+        assert np.linalg.eigvalsh(matrix)[0] > 0
+    s = np.array([1.0, -0.3])
+    assert s @ P @ s > 0
+    assert np.linalg.eigvalsh(P @ G1 + G1 @ P)[0] < 0
+    with pytest.raises(
+        ValueError, match=r"^G1 = .*such that P G1 is positive definite"
+    ):
+        replace(VALID, P=P, G1=G1)
+    # Without P's weights the same G1 will do.
+    assert replace(VALID, G1=G1).num_axes == 2
+
+
 def test_gains_are_copies_and_cannot_change():
     Psi0 = np.diag([2.0, 7.0])
     gains = replace(VALID, Psi0=Psi0)

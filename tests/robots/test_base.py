@@ -10,6 +10,7 @@ from pydrake.systems.primitives import PassThrough
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.robots import ROBOT_KINDS, ArmConfig, MakeRobot
 from teleop_drake.robots.base import PlantRobotConfig, PointOf, RobotConfig
+from teleop_drake.robots.driven_arm import DrivenArmConfig
 from teleop_drake.robots.model_file import LoadModel, NewPlant, ReadModel
 from teleop_drake.validation import ScenarioError
 
@@ -59,6 +60,12 @@ def test_a_plant_is_posed_and_wired():
     np.testing.assert_allclose(position, [0.85, 0.1], atol=1e-12)
     with pytest.raises(ScenarioError, match=r"robot.start = .*no nearer than"):
         Plant(start=np.array([3.0, 0.0])).Check("robot")
+
+
+def test_the_bases_are_abstract():
+    for base in (RobotConfig, PlantRobotConfig, DrivenArmConfig):
+        with pytest.raises(TypeError, match="abstract"):
+            base(start=[0.0])
 
 
 @pytest.mark.parametrize("p_WT", [None, [0.1], [0.1, np.inf], [[0.1, 0.2]]])
