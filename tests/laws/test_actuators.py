@@ -9,6 +9,7 @@ from teleop_drake.laws.actuators import (
     friction_torque,
     next_normal,
     next_random,
+    next_sample,
     quantized,
 )
 
@@ -67,3 +68,11 @@ def test_noise_is_normal_and_white():
     np.testing.assert_allclose(moments, [0, 1, 0, 3], atol=0.15)
     assert abs(np.mean(x[1:] * x[:-1])) < 0.03
     assert abs(np.mean(x[:, 1:] * x[:, :-1])) < 0.03
+
+
+def test_a_sample_has_the_rate_of_the_encoder():
+    mode = np.array([0.0, 7.0, 0.0, 5.0, 6.0])
+    mode = next_sample(mode, np.array([0.26]), 0.5, 0.0, 0.01)
+    assert mode[:3].tolist() == [1, 0.5, 0]
+    mode = next_sample(mode, np.array([1.1]), 0.5, 0.0, 0.01)
+    assert mode[:3].tolist() == [2, 1.0, 50]
