@@ -109,6 +109,28 @@ def test_what_is_refuted(rows):
     assert not by_verdict["not determinable"]
 
 
+@pytest.mark.parametrize(
+    ("key", "ours"),
+    [
+        ("4-direct-overshoot", 0.4693),
+        ("4-adaptive-overshoot", 0.2524),
+        ("4-direct-puncture-force", 0.5725),
+        ("4-adaptive-puncture-force", 0.5720),
+        ("4-direct-first-impact", 8.657),
+        ("4-adaptive-first-impact", 9.506),
+        ("4-direct-largest-force", 15.74),
+        ("4-adaptive-largest-force", 9.506),
+        ("4-direct-rebound", -1.229),
+        ("4-adaptive-rebound", -0.6693),
+        ("4-overshoot-reduction", 46.2),
+        ("4-rebound-reduction", 45.5),
+        ("4-force-reduction", 39.6),
+    ],
+)
+def test_numbers_of_chapter_4(rows, key, ours):
+    assert float(rows[key].ours.split()[0]) == pytest.approx(ours, rel=2e-3)
+
+
 def test_commands_are_those_of_the_runs(rows):
     """Each can be typed, and what was fitted or proved needs none."""
     commands = {command for row in rows.values() for command in row.runs.splitlines()}
