@@ -89,3 +89,10 @@ def test_bad_arguments(change, message):
     arguments = {"lower": [0, 0], "upper": [1, 1], "count": [2, 2], "width": 1.0}
     with pytest.raises(ValueError, match=message):
         GaussianNetwork(**(arguments | change))
+
+
+def test_arrays_are_read_only():
+    network = GaussianNetwork(lower=[0.0], upper=[1.0], count=[2], width=1.0)
+    for array in (network.centres, network.widths):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 3.0

@@ -94,3 +94,12 @@ def test_leakage_pulls_the_weights_to_zero():
 def test_bad_gains(change, message):
     with pytest.raises(ValueError, match=f"^{message}"):
         replace(GAINS, **change)
+
+
+def test_gains_are_copies():
+    Lambda = np.eye(2)
+    gains = replace(GAINS, Lambda=Lambda)
+    Lambda[0, 0] = 7
+    assert gains.Lambda[0, 0] == 1
+    assert not gains.Lambda.flags.writeable
+    assert gains.num_axes == 2

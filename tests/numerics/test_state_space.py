@@ -78,3 +78,12 @@ def test_system_without_input_hides_everything():
     minimal, hidden = minimal_realization(system)
     assert minimal.num_states == 0
     np.testing.assert_allclose(hidden, [-1.0])
+
+
+def test_matrices_are_copies_and_read_only():
+    A = np.array([[-1.0]])
+    system = System(A, [[1.0]], [[1.0]])
+    A[0, 0] = 5.0
+    assert system.A[0, 0] == -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        system.A[0, 0] = 2.0
