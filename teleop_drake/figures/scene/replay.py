@@ -1,7 +1,7 @@
 """Recorded runs in the scene: as an animation, and as a page that plays them.
 
-The runs stand one below the other, in one time. The page has a player, and strips of
-what the signals say meanwhile.
+The runs stand one below the other, in one time. What their signals say meanwhile is in
+the living diagram; see teleop_drake.page.
 """
 
 import html
@@ -40,7 +40,7 @@ from teleop_drake.figures.scene.scene import (
 from teleop_drake.figures.scene.stage import SCENE, MakeStage, NameOf, Stage
 from teleop_drake.figures.scene.visuals import RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
-from teleop_drake.figures.style import GREY, RunColor, ScaleAndUnit
+from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
 
@@ -70,38 +70,14 @@ _DOT_SHARE, _SHORTEST_PERIOD = 0.25, 0.05
 # A packet that is lost goes this share of its way.
 _LOST_AT = 0.5
 
-
-# Samples of the strips, per second and at most.
-_STRIP_RATE, _MOST_SAMPLES = 200.0, 4000
-
-# Width of the strips in round trips, and at least, s.
-_ROUND_TRIPS, _SHORTEST_WINDOW = 8.0, 1.0
-
 # Slow motion begins so long before a puncture or a contact, and ends so long after it
 # has been felt, s. Of a run that bounces the first contacts are shown so.
 _SLOW_BEFORE, _SLOW_AFTER, _NUM_SLOW = 0.05, 0.15, 3
-
-# What the strips leave out at either end of the range of a signal, in percent.
-_RARE = 0.2
 
 # Of more runs than these, only the first one has all its labels.
 _MOST_NAMED = 3
 
 _FRAME_HEIGHT = 620  # pixels, in a notebook
-
-# The strips: a unit, and the lines: their name in a run's data, what the label says of
-# them, their dashes, and a colour if it is not that of the run.
-_STRIPS: dict[str, list[tuple[str, str, list[float], str | None]]] = {
-    "m/s": [
-        ("v", "velocity of the tool", [], None),
-        ("vf", "felt - -", [4, 3], None),
-        ("vd", "commanded ···", [1.5, 2.5], COMMAND_COLOR),
-    ],
-    "N": [
-        ("f", "force of the tool", [], None),
-        ("h", "of the operator - -", [4, 3], None),
-    ],
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -392,8 +368,8 @@ def MakeReplay(
         logger.setLevel(logging.WARNING)
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
         logger.setLevel(level)
-    acts, stage = AnimateRuns(recordings, meshcat)
-    data = _PageData(acts, stage)
+    acts, _ = AnimateRuns(recordings, meshcat)
+    data = _PageData(acts)
     player = resources.files(__package__) / "player.html"
     # A slash in a string could end the script.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
@@ -403,58 +379,37 @@ def MakeReplay(
     return Replay(data["title"], f"{head}{tail}</body>{rest}")
 
 
-def _PageData(acts: Sequence[Act], stage: Stage) -> dict[str, Any]:
+def _PageData(acts: Sequence[Act]) -> dict[str, Any]:
     """Returns what the player needs besides the scene, as plain data."""
-    first = acts[0].recording.scenario
-    end = max(float(act.recording.time[-1]) for act in acts)
     has_operator = acts[0].operator.felt is not None
-    round_trip = 0.0
-    if has_operator:
-        round_trip = max(sum(act.Delay(lane) for lane in CHANNELS) for act in acts)
-    runs = [_RunData(act, stage, i) for i, act in enumerate(acts)]
-    lags = [
-        abs(x - felt)
-        for run in runs
-        for x, felt in zip(run["x"], run.get("felt", run["x"]), strict=True)
-    ]
-    lag_scale, lag_unit = ScaleAndUnit((0.0, max(lags)), "m")
-    # What happens: the name, the run and its times, s.
-    happens = [
-        (name, i, act.recording.EventTimes(name))
-        for i, act in enumerate(acts)
+    # Slow is what happens, until it has been felt.
+    slow = [
+        (
+            time - _SLOW_BEFORE,
+            time + (act.Delay("return") if has_operator else 0) + _SLOW_AFTER,
+        )
+        for act in acts
         for name in (PUNCTURE, CONTACT)
-        if act.recording.EventTimes(name)
+        for time in act.recording.EventTimes(name)[:_NUM_SLOW]
     ]
-    firsts: dict[str, float] = {}
-    for name, _, times in happens:
-        firsts[name] = min(times[0], firsts.get(name, np.inf))
     return {
-        "title": first.name,
+        "title": acts[0].recording.scenario.name,
         "subtitle": _Subtitle(acts),
-        "end": end,
-        "window": min(max(_ROUND_TRIPS * round_trip, _SHORTEST_WINDOW), max(end, 1e-3)),
-        "runs": runs,
-        "events": [
-            {"name": f"{acts[i].name}: {name}", "time": time, "color": RunColor(i)}
-            for name, i, times in happens
-            for time in times
+        "end": max(float(act.recording.time[-1]) for act in acts),
+        "runs": [
+            {"name": act.name, "note": _Ending(act), "color": RunColor(i)}
+            for i, act in enumerate(acts)
         ],
-        "jumps": [{"name": name, "time": time} for name, time in firsts.items()],
-        # Slow is what happens, until it has been felt.
-        "slow": [
-            (
-                time - _SLOW_BEFORE,
-                time + (acts[i].Delay("return") if has_operator else 0) + _SLOW_AFTER,
-            )
-            for _, i, times in happens
-            for time in times[:_NUM_SLOW]
-        ],
+        "slow": slow,
         "labels": _Labels(acts),
         "legend": _Legend(acts, has_operator),
-        "lagScale": lag_scale,
-        "lagUnit": lag_unit,
-        "strips": [_Strip(runs, unit) for unit in _STRIPS],
     }
+
+
+def _Ending(act: Act) -> str:
+    """Returns how a run ended, unless it is complete."""
+    ended, end = act.recording.termination, float(act.recording.time[-1])
+    return "" if ended == "completed" else f" ({ended} at {end:.3g} s)"
 
 
 def _Subtitle(acts: Sequence[Act]) -> str:
@@ -468,66 +423,6 @@ def _Subtitle(acts: Sequence[Act]) -> str:
     if forward == back:
         return f"{forward:g} s delay each way"
     return f"{forward:g} s delay forward, {back:g} s back"
-
-
-def _RunData(act: Act, stage: Stage, run: int) -> dict[str, Any]:
-    """Returns the samples of a run: along the stage's direction forward, SI units."""
-    recording, operator, n = act.recording, act.operator, act.num_axes
-    end = float(recording.time[-1])
-    times = np.linspace(0.0, end, int(min(max(_STRIP_RATE * end, 2), _MOST_SAMPLES)))
-    forward = stage.forward[:n]
-    felt_velocity, velocity = recording.signals.get("felt_velocity"), operator.velocity
-    if felt_velocity is None and operator.felt is not None:
-        felt_velocity = recording["return_packet_received"][:, n : 2 * n]
-    if velocity is None:
-        velocity = recording.signals.get("desired_velocity")
-    columns = {
-        "x": recording["tool_position"],
-        "v": recording["tool_velocity"],
-        "f": recording["environment_force"],
-        "felt": operator.felt,
-        "vf": felt_velocity,
-        "vd": velocity,
-        "h": operator.force,
-    }
-    ended = recording.termination
-    return {
-        "name": act.name,
-        "color": RunColor(run),
-        "note": "" if ended == "completed" else f"{ended} at {end:.3g} s",
-        "t": _Short(times),
-    } | {
-        name: _Short(act.At(x, times) @ forward)
-        for name, x in columns.items()
-        if x is not None
-    }
-
-
-def _Short(values: Array) -> list[float]:
-    """Returns numbers with as many digits as a picture shows."""
-    return [float(f"{x:.5g}") for x in values]
-
-
-def _Strip(runs: Sequence[Mapping[str, Any]], unit: str) -> dict[str, Any]:
-    """Returns a strip: its range but for rare peaks, its ticks and its lines."""
-    lines = [line for line in _STRIPS[unit] if any(line[0] in run for run in runs)]
-    values = [run[name] for run in runs for name, *_ in lines if name in run]
-    low, high = np.percentile(np.concatenate(values), [_RARE, 100 - _RARE])
-    low, high = min(float(low), 0.0), max(float(high), 0.0)
-    margin = 0.08 * (high - low) or 1.0
-    scale, shown_unit = ScaleAndUnit((low, high), unit)
-    ticks = [x for x in (low, 0.0, high) if x == 0 or abs(x) > 0.2 * (high - low)]
-    return {
-        "label": f"{', '.join(text for _, text, *_ in lines)} [{shown_unit}]",
-        "low": low - margin,
-        "high": high + margin,
-        "ticks": ticks,
-        "tickLabels": [f"{x * scale:.2g}" for x in ticks],
-        "lines": [
-            {"name": name, "dash": dash, "color": color}
-            for name, _, dash, color in lines
-        ],
-    }
 
 
 def _Labels(acts: Sequence[Act]) -> list[dict[str, Any]]:

