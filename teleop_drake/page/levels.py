@@ -80,4 +80,7 @@ def _Picture(dot: str) -> bytes:
     svg = re.sub(
         r'<g id="wire ([^"]*)" class="edge">', r'<g data-at="\1" class="edge">', svg
     )
+    # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
+    svg = re.sub(r'(data-at="[^"]*")>', r'\1 tabindex="0">', svg)
+    svg = re.sub(r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>', svg)
     return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1).encode()

@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, InputPortIndex, PortDataType, System
 
+from teleop_drake.channels import ChannelConfig
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, Source
 from teleop_drake.environments.surface import Surface, SurfacesOf
+from teleop_drake.integrator.problem import SAME
 from teleop_drake.operators.hand import HandOperator
+from teleop_drake.page.measures import Measures, MeasuresOf
 from teleop_drake.page.wasm import MakeModule
+from teleop_drake.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import NamedSignals, UnitOf
+from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
@@ -31,6 +37,12 @@ _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|
 
 # Of Memory: what does not begin as zeros.
 _START = ("clock", "x", "m", "m_before", "y", "next_packets", "ticks")
+
+PERIOD = 0.02
+"""Time between two packets that are drawn, s."""
+
+# How long packets are drawn in a drive, whose duration is a bound, s.
+_LONGEST_FLIGHTS = 60.0
 
 # What a unit may be called that is none.
 _NO_UNIT = ("", "any", "of signal", "-", "1")
@@ -46,14 +58,21 @@ class Model:
         numbers: All that may differ between runs of one program, by name: the arrays of
             Problem, of Memory what does not begin as zeros, and what the page itself
             takes: `run` (duration, accuracy, longest step, speed at which it has
-            diverged, delay of the command), `v_d`, and `surfaces` (point, normal).
+            diverged, delay of the command), `surfaces` (point, normal), `forms` (the
+            weights of measures), `arm` (place and axis of each joint, and the tool),
+            and `forward` and `return` (how long what is sent every PERIOD is under
+            way, s; if that is constant, once).
         surfaces: Of the environment.
+        measures: What is measured.
+        joints: Of the arm, from its base to its tool; see _Arm().
     """
 
     diagram: Diagram
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
+    measures: Measures = field(default_factory=Measures)
+    joints: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -65,6 +84,8 @@ class Model:
             program.sizes,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
             tuple(surface.name for surface in self.surfaces),
+            self.measures.columns,
+            self.joints,
         )
 
     def Module(self) -> bytes:
@@ -194,20 +215,75 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
         UnsupportedSystem: If a block of it has no kernel; it is named.
     """
     task = TaskOf(scenario)
-    surgeon = getattr(scenario, "surgeon", None)
-    v_d = np.asarray(getattr(surgeon, "velocity", []), float)
     diagram = task.MakeDiagram(scenario)
     if has_hand:
         operator = HandOperator(num_axes=AsTeleoperation(scenario).num_axes)
         diagram = MakeTeleoperator(AsTeleoperation(scenario), operator=operator)
-    return MakeModel(
+    channels = task.Channels(scenario)
+    model = MakeModel(
         diagram,
         scenario.simulator,
         scenario.duration,
         speed=task.MakeSpeedLimit(scenario).speed,
-        v_d=v_d,
-        delay=getattr(getattr(scenario, "forward_channel", None), "delay", 0.0),
+        delay=channels["forward_channel"].delay if channels else 0.0,
     )
+    ports = model.Ports()
+    signals = {name: ports[port] for name, port in model.Signals().items()}
+    measures = MeasuresOf(
+        scenario, signals, model.surfaces, is_constant=HasConstantCommand(diagram)
+    )
+    joints, arm = _Arm(scenario.robot) if "joint_position" in signals else ([], [])
+    lags = {
+        name.partition("_")[0]: _Lags(channel, name, scenario.duration)
+        for name, channel in channels.items()
+    }
+    more = {"forms": measures.weights, "arm": np.ravel(arm), **lags}
+    return replace(
+        model, numbers=model.numbers | more, measures=measures, joints=joints
+    )
+
+
+def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
+    """Returns how long what is sent every PERIOD is under way, s; lost: infinity."""
+    sent = np.arange(0.0, min(duration, _LONGEST_FLIGHTS), PERIOD)
+    lags = channel.Arrivals(sent, duration, name) - sent
+    is_constant = np.abs(lags - lags[0]).max() < SAME
+    return np.array([channel.delay]) if is_constant else lags
+
+
+def _Arm(robot: RobotConfig) -> tuple[list[dict[str, Any]], list[Any]]:
+    """Returns the joints from the base of an arm to its tool, at q = 0.
+
+    Returns:
+        Of each joint its position in q and whether it turns; and its place and its axis
+        (6), of the tool its place (3). Nothing for a robot that is no plant, or that
+        has joints of other kinds.
+    """
+    if not isinstance(robot, PlantRobotConfig):
+        return [], []
+    plant = robot.LoadPlant()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    tool = plant.GetFrameByName(TOOL)
+    joints: list[dict[str, Any]] = []
+    places: list[Any] = [tool.CalcPoseInWorld(context).translation()]
+    by_child = {
+        joint.child_body().index(): joint
+        for joint in map(plant.get_joint, plant.GetJointIndices())
+    }
+    body = tool.body()
+    while (joint := by_child.get(body.index())) is not None:
+        body = joint.parent_body()
+        if joint.num_positions() == 0:
+            continue
+        if joint.type_name() not in ("revolute", "prismatic"):
+            return [], []
+        turns = joint.type_name() == "revolute"
+        axis_F = joint.revolute_axis() if turns else joint.translation_axis()
+        X_WF = joint.frame_on_parent().CalcPoseInWorld(context)
+        joints.insert(0, {"position": joint.position_start(), "turns": turns})
+        places[:0] = X_WF.translation(), X_WF.rotation() @ axis_F
+    return joints, np.concatenate(places).tolist()
 
 
 def MakeModel(
@@ -216,7 +292,6 @@ def MakeModel(
     duration: float,
     *,
     speed: float = np.inf,
-    v_d: Array | None = None,
     delay: float = 0.0,
 ) -> Model:
     """Returns the run of a diagram.
@@ -226,7 +301,6 @@ def MakeModel(
         config: How accurately.
         duration: How long, s.
         speed: Of the tool, at which the run has diverged, m/s.
-        v_d: The commanded velocity, m/s.
         delay: Of the command, s.
 
     Raises:
@@ -255,7 +329,6 @@ def MakeModel(
             if name in _START
         },
         "run": np.array([duration, config.accuracy, max_step, speed, delay]),
-        "v_d": np.zeros(0) if v_d is None else v_d,
         "surfaces": np.array(planes, float),
     }
     return Model(

@@ -2,7 +2,7 @@
 
 const $ = (id) => document.getElementById(id);
 const state = { values: {}, runs: [], pinned: [], level: "", tab: 0, scopes: [], cursor: 0, window: [0, 1],
-  isPlaying: false, isBusy: false, version: 0, hand: [], keys: new Set(), pull: null };
+  version: 0, hand: [], keys: new Set() };
 let data, loops, inputs;
 
 // Returns the data of the page; see page.py's _Bytes().
@@ -16,12 +16,15 @@ async function unpack() {
       : v?.$f ? new Float64Array(bytes, base + v.$f[0], v.$f[1]) : v);
 }
 
-// Makes an element with attributes and children.
-function make(tag, attributes = {}, ...children) {
-  const element = Object.assign(document.createElement(tag), attributes);
+// Makes an element with properties and children.
+function make(tag, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
   return element;
 }
+
+// Returns text that says nothing to HTML.
+const safe = (text) => text.replace(/[&<>"]/g, (c) => `&#${c.charCodeAt()};`);
 
 // Returns a number in few digits.
 function show(x) {
@@ -29,16 +32,19 @@ function show(x) {
   return Math.abs(x) >= 1e5 || (x && Math.abs(x) < 1e-4) ? x.toExponential(3) : String(+x.toPrecision(5));
 }
 
+// The loops of the kinds that the inputs choose.
+const chosen = () => loops.filter(({ choice }) => Object.keys(choice).every((x) => choice[x] === state.values[x]));
+const shownLoop = () => chosen()[state.tab];
 const titled = (loop) => loop.kind.replaceAll("_", " ");
-const duration = () => Math.max(...state.runs.map((run) => run.duration));
+const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
 
 // The colour of a controller; black is the page's ink.
-const inkOf = (loop, ink) => (loop.color === "#000000" ? ink : loop.color);
+const inkOf = (loop) => (loop.color === "#000000" ? "currentColor" : loop.color);
 
 // A short line in a controller's colour, and its name.
 function keyOf(loop, text = "") {
   const key = make("span", { className: "key" });
-  key.style.borderColor = inkOf(loop, "currentColor");
+  key.style.borderColor = inkOf(loop);
   return make("span", {}, key, `${titled(loop)} ${text}`);
 }
 
@@ -57,45 +63,48 @@ const nextFrame = () => new Promise((go) => { requestAnimationFrame(go); setTime
 function setInput(name, value) {
   const input = inputs[name];
   if (!input) throw new RangeError(`input ${name}: must be one of ${Object.keys(inputs)}`);
-  if (!(value >= input.min && value <= input.max)) {
-    throw new RangeError(`${name} = ${value}: must be from ${input.min} to ${input.max}`);
+  const { min, max, stops, choices } = input;
+  if (choices ? !choices.includes(value) : !(value >= min && value <= max)) {
+    throw new RangeError(`${name} = ${value}: must be ${choices ? `one of ${choices}` : `from ${min} to ${max}`}`);
   }
-  if (input.stops) value = input.stops.reduce((a, b) => (Math.abs(b - value) < Math.abs(a - value) ? b : a));
-  for (const part of name === "delay" ? ["forward_delay", "return_delay"] : [name]) {
-    state.values[part] = inputs[part].value = value;
+  if (stops) value = stops.reduce((a, b) => (Math.abs(b - value) < Math.abs(a - value) ? b : a));
+  const ways = ["forward_delay", "return_delay"], isBoth = name === "delay" && inputs.forward_delay;
+  for (const part of isBoth ? ways : [name]) state.values[part] = inputs[part].value = value;
+  if (inputs.delay && inputs.forward_delay) {
+    inputs.delay.value = (state.values.forward_delay + state.values.return_delay) / 2;
   }
-  if (inputs.delay) inputs.delay.value = (state.values.forward_delay + state.values.return_delay) / 2;
   for (const x of Object.values(inputs)) x.show();
   return refresh();
 }
 
 // Simulates what the inputs say, again if they change meanwhile, and shows it.
-async function refresh() {
+function refresh() {
   ++state.version;
   state.drive = null;
   // What is shown belongs to other values; if this takes long it becomes pale.
   document.body.classList.add("stale");
-  if (state.isBusy) return;
-  state.isBusy = true;
-  try {
-    for (let mine = -1; mine !== state.version;) {
-      mine = state.version;
-      const begin = performance.now(), runs = [];
-      for (const loop of loops) {
-        runs.push(await loop.simulate(state.values, () => state.version !== mine, state.hand));
-      }
-      if (runs.includes(null)) continue;
-      state.runs = runs;
-      await nextFrame();
-      draw();
-      say(`${runs.length} runs simulated and drawn in ${(performance.now() - begin).toFixed(0)} ms`);
+  return (state.busy ??= simulate().catch((error) => say(error.message, true)).finally(() => { state.busy = null; }));
+}
+
+// Simulates until no input has changed meanwhile.
+async function simulate() {
+  for (let mine = -1; mine !== state.version;) {
+    mine = state.version;
+    const begin = performance.now(), runs = [];
+    for (const loop of chosen()) {
+      runs.push(await loop.simulate(state.values, () => state.version !== mine, state.hand));
     }
-    document.body.classList.remove("stale");
-  } catch (error) {
-    say(error.message, true);
-  } finally {
-    state.isBusy = false;
+    if (runs.includes(null)) continue;
+    const isFirst = !state.runs.length;
+    state.runs = runs;
+    draw();
+    say(`${runs.length} runs simulated and drawn in ${(performance.now() - begin).toFixed(0)} ms`);
+    await nextFrame();
+    // The metrics wait until a slider rests.
+    if (!isFirst) await new Promise((go) => { setTimeout(go, mine === state.version ? 150 : 0); });
   }
+  showMetrics();
+  document.body.classList.remove("stale");
 }
 
 // Shows all that depends on the runs.
@@ -103,25 +112,26 @@ function draw() {
   if (data.hand) state.window = [Math.max(0, duration() - 8), Math.max(8, duration())];
   $("clock").max = duration();
   setCursor(data.hand ? duration() : state.cursor);
-  showMetrics();
 }
 
-// Makes a slider and a number for each input.
+// Makes a slider and a number for each input, or what chooses among kinds.
 function makeInputs() {
   for (const [name, input] of Object.entries(inputs)) {
-    const bounds = input.stops ? { min: 0, max: input.stops.length - 1, step: 1 }
-      : { min: input.min, max: input.max, step: "any" };
-    const slider = make("input", { type: "range", ariaLabel: input.label, ...bounds });
-    const number = make("input", { type: "number", step: "any", ariaLabel: input.label });
-    slider.oninput = () => setInput(name, input.stops ? input.stops[slider.value] : +slider.value);
-    number.onchange = () => {
-      try { setInput(name, +number.value); } catch (error) { say(error.message, true); }
+    const { label, stops, choices } = input, set = (value) => {
+      try { setInput(name, value); } catch (error) { say(error.message, true); }
     };
+    const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min: input.min, max: input.max, step: "any" };
+    const parts = choices ? [make("select", { ariaLabel: label }, ...choices.map((x) => make("option", {}, x)))]
+      : [make("input", { type: "range", ariaLabel: label, ...bounds }),
+        make("input", { type: "number", step: "any", ariaLabel: label })];
+    const [first, number] = parts;
+    first.oninput = () => set(choices ? first.value : stops ? stops[first.value] : +first.value);
+    if (number) number.onchange = () => set(+number.value);
     input.show = () => {
-      slider.value = input.stops ? input.stops.indexOf(input.value) : input.value;
-      if (document.activeElement !== number) number.value = show(input.value);
+      first.value = stops ? stops.indexOf(input.value) : input.value;
+      if (number && document.activeElement !== number) number.value = show(input.value);
     };
-    input.row = make("div", { className: "row" }, make("label", { textContent: input.label }), slider, number);
+    input.row = make("div", { className: "row" }, make("label", {}, label), ...parts);
     $("inputs").append(input.row);
     input.show();
   }
@@ -136,33 +146,29 @@ function togglePin() {
 
 // Shows the metrics of each controller, and how it ended.
 function showMetrics() {
-  const names = [...new Set(state.runs.flatMap((run) => Object.keys(run.metrics)))];
-  const cell = (textContent) => make("td", { textContent });
-  const rows = names.map((name) => make("tr", {}, cell(name.replaceAll("_", " ").replace(".", ": ")),
-    ...state.runs.map((run) => cell(show(run.metrics[name])))));
-  const ends = state.runs.filter((run) => run.reason).map((run) => make("div", {
-    textContent: `${titled(run.loop)} diverged at ${show(run.time.at(-1))} s: ${run.reason}` }));
-  $("metrics").replaceChildren(make("table", {}, make("tr", {}, make("th", { textContent: "SI units" }),
-    ...state.runs.map((run) => make("th", {}, keyOf(run.loop)))), ...rows), ...ends);
+  const { runs } = state, cell = (text) => make("td", {}, text);
+  const names = [...new Set(runs.flatMap((run) => Object.keys(run.metrics)))];
+  const labels = Object.fromEntries(runs.flatMap(({ loop }) => loop.measures.rows.map((row) => [row[0], row.at(-1)])));
+  const rows = names.map((name) => make("tr", {}, cell(labels[name]),
+    ...runs.map((run) => cell(name in run.metrics ? show(run.metrics[name]) : ""))));
+  const ends = runs.filter((run) => run.reason).map((run) =>
+    make("div", {}, `${titled(run.loop)} diverged at ${show(run.time.at(-1))} s: ${run.reason}`));
+  const head = make("tr", {}, make("th"), ...runs.map((run) => make("th", {}, keyOf(run.loop))));
+  $("metrics").replaceChildren(...names.length ? [make("table", {}, head, ...rows)] : [], ...ends);
 }
 
 // ---- The diagram.
 
 // Shows a level of the diagram of the controller that is chosen.
 function showLevel(path) {
-  const loop = loops[state.tab], level = loop.levels.find((x) => x.path === path) ?? loop.levels[0];
+  const { levels } = shownLoop(), level = levels.find((x) => x.path === path) ?? levels[0];
   state.level = level.path;
   $("diagram").innerHTML = new TextDecoder().decode(level.svg);
   for (const element of $("diagram").querySelectorAll("[data-at]")) {
     const [number, port] = element.dataset.at.split(":"), box = level.boxes[number];
-    if (element.classList.contains("edge")) {
-      const hit = element.querySelector("path").cloneNode();
-      hit.classList.add("hit");
-      element.append(hit);
-    } else element.setAttribute("tabindex", "0");
     if (port) element.dataset.port = `${box.path}:${box[port[0]][port.slice(1)]}`;
     else element.dataset.box = box.path;
-    element.classList.toggle("inner", !port && loop.levels.some((x) => x.path === box.path));
+    element.classList.toggle("inner", !port && levels.some((x) => x.path === box.path));
     element.onclick = () => (port ? toggleScope(element.dataset.port) : open(box));
     element.onkeydown = (e) => { if (e.key === "Enter") element.onclick(); };
     element.onmouseenter = element.onfocus = () => hover(element, box);
@@ -176,53 +182,42 @@ function showLevel(path) {
 
 // Marks the ports and wires whose signals are in the scopes.
 function markPorts() {
-  const { ports } = loops[state.tab], places = state.scopes.map((port) => String(ports[port]));
+  const { ports } = shownLoop(), places = state.scopes.map((port) => String(ports[port]));
   for (const element of $("diagram").querySelectorAll("[data-port]")) {
     const place = ports[element.dataset.port];
     element.classList.toggle("on", Boolean(place) && places.includes(String(place)));
   }
 }
 
-// Opens a box, and shows what it is, its ports and which inputs it has.
+// Opens a box: says what it is, and shows its ports and the inputs that it has.
 function open(box) {
-  const loop = loops[state.tab], [root] = box.path.split("/");
+  const loop = shownLoop(), title = `${box.path || data.title}: ${box.kind}`;
   if (box.path !== state.level && loop.levels.some((x) => x.path === box.path)) showLevel(box.path);
   const ports = [...box.u, ...box.y].map((name) => `${box.path}:${name}`).filter((x) => loop.ports[x]);
-  $("box").replaceChildren(make("h2", { textContent: `${box.path || data.title}: ${box.kind}` }),
-    make("div", { textContent: box.says }), ...ports.map((port) => make("button", {
-      textContent: port.split(":")[1], onclick: () => toggleScope(port) })));
-  for (const [name, input] of Object.entries(inputs)) {
-    const owner = name.replace("_delay", "_channel").split(".")[0].replace("surgeon", "master");
-    input.row.classList.toggle("hint", owner === root);
-  }
+  for (const input of Object.values(inputs)) $("inputs").append(input.row);
+  const own = Object.values(inputs).filter((x) => box.path && x.owners?.includes(box.path.split("/")[0]));
+  $("box").replaceChildren(make("h2", {}, title), box.says, ...own.map((x) => x.row), make("div", {}, ...ports.map(
+    (port) => make("button", { textContent: port.split(":")[1], onclick: () => toggleScope(port) }))));
 }
 
-// The values of a port at the cursor, for each controller.
+// The values of a port at the cursor.
 function valuesOf(run, port, most) {
-  const place = run.place(port), n = place && Math.min(place[1], most);
-  return place ? run.vector([place[0], n], state.cursor).map(show).join(", ") + (n < place[1] ? " ..." : "") : "";
+  const columns = run.columns(port) ?? [];
+  return run.vector(columns.slice(0, most), state.cursor).map(show).join(", ") + (columns.length > most ? " ..." : "");
 }
 
 // Says what a port, a wire or a box is, with the values at the cursor.
 function hover(element, box) {
-  const { port } = element.dataset, place = port && loops[state.tab].ports[port];
-  let text = port ?? `${box.path || data.title}: ${box.kind}\n${box.says}`;
-  if (place) {
-    text += `  [${place[1]}]  ${place[2]}\n`;
-    text += state.runs.map((run) => `${titled(run.loop)}: ${valuesOf(run, port, 4)}\n`).join("");
-    text += `at ${show(state.cursor)} s`;
-  }
-  $("tip").textContent = text;
+  const { port } = element.dataset, place = port && shownLoop().ports[port];
+  const values = state.runs.map((run) => `${titled(run.loop)}: ${place && valuesOf(run, port, 4)}`);
+  $("tip").textContent = !port ? `${box.path || data.title}: ${box.kind}\n${box.says}`
+    : [port, ...place ? [`[${place[1]}]  ${place[2]}`, ...values, `at ${show(state.cursor)} s`] : []].join("\n");
   $("tip").hidden = false;
-  const around = element.getBoundingClientRect(), tip = $("tip").getBoundingClientRect();
-  const isBelow = around.bottom + tip.height + 12 < innerHeight;
-  $("tip").style.top = `${isBelow ? around.bottom + 6 : Math.max(4, around.top - tip.height - 6)}px`;
-  $("tip").style.left = `${Math.max(4, Math.min(around.left, innerWidth - tip.width - 8))}px`;
 }
 
 // Goes to the block or the port that the search names.
 function find() {
-  const text = $("search").value, loop = loops[state.tab], [path] = text.split(":");
+  const text = $("search").value, loop = shownLoop(), [path] = text.split(":");
   const box = loop.levels.flatMap((x) => x.boxes).find((x) => x.path === path && path);
   if (!box) return;
   showLevel(path.split("/").slice(0, -1).join("/"));
@@ -233,8 +228,8 @@ function find() {
 
 // ---- The scopes.
 
-const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
-const MOST_LINES = 6, MARGIN = 58;
+const DASHES = ["", "7 4", "2 3", "9 3 2 3"];
+const MOST_LINES = 6, MARGIN = 58, RIGHT = 18;
 
 // Puts a signal into the scopes, or takes it out.
 function toggleScope(port) {
@@ -244,18 +239,18 @@ function toggleScope(port) {
   makeScopes();
 }
 
-// Makes a canvas for each signal in the scopes.
+// Makes a picture for each signal in the scopes.
 function makeScopes() {
   $("scopes").replaceChildren(...state.scopes.map((port) => {
-    const canvas = make("canvas", { ariaLabel: port }), head = make("div", { className: "head" });
-    const timeAt = (e) => {
-      const [a, b] = state.window, share = (e.offsetX - MARGIN) / (canvas.clientWidth - MARGIN);
-      return a + (b - a) * Math.min(Math.max(share, 0), 1);
+    const scope = make("div", { className: "scope" }, make("div", { className: "head" }));
+    scope.insertAdjacentHTML("beforeend", `<svg role="img" aria-label="${safe(port)}"></svg>`);
+    const svg = scope.lastElementChild, timeAt = (e) => {
+      const [a, b] = state.window, { left, width } = svg.getBoundingClientRect();
+      return a + (b - a) * clamp((e.clientX - left - MARGIN) / (width - MARGIN - RIGHT), 0, 1);
     };
-    canvas.onpointerdown = canvas.onpointermove = (e) => { if (e.buttons) setCursor(timeAt(e)); };
-    canvas.onwheel = (e) => { e.preventDefault(); zoom(1.2 ** Math.sign(e.deltaY), timeAt(e)); };
-    canvas.ondblclick = () => zoom(Infinity, 0);
-    const scope = make("div", { className: "scope" }, head, canvas);
+    svg.onpointerdown = svg.onpointermove = (e) => { if (e.buttons) setCursor(timeAt(e)); };
+    svg.onwheel = (e) => { e.preventDefault(); zoom(1.2 ** Math.sign(e.deltaY), timeAt(e)); };
+    svg.ondblclick = () => zoom(Infinity, 0);
     scope.dataset.port = port;
     return scope;
   }));
@@ -275,172 +270,154 @@ function zoom(factor, around) {
 function ticks(low, high, most) {
   const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].find((x) => x * power >= raw) * power, first = Math.ceil(low / step);
-  return Array.from({ length: Math.floor(high / step) - first + 1 }, (_, i) => (first + i) * step);
-}
-
-// Returns a canvas's context in CSS pixels, cleared, and the colours of the page.
-function pen(canvas) {
-  const ratio = devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas;
-  [canvas.width, canvas.height] = [width * ratio, height * ratio];
-  const context = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
-  context.scale(ratio, ratio);
-  context.font = "12px Helvetica, Arial, sans-serif";
-  const [ink, faint, line] = ["ink", "faint", "line"].map((x) => style.getPropertyValue(`--${x}`).trim());
-  return { context, width, height, ink, faint, line };
+  return range(Math.floor(high / step) - first + 1).map((i) => (first + i) * step);
 }
 
 // Returns the points of a line in the window: rows, and between them where they are far.
-function curve(run, place, k, width) {
+function curve(run, column, width) {
   const [a, b] = state.window, fine = (b - a) / width * 3, points = [];
   for (let s = run.step(a + 1e-12); s < run.ends.length; ++s) {
     const last = run.ends[s], begin = Math.max(run.time[last - 4], a), end = Math.min(run.time[last], b);
     if (begin > b) break;
-    const n = Math.min(Math.ceil((end - begin) / fine), 60);
-    for (let j = 0; j <= n; ++j) points.push([begin + j * (end - begin) / (n || 1), 0]);
-    for (let j = points.length - n - 1; j < points.length; ++j) points[j][1] = run.at(place, k, points[j][0], s);
+    const n = clamp(Math.ceil((end - begin) / fine), 1, 60);
+    for (let j = 0; j <= n; ++j) {
+      const t = begin + j * (end - begin) / n, [v] = run.vector([column], t, s), before = points.at(-1);
+      if (!before || before[0] !== t || before[1] !== v) points.push([t, v]);
+    }
   }
   return points;
 }
 
-// Returns the lines of a scope, and the values between which they are.
-function curvesOf(port, width) {
-  const curves = [...state.pinned, ...state.runs].flatMap((run, i) => {
-    const place = run.place(port), n = place ? Math.min(place[1], MOST_LINES) : 0;
-    return Array.from({ length: n }, (_, k) => (
-      { run, k, points: curve(run, place, k, width), isPale: i < state.pinned.length }));
-  });
+// Returns a scope as SVG: a signal of all runs.
+function plot(port, width, height) {
+  const [a, b] = state.window, lines = [...state.pinned, ...state.runs].flatMap((run, i) =>
+    (run.columns(port) ?? []).slice(0, MOST_LINES).map((column, k) => (
+      { run, k, points: curve(run, column, width), isPale: i < state.pinned.length })));
   let [low, high] = [Infinity, -Infinity];
-  for (const { points } of curves) for (const [, v] of points) [low, high] = [Math.min(low, v), Math.max(high, v)];
-  const gap = 0.06 * (high - low) || 0.01 * Math.abs(high) || 0.5;
-  return low <= high ? { curves, low: low - gap, high: high + gap } : { curves, low: -1, high: 1 };
+  for (const { points } of lines) for (const [, v] of points) [low, high] = [Math.min(low, v), Math.max(high, v)];
+  if (low > high) [low, high] = [-1, 1];
+  const gap = 0.06 * (high - low) || 0.01 * Math.abs(high) || 0.5, bottom = height - 18;
+  const x = (t) => ((t - a) / (b - a) * (width - MARGIN - RIGHT)).toFixed(1);
+  const y = (v) => (4 + (high + gap - v) / (high - low + 2 * gap) * (bottom - 6)).toFixed(1);
+  const drawn = lines.map(({ run, k, points, isPale }) => `<polyline class="${isPale ? "pale" : ""}"
+    points="${points.map(([t, v]) => `${x(t)},${y(v)}`).join(" ")}" stroke="${inkOf(run.loop)}"
+    stroke-dasharray="${DASHES[k % DASHES.length]}"/>`);
+  const events = state.runs.flatMap((run) => run.events.map(({ time }) =>
+    `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${inkOf(run.loop)}"/>`));
+  const values = ticks(low - gap, high + gap, 5).map((v) => `<text x="${MARGIN - 6}" y="${y(v)}" dy="4"
+    text-anchor="end">${show(v)}</text><path class="${v ? "" : "zero"}" d="M${MARGIN} ${y(v)}H${width}"/>`);
+  const times = ticks(a, b, width / 90).map((t) =>
+    `<text x="${MARGIN + +x(t)}" y="${height - 4}" text-anchor="middle">${show(t)} s</text>`);
+  return `${values.join("")}${times.join("")}
+    <svg x="${MARGIN}" width="${width - MARGIN}" height="${bottom}">${events.join("")}${drawn.join("")}
+    <path class="cursor" d="M0 0v${bottom}"/></svg>`;
 }
 
-// Draws all scopes.
-function drawScopes() { if (state.runs.length) for (const scope of $("scopes").children) drawScope(scope); }
-
-// Draws a signal of all runs.
-function drawScope(scope) {
-  const { port } = scope.dataset, [head, canvas] = scope.children, [a, b] = state.window;
-  const { context: c, width, height, ink, faint, line } = pen(canvas);
-  // They are the same as long as only the cursor moves.
-  const basis = [state.runs, state.pinned, state.runs[0].ends.length, a, b, width];
-  if (!scope.basis || basis.some((value, i) => value !== scope.basis[i])) {
-    Object.assign(scope, { basis, ...curvesOf(port, width - MARGIN) });
+// Draws all scopes, their lines only if more than the cursor has moved.
+function drawScopes() {
+  const [a, b] = state.window;
+  for (const scope of state.runs.length ? $("scopes").children : []) {
+    const { port } = scope.dataset, [head, svg] = scope.children, { clientWidth: width, clientHeight: height } = svg;
+    const basis = [state.runs, state.pinned, state.runs[0].ends.length, a, b, width];
+    if (basis.some((value, i) => value !== scope.basis?.[i])) {
+      scope.basis = basis;
+      svg.innerHTML = plot(port, width, height);
+    }
+    const x = (state.cursor - a) / (b - a) * (width - MARGIN - RIGHT);
+    svg.querySelector(".cursor").setAttribute("transform", `translate(${x})`);
+    const [, size, unit] = loops.map((loop) => loop.ports[port]).find((p) => p);
+    head.replaceChildren(make("b", {}, port.replace(":", " · ")), unit && `[${unit}]`,
+      size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
+      ...state.runs.map((run) => keyOf(run.loop, valuesOf(run, port, 3))),
+      make("button", { textContent: "×", ariaLabel: `remove ${port}`, onclick: () => toggleScope(port) }));
   }
-  const { curves, low, high } = scope;
-  const x = (t) => MARGIN + (t - a) / (b - a) * (width - MARGIN - 4);
-  const y = (v) => 4 + (high - v) / (high - low) * (height - 24);
-  const write = (text, align, px, py) => { c.textAlign = align; c.fillText(text, px, py); };
-  c.textBaseline = "middle";
-  for (const tick of ticks(low, high, 5)) {
-    c.fillStyle = tick === 0 ? faint : line;
-    c.fillRect(MARGIN, y(tick), width, tick === 0 ? 1 : 0.6);
-    c.fillStyle = faint;
-    write(show(tick), "right", MARGIN - 6, y(tick));
-  }
-  for (const tick of ticks(a, b, width / 90)) write(`${show(tick)} s`, "center", x(tick), height - 8);
-  c.save();
-  c.beginPath();
-  c.rect(MARGIN, 0, width - MARGIN, height - 18);
-  c.clip();
-  for (const run of state.runs) {
-    c.fillStyle = inkOf(run.loop, ink);
-    c.globalAlpha = 0.35;
-    for (const event of run.events) c.fillRect(x(event.time), 0, 1.2, height);
-  }
-  for (const { run, k, points, isPale } of curves) {
-    c.strokeStyle = inkOf(run.loop, ink);
-    c.globalAlpha = isPale ? 0.35 : 1;
-    c.lineWidth = 1.8;
-    c.setLineDash(DASHES[k % DASHES.length]);
-    c.beginPath();
-    for (const [t, v] of points) c.lineTo(x(t), y(v));
-    c.stroke();
-  }
-  c.restore();
-  c.fillStyle = ink;
-  c.fillRect(x(state.cursor), 0, 1, height - 18);
-  const [, size, unit] = loops.map((loop) => loop.ports[port]).find((p) => p);
-  head.replaceChildren(make("b", { textContent: port.replace(":", " · ") }), unit && `[${unit}]`,
-    ...size > MOST_LINES ? [`${MOST_LINES} of ${size}`] : [],
-    ...state.runs.map((run) => keyOf(run.loop, valuesOf(run, port, 3))),
-    make("button", { textContent: "×", ariaLabel: `remove ${port}`, onclick: () => toggleScope(port) }));
 }
 
 // ---- The task.
 
 // Moves the cursor of all that is shown.
 function setCursor(t) {
-  state.cursor = Math.min(Math.max(t, 0), duration());
+  state.cursor = clamp(t, 0, duration());
   $("clock").value = state.cursor;
   $("now").textContent = `${state.cursor.toFixed(3)} s`;
   drawScopes();
   drawScene();
 }
 
-// Draws tool, ghost, packets and surfaces at the cursor: in lanes along x, or in the plane.
+// Returns where the joints of an arm and its tool are: each joint turns or moves all behind it.
+function armAt(run) {
+  const { joints } = run.loop, q = run.vector(run.signal("joint_position"), state.cursor), n = joints.length;
+  const points = range(n + 1).map((j) => Array.from(run.z.arm.slice(6 * j, 6 * j + 3)));
+  for (let j = n - 1; j >= 0; --j) {
+    const [at, u] = [6 * j, 6 * j + 3].map((i) => run.z.arm.slice(i, i + 3)), angle = q[joints[j].position];
+    const [c, s] = [Math.cos(angle), Math.sin(angle)];
+    for (let i = j + 1; i <= n; ++i) {
+      const r = points[i].map((x, k) => x - at[k]), along = (1 - c) * dot(u, r);
+      points[i] = points[i].map((x, k) => (!joints[j].turns ? x + angle * u[k] : at[k] + c * r[k] + along * u[k]
+        + s * (u[(k + 1) % 3] * r[(k + 2) % 3] - u[(k + 2) % 3] * r[(k + 1) % 3])));
+    }
+  }
+  return points;
+}
+
+// Returns marks of the packets under way, which are sent every data.period.
+function flights(lags, from, to, y) {
+  const longest = lags.reduce((a, b) => (b < Infinity ? Math.max(a, b) : a), 0), { cursor } = state;
+  const sent = range(Math.floor(cursor / data.period) + 1).filter((k) => cursor - k * data.period < longest);
+  const shares = sent.map((k) => (cursor - k * data.period) / lags[Math.min(k, lags.length - 1)]).reverse();
+  return shares.filter((x) => x > 0 && x < 1).map((x) => `M${from + x * (to - from)} ${y}h5`).join("");
+}
+
+// Returns what maps a point of the drawing to pixels, with all of the arms, unless the tools' paths
+// become too small; without a second axis the runs are in lanes.
+function fitScene(paths, arms, width, height, lanes) {
+  const span = (points, k) => [-1, 1].map((sign) => sign * Math.max(...points.map((p) => sign * p[k])));
+  const most = 4 * Math.max(...[0, 1].map((k) => span(paths, k)).map(([low, high]) => high - low));
+  const [[left, right], [bottom, top]] = [0, 1].map((k) => {
+    const [low, high] = span(paths, k), [back, far] = span([...paths, ...arms], k);
+    return [Math.max(low - most, back), Math.min(high + most, far)];
+  });
+  const scale = Math.min(0.85 * width / (right - left || 1e-6), lanes ? Infinity : (height - 40) / (top - bottom));
+  const x = (p) => width / 2 + (p[0] - (left + right) / 2) * scale;
+  const y = (p, lane) => (lanes ? (lane + 0.5) * height / lanes : height / 2 + 8 - (p[1] - (bottom + top) / 2) * scale);
+  return (p, lane) => [x(p), y(p, lane)].map((v) => v.toFixed(1));
+}
+
+// Draws the task at the cursor: surfaces, arms, tools, what is felt and packets under way.
 function drawScene() {
-  const { context: c, width, height, ink, faint } = pen($("scene"));
   const shown = state.runs.filter((run) => run.signal("tool_position"));
   $("task").hidden = !shown.length;
   if (!shown.length) return;
-  const isPlane = shown[0].signal("tool_position")[1] > 1, axes = isPlane ? [0, 1] : [0];
-  // A layer that reaches to where nothing is begins at infinity.
-  const surfaces = shown[0].loop.surfaces.map((name) => shown[0].surface(name))
-    .filter((s) => s.point.every(Number.isFinite));
-  const all = axes.map((k) => shown.flatMap((run) => {
-    const [begin] = run.signal("tool_position");
-    return run.rows.filter((_, i) => i % 16 === 0).map((row) => row[begin + k]);
-  }));
-  all[0].push(...surfaces.map((s) => s.point[0]));
-  const box = all.map((x) => [Math.min(...x), Math.max(...x)]);
-  const sizes = box.map(([low, high]) => high - low), middle = box.map(([low, high]) => (low + high) / 2);
-  const scale = Math.min(0.8 * width / (sizes[0] || 1e-6), isPlane && sizes[1] ? 0.7 * height / sizes[1] : Infinity);
-  const X = (q) => width / 2 + (q[0] - middle[0]) * scale;
-  const Y = (q, lane) => (isPlane ? height / 2 - (q[1] - middle[1]) * scale : (lane + 0.5) * height / shown.length);
-  const ring = (q, lane, radius, how) => {
-    c.beginPath();
-    c.arc(X(q), Y(q, lane), radius, 0, 7);
-    c[how]();
-  };
-  surfaces.forEach((s, i) => {
-    // The half-plane behind the surface.
-    c.save();
-    c.translate(X(s.point), isPlane ? Y(s.point) : height / 2);
-    c.rotate(Math.atan2(isPlane ? -s.normal[1] : 0, s.normal[0]));
-    c.globalAlpha = s.name === "contact" ? 0.4 : 0.16;
-    c.fillStyle = faint;
-    c.fillRect(0, -3000, 3000, 6000);
-    c.restore();
-    c.fillStyle = faint;
-    const isRight = X(s.point) > width - 60;
-    c.textAlign = isRight ? "right" : "left";
-    c.fillText(s.name, isRight ? width - 4 : Math.max(X(s.point) + 3, 4), 12 + 13 * (i % 2));
+  const { clientWidth: width, clientHeight: height } = $("scene"), floor = height - 14 * shown.length - 8;
+  const see = (q) => data.view.map((axis) => dot(q, axis)), isPlane = data.view[1].some((x) => x);
+  const pathOf = (run, end) => run.ends.filter((i) => run.time[i] <= end)
+    .map((i) => see(run.signal("tool_position").map((k) => run.rows[i][k])));
+  const surfaces = shown[0].surfaces.map((s) => ({ ...s, point: see(s.point), normal: see(s.normal) }));
+  const arms = shown.map((run) => (run.loop.joints.length ? armAt(run).map(see) : []));
+  const near = [...shown.flatMap((run) => pathOf(run, Infinity)), ...isPlane ? [] : surfaces.map((s) => s.point)];
+  const pixels = fitScene(near, arms.flat(), width, floor, isPlane ? 0 : shown.length);
+  // The half-plane behind each surface.
+  const slabs = surfaces.map(({ name, point, normal: [nx, ny] }, i) => {
+    const [x, y] = pixels(point, 0), angle = Math.atan2(-ny, nx) * 180 / Math.PI;
+    return `<rect class="${safe(name)}" y="-3000" width="3000" height="6000"
+      transform="translate(${x} ${y}) rotate(${angle})"/>
+      <text x="${clamp(+x + 3, 4, width - 60)}" y="${12 + 13 * (i % 2)}">${safe(name)}</text>`;
   });
-  shown.forEach((run, lane) => {
-    const place = run.signal("tool_position"), felt = run.signal("felt_position") ?? run.place("master/surgeon:felt_position");
-    const q = run.vector(place, state.cursor);
-    c.strokeStyle = c.fillStyle = inkOf(run.loop, ink);
-    c.lineWidth = 1.5;
-    c.globalAlpha = 0.6;
-    c.beginPath();
-    for (let i = 0; i < run.rows.length && run.time[i] <= state.cursor; ++i) {
-      const r = run.rows[i].subarray(place[0], place[0] + 2);
-      c.lineTo(X(r), Y(r, lane));
-    }
-    c.stroke();
-    c.globalAlpha = 1;
-    if (felt) {
-      c.setLineDash([3, 2]);
-      ring(run.vector(felt, state.cursor), lane, 9, "stroke");
-      c.setLineDash([]);
-    }
-    ring(q, lane, 6, "fill");
-    if (!isPlane) c.fillText(titled(run.loop), 4, Y(q, lane) + 18);
+  const drawn = shown.map((run, lane) => {
+    const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position"), rail = floor + 10 + 14 * lane;
+    const [[x, y], [u, v]] = [run.signal("tool_position"), felt ?? run.signal("tool_position")]
+      .map((columns) => pixels(see(run.vector(columns, state.cursor)), lane));
+    const line = (points, name) => `<polyline class="${name}" points="${points.map((p) => pixels(p, lane)).join(" ")}"/>`;
+    const packets = flights(run.z.forward ?? [], 70, width - 55, rail) + flights(run.z.return ?? [], width - 55, 70, rail + 6);
+    return `<g stroke="${inkOf(run.loop)}" fill="${inkOf(run.loop)}">${line(pathOf(run, state.cursor), "path")}
+      ${line(arms[lane], "arm")}<circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
+      <circle cx="${x}" cy="${y}" r="5"/><path class="packets" d="${packets}"/>
+      <text x="4" y="${+y + 18}">${isPlane ? "" : safe(titled(run.loop))}</text></g>`;
   });
-  c.fillStyle = faint;
-  c.textAlign = "right";
-  c.fillText("● tool   ◌ as the operator feels it", width - 4, height - 6);
+  const ends = shown[0].z.forward ? ["operator", "robot"] : ["", ""];
+  $("scene").innerHTML = `${slabs.join("")}${drawn.join("")}<text x="4" y="${height - 12}">${ends[0]}</text>
+    <text x="${width - 4}" y="${height - 12}" text-anchor="end">${ends[1]}</text>
+    <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
 }
 
 // Plays on, ten times slower around events if that is wanted.
@@ -470,20 +447,21 @@ const PICTURE = 1 / 60;
 function command() {
   const pad = navigator.getGamepads?.().find((x) => x), { num_axes: n, full_speed: most } = data.hand;
   const sticks = pad ? [pad.axes[0], -pad.axes[1], -pad.axes[3]].map((x) => (Math.abs(x) < 0.1 ? 0 : x)) : [0, 0, 0];
-  return Array.from({ length: n }, (_, k) => {
+  return range(n).map((k) => {
     const pressed = KEYS[k].map((key) => state.keys.has(key)), pull = state.pull?.[k] ?? 0;
-    return most * Math.min(Math.max(pressed[1] - pressed[0] + sticks[k] + pull, -1), 1);
+    return most * clamp(pressed[1] - pressed[0] + sticks[k] + pull, -1, 1);
   });
 }
 
 // Drives the controller that is chosen, in real time, until that is enough.
 async function drive() {
   if (state.drive) { state.drive = null; return; }
-  const loop = loops[state.tab], run = new Run(loop, loop.numbersAt(state.values));
+  const loop = shownLoop(), run = new Run(loop, loop.numbersAt(state.values));
   const mine = (state.drive = {}), begin = performance.now();
   $("drive").textContent = "End (Esc)";
   state.hand = [[0, ...command().fill(0)]];
   state.runs = [run];
+  $("metrics").replaceChildren();
   while (state.drive === mine && !run.reason && run.duration - state.hand.at(-1)[0] > PICTURE) {
     const late = (performance.now() - begin) / 1000 - state.hand.at(-1)[0];
     // At most a tenth of a second is made up for; then simulated time is slower.
@@ -492,12 +470,12 @@ async function drive() {
       await run.follow(before, after);
       state.hand.push(after);
     }
-    state.window = [Math.max(0, run.time.at(-1) - 8), Math.max(8, run.time.at(-1))];
-    state.cursor = run.time.at(-1);
-    drawScopes();
-    drawScene();
-    say(`driving ${titled(loop)}: ${run.time.at(-1).toFixed(1)} s`);
-    const felt = run.signal("force_command"), size = felt && Math.hypot(...run.vector(felt, state.cursor));
+    const now = run.time.at(-1);
+    state.window = [Math.max(0, now - 8), Math.max(8, now)];
+    $("clock").max = now;
+    setCursor(now);
+    say(`driving ${titled(loop)}: ${now.toFixed(1)} s`);
+    const felt = run.signal("force_command"), size = felt && Math.hypot(...run.vector(felt, now));
     const pad = navigator.getGamepads?.().find((x) => x?.vibrationActuator);
     if (pad && felt) pad.vibrationActuator.playEffect("dual-rumble", { duration: 50,
       strongMagnitude: Math.min(1, size / (data.hand.newtons || 1)) });
@@ -505,10 +483,21 @@ async function drive() {
   }
   state.drive = null;
   $("drive").textContent = "Drive again";
-  $("save").href = URL.createObjectURL(new Blob([["time,v_x,v_y,v_z".split(",").slice(0, 1 + data.hand.num_axes),
-    ...state.hand].map((row) => row.join(",")).join("\n")], { type: "text/csv" }));
+  const rows = [["time", "v_x", "v_y", "v_z"].slice(0, 1 + data.hand.num_axes), ...state.hand];
+  $("save").href = URL.createObjectURL(new Blob([rows.join("\n")], { type: "text/csv" }));
   $("saved").hidden = false;
   await refresh();
+}
+
+// Lets a pointer on the scene pull the tool, as far as it is from where it went down.
+function makeHand() {
+  let from = null;
+  $("scene").onpointerdown = (e) => { from = [e.clientX, e.clientY]; $("scene").setPointerCapture(e.pointerId); };
+  $("scene").onpointermove = (e) => { if (from) state.pull = [(e.clientX - from[0]) / 80, (from[1] - e.clientY) / 80]; };
+  $("scene").onpointerup = $("scene").onpointercancel = () => { from = state.pull = null; };
+  $("drive").onclick = drive;
+  $("repeat").textContent = data.hand.command;
+  $("hand").hidden = false;
 }
 
 // ---- The page.
@@ -529,17 +518,6 @@ function press(e) {
   actions[e.key]();
 }
 
-// Lets a pointer on the scene pull the tool, as far as it is from where it went down.
-function makeHand() {
-  let from = null;
-  $("scene").onpointerdown = (e) => { from = [e.offsetX, e.offsetY]; $("scene").setPointerCapture(e.pointerId); };
-  $("scene").onpointermove = (e) => { if (from) state.pull = [(e.offsetX - from[0]) / 80, (from[1] - e.offsetY) / 80]; };
-  $("scene").onpointerup = $("scene").onpointercancel = () => { from = state.pull = null; };
-  $("drive").onclick = drive;
-  $("repeat").textContent = data.hand.command;
-  $("hand").hidden = false;
-}
-
 // Makes the page.
 async function start() {
   data = await unpack();
@@ -547,12 +525,13 @@ async function start() {
   const { forward_delay: there, return_delay: back } = inputs;
   if (there && back && !there.stops && !back.stops) {
     inputs = { delay: { ...there, name: "delay", label: "delay each way [s]", value: (there.value + back.value) / 2,
-      min: Math.max(there.min, back.min), max: Math.min(there.max, back.max) }, ...inputs };
+      owners: [], min: Math.max(there.min, back.min), max: Math.min(there.max, back.max) }, ...inputs };
   }
   for (const input of data.inputs) state.values[input.name] = input.value;
   loops = data.controllers.map((x) => new Loop(x, data.inputs));
+  if (loops[0].module) for (const loop of chosen()) loop.compile();
   $("notes").textContent = data.notes.join("\n");
-  $("tabs").append(...(loops.length < 2 ? [] : loops.map((loop, i) => make("button", {
+  $("tabs").append(...(chosen().length < 2 ? [] : chosen().map((loop, i) => make("button", {
     textContent: titled(loop), ariaPressed: i === 0, onclick: () => {
       state.tab = i;
       [...$("tabs").children].forEach((tab, k) => { tab.ariaPressed = k === i; });
@@ -562,14 +541,14 @@ async function start() {
     ...loop.levels.flatMap((x) => x.boxes.map((box) => box.path))]));
   $("found").append(...[...names].filter((x) => x).map((value) => make("option", { value })));
   $("search").onchange = find;
-  $("theme").onclick = () => { document.documentElement.classList.toggle("dark"); draw(); };
+  $("theme").onclick = () => document.documentElement.classList.toggle("dark");
   document.documentElement.classList.toggle("dark", matchMedia("(prefers-color-scheme: dark)").matches);
   $("play").onclick = togglePlay;
   $("pin").onclick = togglePin;
   $("clock").oninput = () => setCursor(+$("clock").value);
   document.addEventListener("keydown", press);
   document.addEventListener("keyup", (e) => state.keys.delete(e.key));
-  addEventListener("resize", () => { if (state.runs.length) setCursor(state.cursor); });
+  addEventListener("resize", () => setCursor(state.cursor));
   if (data.hand) makeHand();
   makeInputs();
   showLevel("");
@@ -577,11 +556,9 @@ async function start() {
     document.body.classList.add("still");
     return say("");
   }
-  await Promise.all(loops.map((loop) => loop.compile()));
   const { signals, ports } = loops[0], first = ["tool_velocity", "environment_force", "tool_position"];
   const usual = signals.tool_velocity ? first : Object.keys(signals).slice(0, 3);
-  state.scopes = (data.scopes.length ? data.scopes : usual).map((name) => signals[name])
-    .filter((port) => ports[port]);
+  state.scopes = (data.scopes.length ? data.scopes : usual).map((name) => signals[name]).filter((port) => ports[port]);
   state.window = [0, loops[0].numbers.run[0]];
   makeScopes();
   await refresh();
@@ -589,32 +566,32 @@ async function start() {
 
 // Runs a controller at the values of the inputs, for scripts.
 async function runForScripts(kind) {
-  const loop = loops.find((x) => x.kind === kind);
-  if (!loop) throw new RangeError(`controller ${kind}: must be one of ${loops.map((x) => x.kind)}`);
-  while (state.isBusy) await new Promise((go) => setTimeout(go, 5));
+  const loop = chosen().find((x) => x.kind === kind);
+  if (!loop) throw new RangeError(`controller ${kind}: must be one of ${window.teleop.controllers}`);
+  await state.busy;
   const run = await loop.simulate({ ...state.values }, undefined, state.hand);
-  const column = (name) => {
-    const [begin, size] = loop.ports[loop.signals[name]];
-    return Array.from({ length: size }, (_, k) => run.rows.map((row) => row[begin + k]));
-  };
+  const column = (name) => run.signal(name).map((k) => run.rows.map((row) => row[k]));
   const result = { time: run.time, events: run.events, wall_time_ms: run.wall, diverged: Boolean(run.reason),
     metrics: run.metrics, signals: Object.fromEntries(Object.keys(loop.signals).map((x) => [x, column(x)])) };
   return Object.defineProperty(result, "run", { value: run });
 }
 
+// For scripts.
 window.teleop = {
   ready: start().catch((error) => { say(error.message, true); throw error; }),
-  get controllers() { return loops.map((loop) => loop.kind); },
+  // The kinds that are shown.
+  get controllers() { return chosen().map((loop) => loop.kind); },
+  // What can be set, as it is.
   get inputs() {
-    return Object.fromEntries(Object.entries(inputs).map(([name, { value, min, max, unit }]) =>
-      [name, { value, min, max, unit }]));
+    return Object.fromEntries(Object.entries(inputs).map(([name, { value, min, max, unit, choices }]) =>
+      [name, choices ? { value, choices } : { value, min, max, unit }]));
   },
   set: setInput,
   run: runForScripts,
   sample: ({ run }, name, times) => {
-    const place = run.signal(name) ?? run.place(name);
-    if (!place) throw new RangeError(`signal ${name}: must be one of ${Object.keys(run.loop.signals)}`);
-    const rows = times.map((t) => run.vector(place, t));
-    return Array.from({ length: place[1] }, (_, k) => rows.map((row) => row[k]));
+    const columns = run.signal(name) ?? run.columns(name);
+    if (!columns) throw new RangeError(`signal ${name}: must be one of ${Object.keys(run.loop.signals)}`);
+    const rows = times.map((t) => run.vector(columns, t));
+    return columns.map((_, k) => rows.map((row) => row[k]));
   },
 };

@@ -3,6 +3,7 @@
 import base64
 import dataclasses
 import html
+import itertools
 import json
 import os
 import re
@@ -16,12 +17,13 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.environments import Surface
 from teleop_drake.figures.scene.scene import NewtonsOf
 from teleop_drake.figures.style import COLORS, AxisLabel
 from teleop_drake.files import Replacing
 from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import MakeModel, Model, ModelOf
+from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.wasm import Packed
 from teleop_drake.scenario import (
     AnyScenario,
@@ -38,9 +40,9 @@ from teleop_drake.scenario.tree import (
     SetPath,
     ToTree,
 )
-from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
+from teleop_drake.tasks.insertion import FirstNormal
 from teleop_drake.validation import CheckChoice, Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
@@ -60,7 +62,19 @@ _FULL_SPEED = 2.0
 # Fields of whole numbers.
 _WHOLE = ("seed",)
 
-Ranges = Mapping[str, Sequence[float]]
+Ranges = Mapping[str, Sequence[Any]]
+
+# Whose an input is beside the block that its key begins with.
+_OWNERS = {
+    "delay": ["forward_channel", "return_channel"],
+    "seed": ["forward_channel", "return_channel"],
+    "surgeon": ["master"],
+}
+
+
+# By the controller and what is chosen.
+_Models = Mapping[tuple[str, ...], Model]
+_Makers = Mapping[tuple[str, ...], Callable[[Mapping[str, float]], Model]]
 
 
 @dataclass(kw_only=True)
@@ -123,16 +137,18 @@ def Explore(
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
-    **ranges: Sequence[float],
+    **ranges: Sequence[Any],
 ) -> Page:
     """Returns the living diagram for a notebook, with a slider for each range.
 
     Args:
-        **ranges: Numbers of the scenario, `delay` among them, with the least and the
-            largest value of each. All other arguments and errors are those of
-            MakePage().
+        **ranges: As `vary`, by whose least and largest values numbers go. All other
+            arguments and errors are those of MakePage().
     """
-    vary = {key: (min(values), max(values)) for key, values in ranges.items()}
+    vary = {
+        key: values if isinstance(values[0], str) else (min(values), max(values))
+        for key, values in ranges.items()
+    }
     return MakePage(
         scenario_or_diagram,
         controllers=controllers,
@@ -188,7 +204,8 @@ def MakePage(
             empty: velocity, force and position of the tool.
         vary: Numbers of the scenario that can be changed, with the least and the
             largest value of each. The delays, where they are constant, are always
-            among them.
+            among them. Of what is no number, as `surgeon.kind`, the values to choose
+            from: each has a program of its own.
         overrides: For the scenario, as LoadScenario takes them.
         duration: Of a diagram's runs, s.
         has_hand: Whether whoever opens the page takes the operator's place.
@@ -200,14 +217,16 @@ def MakePage(
     """
     notes: list[str] = []
     inputs: list[_Input] = []
+    choices: dict[str, list[str]] = {}
+    models: dict[tuple[str, ...], Model]
     hand = None
     if isinstance(scenario_or_diagram, Diagram):
         if controllers or vary:
             Refuse("vary", [*(controllers or ()), *(vary or ())], "none of a diagram")
         config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
         config.use_error_control = True
-        title = scenario_or_diagram.get_name()
-        models = {title: MakeModel(scenario_or_diagram, config, duration)}
+        title, view = scenario_or_diagram.get_name(), np.eye(2, 3).tolist()
+        models = {(title,): MakeModel(scenario_or_diagram, config, duration)}
     else:
         load = _Loader(scenario_or_diagram, overrides)
         scenario = load({})
@@ -216,14 +235,21 @@ def MakePage(
         kinds = list(kinds) or [scenario.controller.kind]
         if has_hand:
             hand = _Hand(AsTeleoperation(scenario))
-        makers = {kind: _Maker(load, kind, has_hand) for kind in kinds}
-        models = {kind: make({}) for kind, make in makers.items()}
-        inputs = _Inputs(scenario, vary or {}, makers, models, notes)
+        choices, vary = _Choices(scenario, vary or {}, has_hand)
+        makers: dict[tuple[str, ...], Callable[[Mapping[str, float]], Model]] = {}
+        for which in itertools.product(kinds, *choices.values()):
+            choice = dict(zip(choices, which[1:], strict=True))
+            makers[which] = _Maker(load, which[0], choice, has_hand)
+        models = {which: make({}) for which, make in makers.items()}
+        view = _View(scenario, next(iter(models.values())).surfaces)
+        inputs = _Inputs(scenario, vary, makers, models, notes)
+        if not next(iter(models.values())).measures.rows:
+            notes.append("the metrics of this task are its own: `run` prints them")
     known = set().union(*(model.Signals() for model in models.values()))
     for signal in signals:
         CheckChoice("signals", signal, sorted(known))
-    data = {**_Data(title, models, inputs, notes), "hand": hand}
-    data["scopes"] = list(signals)
+    data = {**_Data(title, models, inputs, choices, notes), "hand": hand}
+    data |= {"scopes": list(signals), "period": PERIOD, "view": view}
     return Page(_Html(title, data), notes)
 
 
@@ -231,7 +257,7 @@ def DiagramPage(diagram: Diagram) -> Page:
     """Makes a page that shows any block diagram of Drake and simulates nothing."""
     title = diagram.get_name() or "diagram"
     shown: dict[str, Any] = {"kind": title, "levels": Levels(diagram)}
-    shown |= {"ports": {}, "signals": {}}
+    shown |= {"ports": {}, "signals": {}, "choice": {}}
     data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
     return Page(_Html(title, data), [])
 
@@ -266,12 +292,46 @@ def _Loader(
     return Load
 
 
+def _Choices(
+    scenario: AnyScenario, vary: Ranges, has_hand: bool
+) -> tuple[dict[str, list[str]], Ranges]:
+    """Returns what is chosen among programs, the scenario's own first, and the rest."""
+    choices: dict[str, list[str]] = {}
+    ranges: dict[str, Sequence[float]] = {}
+    for key, values in vary.items():
+        if not all(isinstance(x, str) for x in values):
+            ranges[key] = values
+            continue
+        if has_hand and key == "surgeon.kind":
+            Refuse("vary", key, "left out: one's own hand is the operator")
+        own = GetPath(ToTree(scenario), key)
+        if not isinstance(own, str):
+            Refuse(f"vary.{key}", ",".join(map(str, values)), "LO:HI of a number")
+        choices[key] = list(dict.fromkeys([own, *map(str, values)]))
+    return choices, ranges
+
+
+def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[float]]:
+    """Returns what points to the right and upwards in the drawing of the task."""
+    n = scenario.num_axes
+    if n < 3:
+        return np.eye(n, 3).tolist() + [[0.0] * 3] * (2 - n)
+    v_d = scenario.surgeon.velocity if hasattr(scenario, "surgeon") else np.eye(3)[0]
+    forward = FirstNormal(surfaces, np.asarray(v_d, float)) * [1, 1, 0]
+    size = np.linalg.norm(forward)
+    forward = forward / size if size > 0.1 else np.eye(3)[0]
+    return [forward.tolist(), [0.0, 0.0, 1.0]]
+
+
 def _Maker(
-    load: Callable[[Mapping[str, Any]], AnyScenario], kind: str, has_hand: bool
+    load: Callable[[Mapping[str, Any]], AnyScenario],
+    kind: str,
+    choice: Mapping[str, str],
+    has_hand: bool,
 ) -> Callable[[Mapping[str, float]], Model]:
     """Returns what makes the run of a controller at values of inputs."""
-    own = load({}).controller.kind
-    chosen = {} if kind == own else {"controller.kind": kind}
+    tree, wanted = ToTree(load({})), {"controller.kind": kind, **choice}
+    chosen = {key: x for key, x in wanted.items() if GetPath(tree, key) != x}
 
     def Make(values: Mapping[str, float]) -> Model:
         more: dict[str, Any] = dict(chosen)
@@ -291,8 +351,8 @@ def _Maker(
 def _Inputs(
     scenario: AnyScenario,
     vary: Ranges,
-    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
-    models: Mapping[str, Model],
+    makers: _Makers,
+    models: _Models,
     notes: list[str],
 ) -> list[_Input]:
     """Returns the inputs of a page.
@@ -344,7 +404,7 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> _Input | None:
 
 def _FindChanges(
     one: _Input,
-    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
+    makers: _Makers,
     notes: list[str],
 ) -> bool:
     """Finds out what an input changes; returns whether it can be one."""
@@ -370,12 +430,12 @@ def _FindChanges(
 
 def _CheckInputs(
     inputs: Sequence[_Input],
-    makers: Mapping[str, Callable[[Mapping[str, float]], Model]],
-    models: Mapping[str, Model],
+    makers: _Makers,
+    models: _Models,
 ) -> None:
-    for i, (kind, make) in enumerate(makers.items()):
+    for i, (which, make) in enumerate(makers.items()):
         CheckSums(
-            models[kind].numbers,
+            models[which].numbers,
             {
                 one.key: (
                     one.value,
@@ -389,9 +449,14 @@ def _CheckInputs(
 
 
 def _Data(
-    title: str, models: Mapping[str, Model], inputs: Sequence[_Input], notes: list[str]
+    title: str,
+    models: _Models,
+    inputs: Sequence[_Input],
+    choices: Mapping[str, list[str]],
+    notes: list[str],
 ) -> dict[str, Any]:
     """Returns all that the page's script takes."""
+    kinds = list(dict.fromkeys(which[0] for which in models))
     return {
         "title": title,
         "version": _Version(),
@@ -401,20 +466,33 @@ def _Data(
                 "name": one.key,
                 "label": AxisLabel(one.key),
                 "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
+                "owners": _OwnersOf(one.key),
                 "value": one.value,
                 "min": one.low if one.is_continuous else one.stops[0],
                 "max": one.high if one.is_continuous else one.stops[-1],
                 "stops": None if one.is_continuous else one.stops,
             }
             for one in inputs
+        ]
+        + [
+            {
+                "name": key,
+                "label": AxisLabel(key),
+                "owners": _OwnersOf(key),
+                "value": values[0],
+                "choices": values,
+            }
+            for key, values in choices.items()
         ],
         "controllers": [
             {
-                "kind": kind,
-                "color": COLORS[i % len(COLORS)],
+                "kind": which[0],
+                "choice": dict(zip(choices, which[1:], strict=True)),
+                "color": COLORS[kinds.index(which[0]) % len(COLORS)],
                 "module": model.Module(),
                 "headers": model.Headers(),
-                "constant_command": HasConstantCommand(model.diagram),
+                "measures": model.measures.Data(),
+                "joints": model.joints,
                 "width": model.run.evaluator.program.sizes[0],
                 "numbers": model.numbers,
                 "ports": model.Ports(),
@@ -430,9 +508,15 @@ def _Data(
                     for one in inputs
                 },
             }
-            for i, (kind, model) in enumerate(models.items())
+            for i, (which, model) in enumerate(models.items())
         ],
     }
+
+
+def _OwnersOf(key: str) -> list[str]:
+    """Returns the blocks of the loop to which an input belongs."""
+    first = key.replace("_delay", "_channel").partition(".")[0]
+    return _OWNERS.get(first, [first])
 
 
 def _Version() -> str:

@@ -24,7 +24,7 @@ from teleop_drake.teleoperator import MakeTeleoperator
 
 # A command that is slower than this share of |v_d| points nowhere: it may be zero but
 # for rounding.
-_AT_REST = 1e-6
+AT_REST = 1e-6
 
 # Longer than what instants are rounded by, s.
 _INSTANT = 1e-11
@@ -54,7 +54,7 @@ UNITS = {
 """Scalar metrics of an insertion and their units; * stands for each task axis."""
 
 # What it is called to cross a surface into it and out of it.
-_CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
+CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
 
 
 class Insertion(Task[Scenario]):
@@ -101,9 +101,9 @@ class Insertion(Task[Scenario]):
         """
         times, pieces = recording.time, Split(recording)
         p = pieces.Sample(recording["tool_position"])
-        surfaces = {name: recording.FindSurface(name) for name in _CROSSINGS}
+        surfaces = {name: recording.FindSurface(name) for name in CROSSINGS}
         depths = {name: x.Depth(p) for name, x in surfaces.items() if x is not None}
-        names = [_CROSSINGS[name] for name in depths]
+        names = [CROSSINGS[name] for name in depths]
         events = [
             Event(name=names[i][0 if is_inwards else 1], time=time)
             for time, i, is_inwards in pieces.Crossings(*depths.values())
@@ -286,7 +286,7 @@ class _Signals:
         return math.inf
 
 
-def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
+def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
     """Returns the normal of the surface that comes first, else where v_d points."""
     named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
     for surface in (*named, *surfaces):
@@ -298,7 +298,7 @@ def _FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
 def _MakeSignals(recording: Recording) -> _Signals:
     surfaces = recording.surfaces
     v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
-    normal = _FirstNormal(surfaces, v_d)
+    normal = FirstNormal(surfaces, v_d)
     n = len(normal)
 
     instants = _Echoes(recording)
@@ -306,7 +306,7 @@ def _MakeSignals(recording: Recording) -> _Signals:
     p = pieces.Sample(recording["tool_position"])
     crossings = pieces.Crossings(*(surface.Depth(p) for surface in surfaces))
     instants += [crossing for crossing, _, _ in crossings]
-    slowest = _AT_REST * float(np.linalg.norm(v_d))
+    slowest = AT_REST * float(np.linalg.norm(v_d))
     if not recording.has_constant_command:
         along = _ReceivedCommands(recording, pieces)[:, :, n:] @ normal
         instants += [reversal for reversal, _, _ in pieces.Crossings(along + slowest)]

@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -39,7 +40,7 @@ console.error = (...x) => errors.push(x.join(" "));
 LOOK = """
 (async () => {
   await teleop.ready;
-  const scope = () => document.querySelector(".scope canvas").toDataURL();
+  const scope = () => document.querySelector(".scope svg").innerHTML;
   const run = (kind) => teleop.run(kind).then((r) => ({ ...r, sampled:
     teleop.sample(r, "tool_position", [0.5, 7.9, 16.1]) }));
   const inputs = teleop.inputs, before = scope();
@@ -58,12 +59,22 @@ LOOK = """
   const crumbs = document.getElementById("crumbs").textContent;
   click("[data-port='controller/pack:packet'], .node [data-port^='controller/']");
   found.push(scopes());
+  document.querySelector("#crumbs button").click();
+  click("[data-box='environment']");
+  const rows = [...document.querySelectorAll("#box .row")].map((x) => x.textContent);
+  document.querySelector("#box .row input").value = 111;
+  document.querySelector("#box .row input").oninput();
+  await state.busy;
+  setCursor(5);
+  const marks = [...document.querySelectorAll(".packets")].map(
+    (x) => x.getAttribute("d"));
   const wrong = [];
   for (const [name, value] of [["delay", 9], ["stiff", 1]]) {
     try { await teleop.set(name, value); } catch (e) { wrong.push(e.message); }
   }
   return { errors, inputs, controllers: teleop.controllers, first, second, shown, found,
-    crumbs, wrong, hasChanged: before !== after,
+    crumbs, rows, marks, stiffness: teleop.inputs["STIFFNESS"].value, wrong,
+    hasChanged: before !== after,
     asked: performance.getEntriesByType("resource").map((x) => x.name) };
 })()
 """.replace("STIFFNESS", STIFFNESS)
@@ -108,20 +119,21 @@ def test_inputs_are_those_of_the_scenario(seen):
     assert seen["wrong"][1].startswith("input stiff: must be one of delay,")
 
 
-def AssertSame(result, kind, values):
+def AssertSame(result, kind, values, name="one_dof"):
     """Compares with the native run of a scenario.
 
     Both locate events on polynomials through their rows, which are not the same ones.
     """
-    native = simulate(LoadScenario("one_dof", {"controller.kind": kind, **values}))
+    native = simulate(LoadScenario(name, {"controller.kind": kind, **values}))
     assert [x["name"] for x in result["events"]] == [x.name for x in native.events]
     times = [x["time"] for x in result["events"]]
     assert times == pytest.approx([x.time for x in native.events], rel=0, abs=1e-6)
     position = native.Interpolate("tool_position", np.array([0.5, 7.9, 16.1]))[:, 0]
-    span = np.ptp(native["tool_position"])
+    span = np.ptp(native["tool_position"][:, 0])
     assert result["sampled"][0] == pytest.approx(position, rel=0, abs=1e-6 * span)
     expected = FlattenMetrics(RunMetrics(native))
-    assert expected.keys() - result["metrics"] == {"diverged", "diverged_at"}
+    missing = expected.keys() - result["metrics"] - {"diverged", "diverged_at"}
+    assert {expected[name] for name in missing} <= {None}
     for name, value in result["metrics"].items():
         assert value == pytest.approx(expected[name], rel=1e-6), name
 
@@ -131,6 +143,59 @@ def test_runs_are_those_of_simulate(seen):
     AssertSame(seen["first"], "direct_force", {})
     for kind, result in seen["second"].items():
         AssertSame(result, kind, {"delay": 0.0731, STIFFNESS: 93.7})
+
+
+CHOOSE = """
+(async () => {
+  await teleop.ready;
+  const results = {}, choices = teleop.inputs["surgeon.kind"]?.choices ?? [null];
+  for (const choice of choices) {
+    if (choice) await teleop.set("surgeon.kind", choice);
+    for (const kind of teleop.controllers) {
+      const run = await teleop.run(kind), q = run.run.signal("joint_position");
+      run.sampled = teleop.sample(run, "tool_position", [0.5, 7.9, 16.1]);
+      setCursor(1.3);
+      run.tool = teleop.sample(run, "tool_position", [1.3]).flat();
+      run.arm = q && armAt(state.runs.find((x) => x.loop.kind === kind)).at(-1);
+      delete run.signals;
+      results[`${choice}:${kind}`] = run;
+    }
+  }
+  return results;
+})()
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "operators"),
+    [
+        ("one_dof", ["wave_variables"], ["sine"]),
+        ("network_tracking_linear", [], []),
+        pytest.param("two_dof_combined", [], ["trapezoid"], marks=pytest.mark.slow),
+        pytest.param(
+            "puma560_insertion", ["proportional_damping"], [], marks=pytest.mark.slow
+        ),
+        pytest.param("needle_insertion", [], [], marks=pytest.mark.slow),
+    ],
+)
+def test_choices_tasks_and_arms(tmp_path, name, kinds, operators):
+    """Metrics where the command reverses, is not sent, or there is none."""
+    page = tmp_path / "page.html"
+    vary = {"surgeon.kind": operators} if operators else None
+    WritePage(name, page, controllers=kinds or None, vary=vary)
+    browser = OpenBrowser(page)
+    try:
+        seen = browser.Evaluate(CHOOSE)
+    finally:
+        browser.Close()
+    assert len({key.partition(":")[0] for key in seen}) == len(operators) + 1
+    for key, result in seen.items():
+        operator, _, kind = key.partition(":")
+        values = {} if operator == "null" else {"surgeon.kind": operator}
+        AssertSame(result, kind, values, name)
+        if result["arm"]:
+            arm = result["arm"][: len(result["tool"])]
+            assert arm == pytest.approx(result["tool"], rel=0, abs=1e-6)
 
 
 def test_the_picture_has_the_values_beside_it(seen):
@@ -144,6 +209,28 @@ def test_a_click_opens_a_box_and_another_one_adds_a_signal(seen):
     before, after = seen["found"]
     assert len(after) == len(before) + 1
     assert after[0].startswith("controller/")
+
+
+def test_a_box_has_the_numbers_that_can_be_changed_there(seen):
+    assert seen["rows"] == ["bone stiffness [N/m]"]
+    assert seen["stiffness"] == 111
+
+
+def test_packets_are_under_way_as_long_as_the_delay(seen):
+    """Of those that are sent every 0.02 s, with 0.0731 s each way, three at 5 s."""
+    assert len(seen["marks"]) == 2
+    for marks in seen["marks"]:
+        x = np.array([float(x) for x in re.findall(r"M([\d.]+) ", marks)]).reshape(
+            2, -1
+        )
+        # The older one is further on its way, to the robot or back from it.
+        share = 0.02 / 0.0731
+        for ends, sign in zip(x, (1, -1), strict=True):
+            length = sign * (ends[1] - ends[0]) / share
+            assert ends == pytest.approx(ends[0] + sign * share * length * np.arange(3))
+        assert x[0, 0] - share * length == pytest.approx(
+            x[1, 0] + share * length - length
+        )
 
 
 def test_names_with_html_are_text(tmp_path):
@@ -243,6 +330,18 @@ def test_a_hand_drives_and_can_be_repeated(tmp_path):
         assert np.ravel(position) == pytest.approx(
             native["tool_position"][-1], rel=0, abs=1e-6
         )
+
+
+@pytest.mark.parametrize("name", ["loop.js", "page.js"])
+def test_each_function_has_a_line_that_says_what_it_does(name):
+    path = Path(teleop_drake.__file__).parent / "page" / name
+    lines = path.read_text("utf-8").splitlines()
+    function = (
+        r"(async )?function \w+|  (async )?(get )?(?!if|for|while|constr)\w+\(.*\) \{"
+    )
+    found = [i for i, line in enumerate(lines) if re.match(function, line)]
+    assert len(found) > 10
+    assert [lines[i] for i in found if not lines[i - 1].strip().startswith("//")] == []
 
 
 def test_any_diagram_is_a_page_without_a_model(tmp_path):

@@ -30,7 +30,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=LO:HI",
-        help="a number of the scenario that has a slider; repeatable",
+        help="a number of the scenario that has a slider; KEY=A,B,...: values that can "
+        "be chosen, as surgeon.kind=sine,trapezoid; repeatable",
     )
     parser.add_argument("--quiet", action="store_true", help="print no notes")
     parser.set_defaults(has_hand=has_hand)
@@ -69,11 +70,14 @@ def Execute(args: argparse.Namespace) -> int:
     return 0
 
 
-def _Range(text: str) -> tuple[str, tuple[float, float]]:
-    """Returns the key and the range of --vary."""
+def _Range(text: str) -> tuple[str, list[float] | list[str]]:
+    """Returns the key and the range of --vary, or the values to choose from."""
     key, _, values = text.partition("=")
     try:
         low, high = map(float, values.split(":"))
     except ValueError:
-        raise BadInput(f"--vary = {text!r}: must be KEY=LO:HI") from None
-    return key, (low, high)
+        if "," not in values:
+            allowed = "KEY=LO:HI or KEY=A,B,..."
+            raise BadInput(f"--vary = {text!r}: must be {allowed}") from None
+        return key, values.split(",")
+    return key, [low, high]
