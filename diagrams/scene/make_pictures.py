@@ -1,11 +1,12 @@
-"""Makes the pictures of the scene: a still, and an animated picture of the contact.
+"""Makes the pictures of the living diagram and of the scene.
 
     python diagrams/scene/make_pictures.py [FOLDER]
 
-simulates case III with both controllers, makes the page that `teleop-drake replay`
-makes, opens it in Chromium without a window, scrubs through it and takes its picture:
-`scene.png` and `scene.webp`, in the folder of this script if no other one is named.
-It needs a Chromium (`apt-get install chromium`), which draws without a graphics card.
+takes case III with both controllers, makes the pages that `teleop-drake page` and
+`replay` make, opens them in Chromium without a window and takes their pictures:
+`page.png`; a still, `scene.png`; and the contact, animated, `scene.webp`; in the folder
+of this script if no other one is named. It needs a Chromium (`apt-get install
+chromium`), which draws without a graphics card.
 """
 
 import base64
@@ -23,6 +24,7 @@ import numpy as np
 from PIL import Image
 
 from teleop_drake.figures.scene import MakeReplay
+from teleop_drake.page import WritePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
@@ -33,6 +35,7 @@ STILL = 2.6  # s: one tool has bounced off the bone, and still feels as if it we
 BEGIN, END = 2.25, 2.85  # s, of the animated picture
 NUM_FRAMES, FRAME_MS = 40, 120
 SIZE, ANIMATED_SIZE = (1280, 720), (960, 540)
+PAGE_SIZE = (1280, 860)
 
 PATIENCE = 120  # s, with a browser that does not answer
 
@@ -125,6 +128,10 @@ class Browser:
             "requestAnimationFrame(() => requestAnimationFrame(() => "
             "requestAnimationFrame(() => done(1)))); })"
         )
+        return self.Screenshot()
+
+    def Screenshot(self) -> Image.Image:
+        """Returns what the page looks like now."""
         data = self.Call("Page.captureScreenshot")["data"]
         return Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
 
@@ -137,8 +144,24 @@ class Browser:
         self._profile.cleanup()
 
 
+def MakePagePicture(path: Path) -> None:
+    """Makes the picture of the living diagram, at the same time as the still."""
+    with tempfile.TemporaryDirectory() as temporary:
+        page = Path(temporary) / "page.html"
+        WritePage(SCENARIO, page, controllers=CONTROLLERS)
+        browser = Browser(page, PAGE_SIZE)
+        try:
+            browser.Evaluate(
+                f"teleop.ready.then(() => {{ setCursor({STILL}); say('') }})"
+            )
+            browser.Screenshot().quantize(256).save(path, optimize=True)
+        finally:
+            browser.Close()
+
+
 def main(folder: Path) -> None:
     """Makes the pictures in a folder."""
+    MakePagePicture(folder / "page.png")
     recordings = {
         kind.replace("_", " "): simulate(
             LoadScenario(SCENARIO, {"controller.kind": kind, "duration": 4.0})
@@ -167,7 +190,7 @@ def main(folder: Path) -> None:
         quality=55,
         method=6,
     )
-    print(f"Written: {folder / 'scene.png'}, {folder / 'scene.webp'}")
+    print(*(f"Written: {folder / x}" for x in ("page.png", "scene.png", "scene.webp")))
 
 
 if __name__ == "__main__":

@@ -153,6 +153,7 @@ def test_the_pictures_of_the_readme_can_be_made(tmp_path, monkeypatch):
         lambda scenario: MakeRecording(kind=scenario.controller.kind, duration=4.0),
     )
     module.main(tmp_path)
+    assert Image.open(tmp_path / "page.png").size == module.PAGE_SIZE
     assert Image.open(tmp_path / "scene.png").size == (1280, 720)
     moving = Image.open(tmp_path / "scene.webp")
     assert (moving.n_frames, moving.size) == (2, (960, 540))
