@@ -194,6 +194,12 @@ def yes_and_no(x):
     return np.array([*numbers, *logic, *stored, *np.where(~(x > 0), x, 2.0)])
 
 
+@right
+def yes_of_numbers(x):
+    signs = np.copysign(math.isfinite(1.0), x[0]), np.hypot(np.isfinite(2.0), x[1])
+    return np.array([x.any() * x[1], (0 * x).all() * x[2], float(x[:2].all()), *signs])
+
+
 @refused
 def opposite(x):
     return np.array([1.0 if ~(x[0] > 0) else 2.0])  # here
@@ -489,6 +495,18 @@ def unknown_of_math(x):
 @refused
 def unknown_argument(x):
     return np.sqrt(x, where=x > 0, out=np.zeros(6))  # here
+
+
+def shifted(x):
+    return x + 1.0
+
+
+shifted.__module__ = "timers"  # It begins as `time` does, which is refused.
+
+
+@right
+def helper_of_a_module(x):
+    return shifted(x)
 
 
 class Spring:

@@ -64,7 +64,7 @@ def _Trace(trace: Callable[[Graph], T]) -> T:
 
 
 # Modules whose functions return another value each time, and such that do not.
-_CHANGING = "numpy.random", "random", "secrets", "time", "uuid"
+_CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
 _HARMLESS = "_operator", "_functools", "builtins"
 
 
@@ -104,7 +104,7 @@ def Follow(
         return _Module(graph, value, name, function)
     owner = type(getattr(value, "__self__", None))
     module = getattr(value, "__module__", None) or owner.__module__
-    if callable(value) and module.startswith(_CHANGING):
+    if callable(value) and f"{module}.".startswith(_CHANGING):
         return Refusing(value, name, always=True)
     if module.split(".")[0] in ("numpy", "math") and callable(value):
         if hasattr(value, "_implementation") or isinstance(value, np.ufunc):

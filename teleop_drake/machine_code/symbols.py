@@ -352,6 +352,7 @@ for _name in ("argmax", "argmin", "clip", "mean", "round"):
     setattr(Numbers, _name, _Method(_name))
 
 _REAL = np.frompyfunc(AsReal, 1, 1)
+_BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
 
 
 def Objects(value: Any) -> Any:
@@ -394,6 +395,7 @@ def CallUfunc(
     if is_along_axis and ufunc in (np.logical_and, np.logical_or):
         keywords.pop("dtype", None)
         traced = ufunc  # It asks no more elements than it has to, one by one.
+        inputs = tuple(_BOOLEAN(Objects(value)) for value in inputs)
     keywords = {
         k: x for k, x in keywords.items() if x is not _DEFAULTS.get(k, keywords)
     }

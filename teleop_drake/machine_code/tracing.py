@@ -122,6 +122,8 @@ class Graph:
                 value = value.ref
             elif value == 0.0 and str(value) == "-0.0" and operation != "neg":
                 value = self.Add("neg", 0.0).ref  # Else it would be taken for 0.0.
+            elif IsBoolean(value) and operation not in _OF_BOOLEANS:
+                value = float(value)
             operands.append(value)
         node = Node(operation, tuple(operands))
         place = self._places.get(node)
