@@ -1,48 +1,51 @@
-"""One scenario by both engines, compared where both end a step."""
+"""One diagram by each engine, compared where all of them end a step."""
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram
+from wasm_runs import Instance
 
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import NamedSignals
-from teleop_drake.simulation import MakeDiagram, MakeSimulator
+from teleop_drake.page.model import MakeModel
+from teleop_drake.signals import SignalsOf
+from teleop_drake.simulation import MakeSimulator
 from teleop_drake.simulation.compiled_run import SignalPlaces
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 
 Signals = dict[str, np.ndarray]
 
 
-def InDrake(scenario: AnyScenario, times: np.ndarray) -> Signals:
+def InDrake(diagram: Diagram, config: SimulatorConfig, times: np.ndarray) -> Signals:
     """Returns the signals (k, n) at times in s, by Drake's Simulator."""
-    diagram = MakeDiagram(scenario)
-    simulator = MakeSimulator(diagram, scenario.simulator)
+    simulator = MakeSimulator(diagram, config)
     root, rows = simulator.get_context(), []
     for time in times:
         simulator.AdvanceTo(time)
         rows.append(
             {
                 name: np.array(port.Eval(port.get_system().GetMyContextFromRoot(root)))
-                for name, port in NamedSignals(diagram.GetSystems()).items()
+                for name, port in SignalsOf(diagram).items()
             }
         )
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def Compiled(
-    scenario: AnyScenario, times: np.ndarray, *, as_machine_code: bool = False
+    diagram: Diagram,
+    config: SimulatorConfig,
+    times: np.ndarray,
+    *,
+    as_machine_code: bool = False,
 ) -> Signals:
     """Returns the signals (k, n) at times in s, by the compiled engine."""
-    diagram = MakeDiagram(scenario)
     context = diagram.CreateDefaultContext()
     context.SetAccuracy(EVENT_ACCURACY)
     diagram.ExecuteInitializationEvents(context)
-    config: SimulatorConfig = scenario.simulator
     run = CompiledRun(
         Evaluator(diagram, context, as_machine_code=as_machine_code),
         context,
-        end=scenario.duration,
+        end=times[-1],
         accuracy=config.accuracy,
         max_step=config.max_step_size,
     )
@@ -53,6 +56,21 @@ def Compiled(
             assert not run.failure
         rows.append(piece[-1])
     places = SignalPlaces(run.evaluator, diagram)
+    return {name: np.array(rows)[:, place] for name, place in places.items()}
+
+
+def InWebAssembly(
+    diagram: Diagram, config: SimulatorConfig, times: np.ndarray
+) -> Signals:
+    """Returns the signals (k, n) at times in s, by a page's module."""
+    model = MakeModel(diagram, config, times[-1])
+    instance, (_, accuracy, max_step, *_) = Instance(model), model.numbers["run"]
+    rows = []
+    for time in times:
+        _, piece, _, status = instance.Run(time, accuracy, max_step)
+        assert status == 0
+        rows.append(piece[-1])
+    places = SignalPlaces(model.run.evaluator, diagram)
     return {name: np.array(rows)[:, place] for name, place in places.items()}
 
 

@@ -9,6 +9,7 @@ from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.page.model import Model
 
 _ROOM = {"steps": 20_000, "values": 20_000, "row_times": 4096, "rows": 4096}
+_ROOM["breaks"] = 20_000
 _ROOM["row_ends"] = _ROOM["rows"]
 
 

@@ -321,7 +321,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
     t = memory.clock[0]
     has_jumped = order >= 0
     for _ in range(10):  # One transition may bring about another one.
-        has_changed = change_modes(problem.transitions, memory)
+        has_changed = change_modes(has_jumped, problem.transitions, memory)
         if not (has_changed or has_jumped):
             break
         if has_changed:
@@ -349,7 +349,10 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Makes what happens now happen: breaks, packets and transitions."""
     t, delays = memory.clock[0], problem.delays
     order = _take_break(t, memory)
+    if order >= 0:  # Transitions see what was there before a jump arrives.
+        memory.clock[0] = -math.inf
     _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
+    memory.clock[0] = t
     if _show_packets(t, delays, memory) and order < 0:
         order = _MAX_ECHO  # A jump, but too many to follow their echoes.
     _settle(evaluate, order, problem, memory)

@@ -26,16 +26,17 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
     return False
 
 
-def change_modes(transitions: Transitions, memory: Memory) -> bool:
+def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> bool:
     """Makes the transitions that are due; returns whether there were any.
 
     All see what was there before any of them, and each changes the elements in which
-    its new mode differs from that. Discrete updates wait until nothing else is due.
+    its new mode differs from that. Discrete updates wait until nothing else is due, and
+    if a signal has just jumped until it has been evaluated.
     """
     t = memory.clock[0]
     has_changed = False
     for is_discrete in range(2):
-        if has_changed:
+        if is_discrete and (has_changed or has_jumped):
             break
         for k in range(len(transitions.guards)):
             if transitions.are_discrete[k] != is_discrete:

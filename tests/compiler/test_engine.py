@@ -4,12 +4,22 @@ import math
 
 import numpy as np
 import pytest
+from engines import Compiled, InDrake
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Gain, Integrator, LinearSystem
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Gain,
+    Integrator,
+    LinearSystem,
+    ZeroOrderHold,
+)
 
+from teleop_drake.channels.sampled import SampledDelay
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.kernel import Delay, Kernel, Transition
+from teleop_drake.kernel import Delay, Kernel, KernelBlock, Transition
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
@@ -44,6 +54,43 @@ def delayed_decay(delay):
     builder.Connect(line.get_output_port(), gain.get_input_port())
     builder.Connect(gain.get_output_port(), x.get_input_port())
     return builder.Build()
+
+
+class Sampler(KernelBlock):
+    """Samples as all blocks of the package do, before what happens at an instant."""
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareDiscreteState([0.0])
+        self.DeclareOutputs(y=1)
+
+    def Kernel(self):
+        samples = Transition(mode="u", period=0.05)
+        return Kernel(outputs={"y": "mode"}, transitions={"samples": samples})
+
+
+@pytest.mark.parametrize(
+    "delay",
+    [
+        lambda: TransportDelay(delay=0.1, size=1),
+        lambda: SampledDelay(delay=0.1, sample_period=0.05, size=1),
+    ],
+)
+def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake(delay):
+    """Drake's hold samples after the jump that arrives, the package's own before it."""
+    times, values = np.array([0.07, 0.12]), {}
+    for make in (Sampler, lambda: ZeroOrderHold(0.05, 1)):
+        for engine in (InDrake, Compiled):
+            builder = DiagramBuilder()
+            source = builder.AddSystem(ConstantVectorSource([1.0]))
+            line, hold = builder.AddSystem(delay()), builder.AddSystem(make())
+            builder.Connect(source.get_output_port(), line.get_input_port())
+            builder.Connect(line.get_output_port(), hold.get_input_port())
+            builder.ExportOutput(hold.get_output_port(), "y")
+            values[make, engine] = engine(builder.Build(), SimulatorConfig(), times)
+    shown = [x["y"][-1, 0] for x in values.values()]
+    assert shown == [0.0, 0.0, 1.0, 1.0]
 
 
 def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):

@@ -5,6 +5,7 @@ import pytest
 from engines import Compiled, Errors, InDrake
 
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.simulation import MakeDiagram
 
 TRANSPORT = "{{kind: transport, delay: {}}}"
 SAMPLED = "{kind: sampled, sample_period: 0.01, delay: 0.034}"
@@ -27,6 +28,10 @@ CHANNELS = {
 # Longest step in s and accuracy: among waves Drake's run needs them, and where damping
 # goes on and off both do, whose errors are 8e-8 and 2e-9 then.
 SETTINGS = {"wave_variables": (5e-4, 1e-12), "time_domain_passivity": (1e-3, 1e-14)}
+
+
+def Run(scenario):
+    return MakeDiagram(scenario), scenario.simulator
 
 
 def largest_error(
@@ -52,7 +57,7 @@ def largest_error(
     )
     # Not where packets and samplers act.
     times = (np.arange(num_times) + 1 / np.e) * duration / num_times
-    errors = Errors(Compiled(scenario, times), InDrake(scenario, times))
+    errors = Errors(*(run(*Run(scenario), times) for run in (Compiled, InDrake)))
     return max((error, name) for name, error in errors.items())
 
 
@@ -106,7 +111,7 @@ def test_machine_code_is_what_the_program_is(program):
     )
     times = (np.arange(4) + 1 / np.e) * 0.01
     machine, python = (
-        Compiled(scenario, times, as_machine_code=is_compiled)
+        Compiled(*Run(scenario), times, as_machine_code=is_compiled)
         for is_compiled in (True, False)
     )
     errors = Errors(machine, python)

@@ -49,14 +49,21 @@ def a_memory(time=0.2, guard=-1.0):
 def test_modes_change_when_they_are_due(time, guard, mode):
     memory = a_memory(time, guard)
     assert is_due(TRANSITIONS, memory) == (guard >= 0)
-    assert change_modes(TRANSITIONS, memory) == any(mode)
+    assert change_modes(False, TRANSITIONS, memory) == any(mode)
     assert memory.m.tolist() == mode
     is_tick = time > 0.4
     assert next_time(1, TRANSITIONS, memory) == (1.0 if is_tick else 0.5)
     memory.y[0] = -1.0
-    assert change_modes(TRANSITIONS, memory) == is_tick
+    assert change_modes(False, TRANSITIONS, memory) == is_tick
     assert memory.m.tolist() == [*mode[:2], 9 if is_tick else 0]
-    assert not change_modes(TRANSITIONS, memory)
+    assert not change_modes(False, TRANSITIONS, memory)
+
+
+def test_a_discrete_update_waits_until_a_jump_has_been_evaluated():
+    memory = a_memory(0.5)
+    memory.ticks[1] = 9  # It is due by itself.
+    assert not change_modes(True, TRANSITIONS, memory)
+    assert change_modes(False, TRANSITIONS, memory)
 
 
 def test_a_guard_is_near_if_it_has_changed_as_much():
