@@ -1,0 +1,172 @@
+"""Laws at random: Python's text, of what has fooled the tracer before.
+
+A law takes six numbers and returns some. Helpers of it write into what they get, under
+conditions, and return what they got, parts of it or something new. Names share arrays.
+"""
+
+import linecache
+import math
+from types import SimpleNamespace
+
+import numpy as np
+
+# What makes a number, a vector of three, or a yes or no of others: {s}, {v}, {b}; {i}
+# is an index, {k} a number that is known, {f} a helper.
+_SCALARS = """
+{k}|x[{i}]|x[{i} + 3]|{v}[{i}]|{v}[-1]|({s} + {s})|({s} - {s})|{s} * {s}|-{s}|abs({s})
+{s} / (1.5 + abs({s}))|{s} % 0.7|{s} // 0.3|0.7 % (0.1 + {s} ** 2)|min({s}, {s})
+max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})|math.sin({s})
+np.tanh({s})|math.hypot({s}, {s})|np.hypot({s}, 0.3)|math.atan2({s}, 0.1 + abs({s}))
+np.cos({s})|math.copysign({s}, {s} - 0.01)|np.sign({s})|math.floor({s})|np.ceil({s})
+int({s})|round({s}, 1)|np.where({b}, {s}, {s})|({s} if {b} else {s})|float({b})
+{v}.sum()|{v}.max()|np.min({v})|{v} @ {v}|np.dot({v}, {v})|np.linalg.norm({v})
+np.linalg.norm({v}, 1)|{v}.mean()|np.interp({s}, [-1.0, 0.0, 0.6], [0.5, {k}, 2.0])
+np.mean({v})|sum({v})|max({v})|np.interp({s}, [-1.0, 0.5], {v}[:2])
+TABLE[int(abs({s})) % 4]|sum(items)|items[-1]|pair[{i} % 2]|np.sum({v} > {s})
+np.prod({v})|any(y > {k} for y in {v})|len(items)|sum(y * {k} for y in {v} if y > {s})
+abs({s}) ** 0.5|{s} ** 2|abs({s}) ** 1.5|note.last|notes["a"]|notes.get("b", {k})
+{v}[np.argmax({v})]|TABLE[np.searchsorted(STARTS, {s})]|bool({s}) * {k}|({b}) * {s}
+np.linalg.det(np.outer({v}, {v}) + EYE)|math.exp(-abs({s}))
+np.einsum("i,ij,j", {v}, EYE, {v})|(lambda y, scale={k}: y * scale)({s})|{s} or {k}
+np.float64({s}) - {k}|np.fmod({s}, 0.4)|np.rint({s})|np.count_nonzero({v} > 0)
+"""
+_VECTORS = """
+x[:3]|x[3:]|x[::2]|x[::-2]|np.array([{s}, {s}, {s}])|({v} + {v})|({v} - {s})|{s} * {v}
+{v} * {v}|-{v}|{v}[::-1]|np.where({v} > {s}, {v}, {v})|np.where({b}, {v}, {s})
+np.clip({v}, -0.5, {s})|{v}.clip(-0.3, 0.6)|np.cross({v}, {v})|np.sort({v})|abs({v})
+np.cumsum({v})|np.roll({v}, {i})|{v}.copy()|np.concatenate(({v}[:1], {v}[1:]))
+np.maximum({v}, {s})|np.minimum({v}, {v})|np.diag({v}) @ {v}|np.outer({v}, {v})[{i}]
+np.linalg.solve(np.outer({v}, {v}) + 3 * EYE, {v})|np.stack(({v}, {v}), axis=1)[:, 0]
+np.stack([{v}, {v}]).T[:, 1]|np.stack([{v}, {v}]).sum(axis=0)|{f}({v}, {s})|np.sin({v})
+np.array([y + {s} for y in {v}])|np.array([*{v}[:2], {s}])|({v} if {b} else {v})
+np.full(3, {s})|np.zeros_like({v})|np.array(items[:3]) * {s}|np.hstack(({v}[1:], {s}))
+np.linalg.eigh(np.outer({v}, {v}))[0]|({v} > {s}) * {v}|np.append({v}[:2], {s})
+np.asarray({v})|{v}.reshape(3, 1)[:, 0]|np.array(sorted({v}))|np.ravel({v})|{v} % 0.6
+np.abs({v}) ** {k}|np.linalg.inv(np.outer({v}, {v}) + EYE)[{i}]|np.sign({v})|EYE[{i}]
+np.atleast_2d({v})[0]|np.tile({v}[:1], 3)|np.flip({v})|np.diff([{s}, *{v}])|TABLE[1:]
+"""
+_CONDITIONS = """
+{s} > {s}|{s} <= {k}|{k} < {s} < 0.8|not {b}|({b} and {b})|({b} or {b})|{v}.any()
+np.all({v} > {s})|np.any({v} < {k})|np.isfinite({s})|({s} > {k}) & ({s} > {k})
+np.logical_or({b}, {s} > 0)|bool({s} > {k})|all(y > {k} for y in {v})|({s} < 0) ^ ({b})
+{k} >= {s} or {b}|isinstance({s}, float)|len(items) > 4|{v}[0] == {v}[-1]|{s} != 0.0
+"""
+# What is done: {S} and {V} are names of a number and a vector, and {do} is more.
+_STATEMENTS = """
+{S} = {s}|{V} = {v}|{V} = {V}|{V} = {V}[::-1]|{S} += {s}|{V} += {v}|{V} *= {s}
+{V}[{i}] = {s}|{V}[:2] -= {s}|{V}[{V} > {s}] = {s}|{V}[{i}], {V}[0] = {s}, {s}
+{S}, {V} = {s}, {v}|{V}[1:] = {V}[:2]|items.append({s})|items[{i}] = {s}|items = [*{v}]
+{S}, pair = pair[0], ({s}, {s})|note.last = {s}|notes["a"] = {s}|notes["b"] = {s}
+pair = ({S}, {s})|{f}({V}, {s})|{S}, {S} = {S}, {S}|np.multiply({V}, {s}, out={V})
+if {b}:{do}|if {b}:{do}else:{do}|if {b}:{do}elif {b}:{do}else:{do}|kept = [{V}, {V}]
+for {S} in {v}:{do}|for i in range({i} + 1):{do}|for {S} in items[:3]:{do}
+for j, {S} in enumerate({v}):{do}{V}[j] = {S}|for {S}, last in zip({v}, {V}):{do}
+kept[{i} % 2][{i}] = {s}|kept[0], kept[1] = kept[1], kept[0]|{V} = kept[{i} % 2]
+{V}.sort()|{V}.fill({s})|{V}[:] = {v}|items.sort()|items.reverse()|del items[3:]
+{V}[np.array([2, 0])] = {v}[:2]|{V} = np.asarray({V})|{V}[{V} < {k}] *= {k}
+"""
+_HELPER = """
+def {name}(u, limit):
+    first, second, third, v, w = limit, 0.5, u[0], u, 2.0 * u
+    items, pair, kept = [0.5, limit, *u], (limit, 1.0), [u, w]
+    note, notes, x = SimpleNamespace(last=limit), {{"a": limit}}, np.hstack((u, w))
+{body}    if {condition}:
+        return {one}
+{more}    return {other}
+"""
+_LAW = """
+def law(x):
+    u, v, w = x[:3], 1.0 * x[3:], np.zeros(3)
+    first, second, third, items = x[0], 0.0, x[1] * x[2], [0.5, x[1], -1.0, x[4]]
+    pair, kept = (x[0], x[1]), [v, w]
+    note, notes = SimpleNamespace(last=0.1), {{"a": 2}}
+{body}    return np.array([first, second, third, *u, *v, *w, sum(items), len(items),
+        *pair, note.last, notes["a"], len(notes), *kept[0], *x])
+"""
+_NUMBERS = "0.0", "1.0", "2", "-1", "0.3", "-0.6", "0.5", "3.0"
+_NAMES = {
+    "i": ("0", "1", "2"),
+    "k": _NUMBERS,
+    "S": ("first", "second", "third"),
+    "V": ("u", "v", "w"),
+}
+_FORMS = {
+    kind: [form for line in text.split("\n") for form in line.split("|") if form]
+    for kind, text in (
+        ("s", _SCALARS), ("v", _VECTORS), ("b", _CONDITIONS), ("do", _STATEMENTS)
+    )
+}  # fmt: skip
+
+
+class _Writer:
+    """Writes expressions and statements of a depth at most."""
+
+    def __init__(self, rng: np.random.Generator):
+        self._rng, self._helpers = rng, []
+
+    def Write(self, kind: str, depth: int, indent: int = 1) -> str:
+        """Returns the text of one expression, or lines of statements."""
+        if kind == "f":
+            return self._Pick(self._helpers or ["np.multiply"])
+        if kind in _NAMES:
+            return self._Pick(_NAMES[kind])
+        if kind == "do":
+            lines = [self._Fill("do", depth, indent) for _ in range(max(depth, 1))]
+            return "".join("    " * indent + line.rstrip() + "\n" for line in lines)
+        if depth <= 0:
+            leaf = {"s": ("k", "S", "S"), "v": ("V",)}.get(kind)
+            return self.Write(self._Pick(leaf), 0) if leaf else "first > 0.2"
+        return self._Fill(kind, depth, indent)
+
+    def Text(self) -> str:
+        """Returns a law with two helpers."""
+        texts = []
+        for name in ("helper", "other"):
+            parts = {
+                "body": self.Write("do", 1),
+                "more": self.Write("do", 1),
+                "condition": self.Write("b", 2),
+                "one": self._Pick(("u", "u[::-1]", "v", "1 * u", "w", "kept[1]")),
+                "other": self._Pick(("u", "w", "np.zeros(3)", "v - limit", "kept[0]")),
+            }
+            texts.append(_HELPER.format(name=name, **parts))
+            self._helpers.append(name)
+        return "".join(texts) + _LAW.format(body=self.Write("do", 4))
+
+    def _Pick(self, items):
+        return items[self._rng.integers(len(items))]
+
+    def _Fill(self, kind: str, depth: int, indent: int) -> str:
+        text = self._Pick(_FORMS[kind])
+        while depth < 2 and "{do}" in text:
+            text = self._Pick(_FORMS[kind])
+        while (begin := text.find("{")) >= 0:
+            end = text.index("}", begin)
+            part = text[begin + 1 : end]
+            if part == "do":
+                inner = self.Write("do", depth - 2, indent + 1)
+                rest = indent if text.startswith("el", end + 1) else indent + 1
+                more = f"\n{inner}{'    ' * rest}"
+            else:
+                more = self.Write(part, min(depth, 3) - 1)
+                if part in "svb" and not more.isidentifier():
+                    more = f"({more})"
+            text = text[:begin] + more + text[end + 1 :]
+        return text
+
+
+def RandomLaw(seed: int):
+    """Returns a law, and its text."""
+    text = _Writer(np.random.default_rng(seed)).Text()
+    name = f"<law {seed}>"
+    linecache.cache[name] = len(text), None, text.splitlines(True), name
+    names = {
+        "np": np,
+        "math": math,
+        "SimpleNamespace": SimpleNamespace,
+        "EYE": np.eye(3),
+        "TABLE": np.array([1.0, 4.0, -2.0, 0.5]),
+        "STARTS": np.array([-0.5, 0.1, 0.7]),
+    }
+    exec(compile(text, name, "exec"), names)
+    return names["law"], text
