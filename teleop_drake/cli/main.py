@@ -88,6 +88,8 @@ _COMMANDS = {
     "page": "Write the block diagram as a page in which it simulates.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
+    "check": "Compare a run of anybody's, in a file, with the published reference run "
+    "of its name.",
     "completion": "Let the tab key of a shell complete commands and scenarios.",
     "docs": "Say where the documentation is, or write it as HTML.",
 }
@@ -96,7 +98,7 @@ _COMMANDS = {
 _FILES = {"drive": "page"}
 
 # Commands that run nothing of a scenario.
-_WITHOUT_OWN_KINDS = ("list", "show", "completion", "docs")
+_WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):
