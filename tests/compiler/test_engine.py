@@ -59,14 +59,15 @@ def delayed_decay(delay):
 class Sampler(KernelBlock):
     """Samples as all blocks of the package do, before what happens at an instant."""
 
-    def __init__(self):
+    def __init__(self, period):
         KernelBlock.__init__(self)
+        self._period = period
         self.DeclareVectorInputPort("u", 1)
         self.DeclareDiscreteState([0.0])
         self.DeclareOutputs(y=1)
 
     def Kernel(self):
-        samples = Transition(mode="u", period=0.05)
+        samples = Transition(mode="u", period=self._period)
         return Kernel(outputs={"y": "mode"}, transitions={"samples": samples})
 
 
@@ -80,7 +81,7 @@ class Sampler(KernelBlock):
 def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake(delay):
     """Drake's hold samples after the jump that arrives, the package's own before it."""
     times, values = np.array([0.07, 0.12]), {}
-    for make in (Sampler, lambda: ZeroOrderHold(0.05, 1)):
+    for make in (lambda: Sampler(0.05), lambda: ZeroOrderHold(0.05, 1)):
         for engine in (InDrake, Compiled):
             builder = DiagramBuilder()
             source = builder.AddSystem(ConstantVectorSource([1.0]))
@@ -178,26 +179,12 @@ def test_transitions_are_located():
     np.testing.assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
 
 
-class Hold(LeafSystem):
-    def __init__(self):
-        LeafSystem.__init__(self)
-        self.DeclareVectorInputPort("x", 1)
-        self.DeclareDiscreteState([0.0])
-        self.DeclareVectorOutputPort("y", 1, nothing, {self.time_ticket()})
-
-    def Kernel(self):
-        return Kernel(
-            outputs={"y": "mode"},
-            transitions={"sample": Transition(mode="x", period=0.1)},
-        )
-
-
 @pytest.mark.parametrize("every", [math.inf, 0.1, 0.03])
 def test_a_sampled_loop_is_its_difference_equation(every):
     """dx/dt = -2 x_k, sampled every 0.1 s: x_{k+1} = 0.8 x_k."""
     builder = DiagramBuilder()
     x = builder.AddNamedSystem("x", Integrator([1.0]))
-    hold = builder.AddNamedSystem("hold", Hold())
+    hold = builder.AddNamedSystem("hold", Sampler(0.1))
     gain = builder.AddNamedSystem("gain", Gain(-2.0, 1))
     builder.Connect(x.get_output_port(), hold.get_input_port())
     builder.Connect(hold.get_output_port(), gain.get_input_port())
