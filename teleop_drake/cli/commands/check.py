@@ -78,7 +78,7 @@ def _Read(path: Path) -> _Run:
     import numpy as np
 
     try:
-        lines = path.read_text("utf-8").splitlines()
+        lines = path.read_text("utf-8-sig").splitlines()  # Of Excel, too.
     except (OSError, UnicodeDecodeError) as e:
         reason = getattr(e, "strerror", None) or "no text"
         raise BadInput(f"{path}: must be a file of text ({reason})") from None
