@@ -5,9 +5,9 @@ import functools
 import hashlib
 import os
 import sys
-import tempfile
 from pathlib import Path
 
+from teleop_drake.files import Replacing
 from teleop_drake.machine_code.native import ObjectFile, Target
 
 # Files beyond this size in all are deleted, those first that were used longest ago,
@@ -38,11 +38,8 @@ def Kept(name: str, code: str) -> tuple[bytes, bool]:
     data = ObjectFile(code)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            dir=file.parent, suffix=".tmp", delete=False
-        ) as temporary:
-            temporary.write(_HASH(data).digest() + data)
-        os.replace(temporary.name, file)
+        with Replacing(file) as temporary:
+            temporary.write_bytes(_HASH(data).digest() + data)
         _Sweep(folder)
     return data, False
 

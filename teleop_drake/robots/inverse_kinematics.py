@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RotationMatrix
-from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import Solve
@@ -121,6 +120,9 @@ class _Target:
         Without a posture it is the q with the tool as near to the point as possible.
         Also told is whether the solver calls it a solution.
         """
+        # Few robots need it, and it imports all of Drake's planning.
+        from pydrake.multibody.inverse_kinematics import InverseKinematics
+
         problem = InverseKinematics(self._plant)
         program, world = problem.get_mutable_prog(), self._plant.world_frame()
         n, origin = self.p.size, np.zeros(3)
