@@ -33,6 +33,7 @@ BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_punctur
 PUMA = ["puma560_insertion", "puma560_needle_insertion", "puma560_wall_sliding"]
 SPACE = ["needle_insertion", "wall_sliding", *PUMA]
 LEARNING = ["two_dof_learning"]
+JOINTS = ["leader_follower"]
 TRACKING = ["network_tracking_coupled", "network_tracking_linear"]
 
 MINIMAL = """
@@ -51,7 +52,7 @@ def minimal(tmp_path: Path) -> Path:
 
 
 def test_names():
-    assert ScenarioNames() == sorted(TRACKING + BUILT_IN + SPACE + LEARNING)
+    assert ScenarioNames() == sorted(TRACKING + BUILT_IN + SPACE + LEARNING + JOINTS)
 
 
 # The thesis's table of tasks (section 2.5) and gains (sections 4.2, 5.2).
@@ -95,7 +96,7 @@ def test_gains(name):
     assert (controller.adaptation_rate, controller.leakage) == (0.1, 0.1)
 
 
-@pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING)
+@pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING + JOINTS)
 def test_every_value_in_a_file_has_its_source(name):
     for line in (SCENARIOS / f"{name}.yaml").read_text().splitlines():
         # A value that is neither a section nor the two texts.
