@@ -259,7 +259,8 @@ class Recording:
         axes = AxesOf(self["tool_position"].shape[1])
         variables: dict[str, Any] = {}
         for name, samples in self.signals.items():
-            unit, width = UnitOf(name), samples.shape[1]
+            width = samples.shape[1]
+            unit = UnitOf(name, width)
             if unit is not None and width == len(axes):
                 variables[name] = ("time", "axis"), samples, {"units": unit}
             elif width == 1:

@@ -35,6 +35,9 @@ _OWNERS = {
     "environment_layer": "environment",
 }
 
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_TURNING = {"m": "rad", "m/s": "rad/s", "m/s^2": "rad/s^2", "N": "N m"}
+
 # Of the signals that have a value for each task axis.
 _UNITS = {
     **dict.fromkeys(("tool_position", "felt_position", "desired_position"), "m"),
@@ -48,19 +51,27 @@ _UNITS = {
 }
 
 
-def UnitOf(name: str) -> str | None:
+def UnitOf(name: str, size: int = 1) -> str | None:
     """Returns the unit of a signal that has a value for each task axis.
+
+    Of six values, the unit of the last three comes after it: "m, rad".
 
     Returns:
         The SI unit; None for a signal that is no vector of the task space, or of which
         only its block knows what it is.
     """
-    return _UNITS.get(name)
+    unit = _UNITS.get(name)
+    return f"{unit}, {_TURNING[unit]}" if unit and size == 6 else unit
 
 
 def AxesOf(num_axes: int) -> tuple[str, ...]:
-    """Returns the names of the task axes: x, y, z, and numbers from 4 on."""
-    return tuple("xyz"[k] if k < 3 else str(k + 1) for k in range(num_axes))
+    """Returns the names of the task axes: x, y, z, and rx, ry, rz about them."""
+    return (*_AXES, *map(str, range(7, num_axes + 1)))[:num_axes]
+
+
+def AxisUnit(unit: str, axis: str) -> str:
+    """Returns the unit of a signal along an axis, or of one about it."""
+    return _TURNING.get(unit, unit) if axis in _AXES[3:] else unit
 
 
 _LOOP = (

@@ -100,6 +100,8 @@ class Facts:
         self, path: str, factor: list[float], name: str, unit: str
     ) -> float:
         """Returns the resistance of H, or of s H."""
+        if self.num_axes == 6:
+            Refuse(path, None, "given, because six axes have no one default")
         device = self.haptic_device
         value = low_frequency_resistance(
             [*device.numerator, *factor], device.denominator

@@ -114,6 +114,7 @@ class SmithPredictorConfig(ArchitectureConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
 
     kind = "smith_predictor"
+    has_springs = True
     forward_parts = ("F_h", "v_d")
     return_parts = ("p_WT", "v_ret")
 

@@ -226,6 +226,7 @@ class WaveVariablesConfig(ArchitectureConfig):
     """The wave line; see architectures.wave_variables.WaveMaster."""
 
     kind = "wave_variables"
+    has_springs = True
     forward_parts = ("u", "x_m")
     return_parts = ("w", "p_WT")
 

@@ -92,7 +92,7 @@ def body_accelerations(
     state: Array,
     rate: Array,
 ) -> Array:
-    """Returns accelerations of points of links, one after another, m/s^2 (3 k).
+    """Returns [acceleration; angular acceleration] of points of links (6 k).
 
     Args:
         links: Index of the link that each point belongs to.
@@ -105,12 +105,14 @@ def body_accelerations(
     return a.ravel()
 
 
-def tool_motion(tool: Tool, num_axes: int, state: Array) -> Array:
+def tool_motion(tool: Tool, num_axes: int, R_WP: Array, state: Array) -> Array:
     """Returns task_space.tool_kinematics() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
     motion = rigid_body.calc_motion(tool.tree, q, v)
     p, J = rigid_body.calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
-    return task_space.tool_kinematics(num_axes, p, J[3:], state)
+    R = motion.R[tool.link + 1] @ tool.pose[:, :3]
+    X_WT = np.concatenate((R, p.reshape(3, 1)), axis=1)
+    return task_space.tool_kinematics(num_axes, R_WP, X_WT, J, state)
 
 
 def tool_dynamics(tool: Tool, num_axes: int, q: Array, v: Array) -> Array:
@@ -134,7 +136,8 @@ def hold_posture(
     """Returns task_space.posture_torque() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
     at = _at_tool(tool, q, v)
-    return task_space.posture_torque(gains, at.M, at.J[3 : 3 + num_axes], q_0, q, v)
+    J = np.concatenate((at.J[3:], at.J[:3]))[:num_axes]
+    return task_space.posture_torque(gains, at.M, J, q_0, q, v)
 
 
 def hold_orientation(
@@ -194,18 +197,18 @@ def ToolKernel(block: ToolInterface) -> Kernel:
     """Returns the kernel of the block between a plant and the task space."""
     plant, body, num_axes = block.plant, block.tool_index, block.num_task_axes
     return Kernel(
-        parameters={"tool": _ReadTool(plant, body)},
+        parameters={"tool": _ReadTool(plant, body), "R_WP": block.R_WP},
         outputs={
-            "tool_kinematics": (tool_motion, "tool", num_axes, "plant_state"),
+            "tool_kinematics": (tool_motion, "tool", num_axes, "R_WP", "plant_state"),
             "tool_acceleration": (
-                "body_spatial_accelerations", 3 * body, 3 * body + num_axes
+                "body_spatial_accelerations", 6 * body, 6 * body + num_axes
             ),
             "joint_torques": (
                 task_space.joint_torques, "control_force", "environment_force",
                 "tool_kinematics",
             ),
         },
-        sizes={"body_spatial_accelerations": 3 * plant.num_bodies()},
+        sizes={"body_spatial_accelerations": 6 * plant.num_bodies()},
     )  # fmt: skip
 
 
@@ -247,7 +250,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     """Returns the kernel of a plant, a tree of revolute and prismatic joints.
 
     For `body_spatial_accelerations`, which is no vector in Drake, it has the
-    translational acceleration of each body's origin, by the body's index.
+    translational and the angular acceleration of each body, by the body's index.
 
     Args:
         context: Its context, which has the parameters.
@@ -277,5 +280,5 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
             plant_rate, "tree", "actuated", "effort_limits", "state", "actuation",
             "applied_generalized_force",
         ),
-        sizes={"body_spatial_accelerations": 3 * num_bodies},
+        sizes={"body_spatial_accelerations": 6 * num_bodies},
     )  # fmt: skip

@@ -5,6 +5,7 @@ from teleop_drake.environments.layered_force_field import (
     LayerConfig,
     LayersEnvironmentConfig,
 )
+from teleop_drake.environments.needle_path import NeedlePathConfig
 from teleop_drake.environments.surface import (
     CONTACT,
     PUNCTURE,
@@ -28,6 +29,7 @@ ENVIRONMENT_KINDS = KindTable(
         HuntCrossleyConfig,
         FrictionWallConfig,
         StandardLinearSolidConfig,
+        NeedlePathConfig,
     ),
     noun="environment",
 )
@@ -44,6 +46,7 @@ __all__ = [
     "LayerConfig",
     "LayersEnvironmentConfig",
     "Material",
+    "NeedlePathConfig",
     "ShownNormal",
     "StandardLinearSolidConfig",
     "Surface",

@@ -120,7 +120,7 @@ def UnitNormal(
     """Returns the unit vector (n) of a direction, along x for None.
 
     Args:
-        direction: Of any length but 0 (n), or None.
+        direction: Of any length but 0 (n), or None. With six axes it has three entries.
         path: Its field in a scenario, for messages.
 
     Raises:
@@ -128,13 +128,13 @@ def UnitNormal(
     """
     if direction is None:
         return np.eye(num_axes)[0]
-    CheckVector(path, direction, num_axes, "not all 0")
+    CheckVector(path, direction, min(num_axes, 3), "not all 0")
     vector = np.asarray(direction, dtype=float)
     largest = np.abs(vector).max(initial=0.0)
     if largest == 0:
         Refuse(path, direction, "a vector whose length is not 0")
     vector = vector / largest  # Its square neither overflows nor vanishes.
-    return vector / np.linalg.norm(vector)
+    return np.pad(vector / np.linalg.norm(vector), (0, num_axes - vector.size))
 
 
 def PlaneSurface(

@@ -25,6 +25,7 @@ from teleop_drake.figures import style
 from teleop_drake.figures.style import FONT_SIZE, GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.linear_model.operating_point import POSITION
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
+from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.9  # inches
@@ -315,7 +316,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         _THIN("felt, without"),
         Key("environment, along x", ls=":", color=GREY, linewidth=1.5),
         *(
-            Key(f"axis {'xyz'[i]}", **_LocusStyle(i))
+            Key(f"axis {AxesOf(6)[i]}", **_LocusStyle(i))
             for i in range(num_axes if num_axes > 1 else 0)
         ),
         Patch(color=_ACTIVE, label=below),

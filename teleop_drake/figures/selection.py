@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from teleop_drake.recording import Recording
-from teleop_drake.signals import AxesOf, UnitOf
+from teleop_drake.signals import AxesOf, AxisUnit, UnitOf
 from teleop_drake.tasks.panels import AxisPanels, SignalRow
 from teleop_drake.validation import Choices, Refuse, Show
 
@@ -67,7 +67,7 @@ def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]
     return [
         SignalRow(
             label=f"{name} ${names[k]}$" if size > 1 else name,
-            unit=unit or "",
+            unit=AxisUnit(unit or "", names[k]),
             signal=signal,
             components=[k],
         )

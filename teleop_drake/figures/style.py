@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
 
+from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Refuse
 
 # Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines;
@@ -231,7 +232,7 @@ def _NameAndUnit(key: str) -> tuple[str, str]:
     last = parts[-2] if parts[-1].isdecimal() and len(parts) > 1 else parts[-1]
     # The element of a vector is that of an axis.
     names = [
-        "xyz"[int(part)] if part.isdecimal() and int(part) < 3 else part
+        AxesOf(6)[int(part)] if part.isdecimal() and int(part) < 6 else part
         for part in parts[-2:]
     ]
     return " ".join(names).replace("_", " "), _UNITS.get(last, "")

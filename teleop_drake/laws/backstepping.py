@@ -55,6 +55,7 @@ from teleop_drake.laws.gaussian_network import (
     basis_functions,
     gaussian_functions,
 )
+from teleop_drake.laws.task_space import position_rate
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 Array = NDArray[np.float64]
@@ -252,11 +253,11 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     at_limit = sigma <= Psi_min
     if not at_limit.any():
         return update.copy()
-    U_m, Vt_m = U[:, at_limit], Vt[at_limit]
-    R = U_m.T @ update @ Vt_m.T
+    # All else is 0: machine code has matrices of one size.
+    R = (U.T @ update @ Vt.T) * np.outer(at_limit, at_limit)
     eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)
     S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
-    return update - U_m @ S_minus @ Vt_m
+    return update - U @ S_minus @ Vt
 
 
 def backstepping_rate(
@@ -352,7 +353,8 @@ def adaptive_rate(
     is the input of the networks. The others are those of backstepping_rate().
     """
     state = unpack_state(x, v.size)
-    Phi, Phi_dot = gaussian_functions(r, v, network.centres, network.widths)
+    r_dot = position_rate(r, v)
+    Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 

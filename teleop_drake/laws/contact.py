@@ -26,6 +26,8 @@ Source: Y. C. Fung, "Biomechanics: Mechanical Properties of Living Tissues", Spr
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.laws.task_space import translation
+
 Array = NDArray[np.float64]
 
 
@@ -79,7 +81,7 @@ def wall_force(
     depth, speed = np.sum((p_WT - point) * normal), np.sum(v_WT * normal)
     k, p, alpha = normal_law[0], normal_law[1], normal_law[2]
     F_n = hunt_crossley_force(k, p, alpha, depth, speed)
-    v_t = v_WT - speed * normal
+    v_t = translation(v_WT - speed * normal)
     mu, v_s = friction_law[0], friction_law[1]
     return F_n * (normal + mu / np.sqrt(np.sum(v_t * v_t) + v_s * v_s) * v_t)
 

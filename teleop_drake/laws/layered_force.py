@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.laws.task_space import translation
+
 Array = NDArray[np.float64]
 
 
@@ -49,7 +51,7 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     x, v = np.sum(p_WT * along), np.sum(v_WT * along)
     F_x = stiffness * (x - reference) + damping * v
     offset = p_WT - point
-    lateral = offset - np.sum(offset * along) * along
+    lateral = translation(offset - np.sum(offset * along) * along)
     return F_x * along + lateral_stiffness * lateral
 
 

@@ -85,6 +85,7 @@ from teleop_drake.laws.gaussian_network import (
     basis_functions,
     gaussian_functions,
 )
+from teleop_drake.laws.task_space import position_rate
 
 Array = NDArray[np.float64]
 
@@ -146,7 +147,8 @@ def robust_rate(
 ) -> Array:
     """Returns the time rate of the law's state; see backstepping.adaptive_rate()."""
     state = unpack_state(x, v.size)
-    Phi, Phi_dot = gaussian_functions(r, v, network.centres, network.widths)
+    r_dot = position_rate(r, v)
+    Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     damping, slope = robust_damping(gains, bounds, s)
     rate = damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope)

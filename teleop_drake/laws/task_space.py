@@ -6,6 +6,13 @@ tool does to the joints:
 
     v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
 
+With n = 6 the tool turns as well. Its velocity is the twist [v_WT; w_WT], a force the
+wrench [F; moment about T], both in the axes of the world, and J = [Jv_v_WT; Jw_WT]. Its
+position is r = [p_WT; theta] with the rotation vector theta of R_WT R_WP^T, P being the
+tool as it is turned at the robot's posture. That is one to one for |theta| < pi. Then
+dr/dt is not the velocity; position_rate() has it. Where numbers of a twist make one
+length, as a speed, 1 rad counts as 1 m.
+
 The robot's state is x = [q; qdot]. Each function returns one vector, a port's value.
 
 Control of the joints that an arm's task leaves free.
@@ -51,19 +58,80 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MAX_ROTATION = 3.0
+"""Longest rotation vector in rad; at pi it jumps."""
+
 # Added to A in any case, so that it can be inverted also where a row of J is zero.
 _FLOOR = 1e-13
 
+# Added to squares of which a root is a divisor: no change in what is not 0.
+_TINY = 1e-300
 
-def tool_kinematics(num_axes: int, p_WT: Array, Jv_v_WT: Array, x: Array) -> Array:
-    """Returns [p_WT; v_WT; J row by row] in m and m/s (2n + n nv)."""
-    J = Jv_v_WT[:num_axes]
-    v_WT = (J * x[x.size - J.shape[1] :]).sum(axis=1)
-    return np.concatenate((p_WT[:num_axes], v_WT, J.ravel()))
+
+def tool_kinematics(
+    num_axes: int, R_WP: Array, X_WT: Array, J_WT: Array, x: Array
+) -> Array:
+    """Returns [r; v; J row by row], r = p_WT and v = v_WT for n < 6 (2n + n nv).
+
+    Args:
+        R_WP: Rotation at which theta is 0 (3, 3); without effect for n < 6.
+        X_WT: Pose [R, p] of the tool (3, 4), m.
+        J_WT: Jacobian of [w_WT; v_WT] (6, nv).
+    """
+    J = np.concatenate((J_WT[3:], J_WT[:3]))[:num_axes]
+    v = (J * x[x.size - J.shape[1] :]).sum(axis=1)
+    r = X_WT[:num_axes, 3]
+    if num_axes == 6:
+        r = np.append(r, rotation_vector(X_WT[:, :3] @ R_WP.T))
+    return np.concatenate((r, v, J.ravel()))
+
+
+def rotation_vector(R: Array) -> Array:
+    """Returns the axis of a rotation times its angle, 0 to pi, in rad (3)."""
+    sine = orientation_error(np.eye(3), R)
+    length = np.sqrt(np.sum(sine * sine) + _TINY)
+    # Not arccos, which is not smooth at no rotation.
+    angle = np.arctan2(length, (np.trace(R) - 1) / 2)
+    return angle / length * sine
+
+
+def rotated(theta: Array, u: Array) -> Array:
+    """Returns a vector that is turned by a rotation vector in rad (3)."""
+    angle = np.sqrt(np.sum(theta * theta) + _TINY)
+    turn = np.cross(theta, u)
+    bow = np.sin(angle / 2) / angle
+    return u + np.sin(angle) / angle * turn + 2 * bow * bow * np.cross(theta, turn)
+
+
+def position_rate(r: Array, v: Array) -> Array:
+    """Returns dr/dt of a tool's position (n), which is v but for a rotation.
+
+        dtheta/dt = w - theta x w/2 + (1 - c)/|theta|^2 theta x (theta x w)
+
+    with c = |theta|/2 cot(|theta|/2), the inverse of the left Jacobian of SO(3).
+
+    Args:
+        r: Position in m and rad (n).
+        v: Velocity in m/s and rad/s (n).
+    """
+    if r.size < 6:
+        return v
+    half = np.sqrt(np.sum(r[3:] * r[3:]) + _TINY) / 2
+    share = (1 - half * np.cos(half) / np.sin(half)) / (4 * half * half)
+    turn = np.cross(r[3:], v[3:])
+    return np.append(v[:3], v[3:] - turn / 2 + share * np.cross(r[3:], turn))
+
+
+def translation(x: Array) -> Array:
+    """Returns a vector of the task space without what belongs to a rotation (n)."""
+    return np.append(x[:3], 0 * x[3:])
 
 
 def joint_torques(F_c: Array, F_e: Array, kinematics: Array) -> Array:
-    """Returns [tau; tau_e], (2.11) and (2.6), in N m or N (2 nv)."""
+    """Returns [tau; tau_e], (2.11) and (2.6), in N m or N (2 nv).
+
+    Forces are wrenches for n = 6.
+    """
     J = kinematics[2 * F_c.size :].reshape(F_c.size, -1)
     # Not F @ J: BLAS adds in another order than machine code, and error control turns
     # a difference in the last digit into other steps.

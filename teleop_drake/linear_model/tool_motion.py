@@ -4,6 +4,7 @@ A robot of m joints has the state [q; dq/dt]. The model takes in its place
 
     [r; s; v; w],   v = dr/dt = J(q) dq/dt,   s = N^T q,   w = ds/dt = N^T dq/dt
 
+(for a tool that turns, v is its twist and dr/dt = E(r) v, see laws.task_space)
 with the n coordinates r of the tool and, if m > n, m - n free ones: the columns of N
 span the joint rates that do not move the tool at the operating point. N is constant, so
 that w is the rate of s also between small deviations.
@@ -13,8 +14,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import OutputPort, System
 
+from teleop_drake.laws.task_space import position_rate
 from teleop_drake.linear_model.autodiff_diagram import States
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import Refuse, ScenarioError, Show
@@ -97,6 +100,7 @@ class ToolMotion:
             by_force = self._AccelerationsByForce(q)
             rates = by_force @ np.linalg.solve(J @ by_force, v_WT)
         self.states.Set(np.concatenate([q, rates]))
+        self._place = np.concatenate([reached, v_WT])
 
     def _AccelerationsByForce(self, q: Array) -> Array:
         """Returns d(d^2q/dt^2)/dF of a force on the tool (m, n), which is M^-1 J^T."""
@@ -129,6 +133,8 @@ class ToolMotion:
         """
         r, v, a = np.split(seen[: 3 * self._n], 3)
         m, free = self._m, self._free.T
+        place = InitializeAutoDiff(self._place, np.vstack([r, v]))[:, 0]
+        r_dot = ExtractGradient(position_rate(*np.split(place, 2)))
         q, q_dot = np.split(np.eye(2 * m, r.shape[1]), 2)
         coordinates = np.vstack([r, free @ q, v, free @ q_dot])
-        return coordinates, np.vstack([v, free @ q_dot, a, free @ rates[m:]])
+        return coordinates, np.vstack([r_dot, free @ q_dot, a, free @ rates[m:]])

@@ -216,7 +216,9 @@ def calc_point_accelerations(
     v: Array,
     v_dot: Array,
 ) -> Array:
-    """Returns the accelerations of points in the world's axes, m/s^2 (k, 3).
+    """Returns [acceleration; angular acceleration] at points of links (k, 6).
+
+    In the world's axes, m/s^2 and rad/s^2.
 
     Args:
         motion: As calc_motion() returns it.
@@ -226,7 +228,7 @@ def calc_point_accelerations(
         v_dot: Their accelerations in rad/s^2 or m/s^2 (n).
     """
     A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))
-    result = np.zeros((len(links), 3))
+    result = np.zeros((len(links), 6))
     for row in range(len(links)):
         k = links[row] + 1
         p = motion.p[k] + motion.R[k] @ points[row]
@@ -234,5 +236,6 @@ def calc_point_accelerations(
         alpha, a = A[k][:3], A[k][3:]
         # a is what happens at O: the point there belongs to another part of the link
         # all the time.
-        result[row] = a + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+        a = a + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+        result[row] = np.append(a, alpha)
     return result

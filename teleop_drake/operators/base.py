@@ -23,8 +23,9 @@ class OperatorConfig(KindConfig, ABC):
     `surgeon: {kind: my_module:MyOperator}`.
     """
 
-    # The velocity that is commanded at most, m/s, n entries, not all zero. Limits of
-    # runs, operating points of an analysis and defaults of controllers go by it.
+    # The velocity that is commanded at most, m/s, n entries, not all zero; of six, the
+    # last three are the angular velocity, rad/s. Limits of runs, operating points of an
+    # analysis and defaults of controllers go by it.
     velocity: np.ndarray = REQUIRED
     # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
     # It has no effect where the environment has no contact surface.

@@ -147,6 +147,8 @@ class HumanConfig(OperatorConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
+        if num_axes == 6:
+            Refuse(f"{path}.kind", self.kind, "one without an arm for six axes")
         CheckChoice(f"{path}.goal", self.goal, GOALS)
         delay = self.reaction_delay
         if delay != 0 and not SHORTEST_TIME <= delay < math.inf:

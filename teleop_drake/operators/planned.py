@@ -238,7 +238,8 @@ class MinimumJerkConfig(PlannedConfig):
     kind = "minimum_jerk"
 
     # Where to, m from the start, n entries each, one after another different; empty:
-    # where `velocity` would have come after `reach_time`.
+    # where `velocity` would have come after `reach_time`. With six axes the last three
+    # are a rotation vector, rad, all of them about one axis.
     waypoints: list[list[float]] = field(default_factory=list)
     # Used without waypoints, s, > 0. Assumed.
     reach_time: float = Number(1.0, "s", above=0)
@@ -253,6 +254,10 @@ class MinimumJerkConfig(PlannedConfig):
             if np.array_equal(point, previous):
                 Refuse(place, point, f"another point than the {name}")
             previous, name = point, "waypoint before"
+        # The rate of a rotation vector is the angular velocity about a fixed axis.
+        turns = np.array([point[3:] for point in self.waypoints])
+        if turns.size and np.linalg.matrix_rank(turns) > 1:
+            Refuse(f"{path}.waypoints", self.waypoints, "turned about one axis")
 
     def MakePlan(self) -> Plan:
         """Returns the derivative of the path."""

@@ -121,7 +121,7 @@ class Model:
 
         def Note(system: System, path: str, port: Any, place: slice | None) -> None:
             if place is not None:
-                unit = Unit(system, port.get_name())
+                unit = Unit(system, port.get_name(), port.size())
                 name = f"{path}:{port.get_name()}"
                 result[name] = place.start, place.stop - place.start, unit
 
@@ -184,10 +184,10 @@ def Systems(diagram: System, path: str = "") -> Iterator[tuple[System, str]]:
             yield from Systems(system, f"{path}/{name}" if path else name)
 
 
-def Unit(system: System, port: str) -> str:
+def Unit(system: System, port: str, size: int = 1) -> str:
     """Returns the unit of a port, as its block's table says; "" if nothing does."""
     table = dict(_ROW.findall(inspect.getdoc(type(system)) or ""))
-    unit = UnitOf(port) or table.get(port, "")
+    unit = UnitOf(port, size) or table.get(port, "")
     return "" if unit in _NO_UNIT else unit
 
 

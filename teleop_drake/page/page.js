@@ -440,7 +440,7 @@ function togglePlay() {
 
 // ---- One's own hand.
 
-const KEYS = [["ArrowLeft", "ArrowRight"], ["ArrowDown", "ArrowUp"], ["s", "w"]];
+const KEYS = [["ArrowLeft", "ArrowRight"], ["ArrowDown", "ArrowUp"], ["s", "w"], ["j", "l"], ["k", "i"], ["o", "u"]];
 const PICTURE = 1 / 60;
 
 // Returns what the hand commands, m/s: keys, a pointer that pulls, or a gamepad's sticks.
@@ -449,7 +449,7 @@ function command() {
   const sticks = pad ? [pad.axes[0], -pad.axes[1], -pad.axes[3]].map((x) => (Math.abs(x) < 0.1 ? 0 : x)) : [0, 0, 0];
   return range(n).map((k) => {
     const pressed = KEYS[k].map((key) => state.keys.has(key)), pull = state.pull?.[k] ?? 0;
-    return most * clamp(pressed[1] - pressed[0] + sticks[k] + pull, -1, 1);
+    return most * clamp(pressed[1] - pressed[0] + (sticks[k] ?? 0) + pull, -1, 1);
   });
 }
 

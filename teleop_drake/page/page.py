@@ -317,7 +317,7 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     if n < 3:
         return np.eye(n, 3).tolist() + [[0.0] * 3] * (2 - n)
     v_d = scenario.surgeon.velocity if hasattr(scenario, "surgeon") else np.eye(3)[0]
-    forward = FirstNormal(surfaces, np.asarray(v_d, float)) * [1, 1, 0]
+    forward = FirstNormal(surfaces, np.asarray(v_d, float))[:3] * [1, 1, 0]
     size = np.linalg.norm(forward)
     forward = forward / size if size > 0.1 else np.eye(3)[0]
     return [forward.tolist(), [0.0, 0.0, 1.0]]

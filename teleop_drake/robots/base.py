@@ -6,11 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.kinds import KindConfig
-from teleop_drake.robots.inverse_kinematics import SolveInverseKinematics
+from teleop_drake.laws.task_space import MAX_ROTATION
+from teleop_drake.robots.inverse_kinematics import SolveInverseKinematics, ToolRotation
 from teleop_drake.robots.robot_diagram import MakeRobotDiagram
 from teleop_drake.validation import REQUIRED, CheckVector, Refuse, Within
 
@@ -27,12 +30,14 @@ class RobotConfig(KindConfig, ABC):
     """
 
     # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
-    # surface. The robot starts at rest.
+    # surface. The robot starts at rest. With six, the last three are the rotation
+    # vector from how the tool is turned at the robot's posture, rad; see
+    # laws.task_space.
     start: np.ndarray = REQUIRED
 
     @property
     def num_axes(self) -> int:
-        """Number n of task axes, the first n axes of the world."""
+        """Number n of task axes, the first n axes of the world; 6: and about them."""
         return len(self.start)
 
     def Check(self, path: str) -> None:
@@ -44,10 +49,15 @@ class RobotConfig(KindConfig, ABC):
         with Within(path):
             if (
                 np.ndim(self.start) != 1
-                or not 1 <= len(self.start) <= 3
+                or len(self.start) not in (1, 2, 3, 6)
                 or not np.isfinite(np.asarray(self.start, dtype=float)).all()
             ):
-                Refuse("start", self.start, "a list of 1, 2 or 3 finite numbers (m)")
+                Refuse(
+                    "start",
+                    self.start,
+                    "a list of 1, 2 or 3 finite numbers (m), or of 6",
+                )
+            CheckRotation("start", self.start)
             self.CheckNumbers()
 
     @abstractmethod
@@ -107,8 +117,12 @@ class PlantRobotConfig(RobotConfig):
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the q with the tool at a point that is nearest to the posture."""
-        plant = self.LoadPlant()
-        return SolveInverseKinematics(plant, p_WT, self.Posture(plant))
+        plant, r = self.LoadPlant(), np.asarray(p_WT, dtype=float)
+        posture, R_WT = self.Posture(plant), None
+        if r.size == 6:
+            CheckRotation("start", r)
+            R_WT = RotationOf(r) @ ToolRotation(plant, posture)
+        return SolveInverseKinematics(plant, r[:3], posture, R_WT)
 
     def Check(self, path: str) -> None:
         """Checks every field, loads the plant and poses it."""
@@ -118,11 +132,28 @@ class PlantRobotConfig(RobotConfig):
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
         """Makes the block; see robot_diagram.MakeRobotDiagram."""
+        plant = self.LoadPlant(gravity)
         return MakeRobotDiagram(
-            plant=self.LoadPlant(gravity),
+            plant=plant,
             num_axes=self.num_axes,
             joint_positions=self.JointPositions(self.start),
+            posture=self.Posture(plant),
         )
+
+
+def RotationOf(r: Array) -> Array:
+    """Returns the rotation (3, 3) of a position with six entries."""
+    angle = float(np.linalg.norm(r[3:]))
+    axis = r[3:] / angle if angle else np.eye(3)[0]
+    return RotationMatrix(AngleAxis(angle, axis)).matrix()
+
+
+def CheckRotation(path: str, r: ArrayLike) -> None:
+    """Refuses a position whose rotation vector is longer than MAX_ROTATION."""
+    vector = np.asarray(r, dtype=float)[3:]
+    if np.linalg.norm(vector) > MAX_ROTATION:
+        allowed = f"turned by at most {MAX_ROTATION:g} rad from the posture"
+        Refuse(path, r, allowed)
 
 
 def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:

@@ -115,11 +115,11 @@ class DrivenArmConfig(PlantRobotConfig):
 
         If the orientation is held, the tool is turned as it is at the posture.
         """
+        if self.hold != "orientation":
+            return super().JointPositions(p_WT)
         plant = self.LoadPlant()
         posture, nv = self.Posture(plant), plant.num_velocities()
-        if self.hold != "orientation":
-            return SolveInverseKinematics(plant, p_WT, posture)
-        if nv < self.num_axes + 3:
+        if nv < self.num_axes + 3 or self.num_axes == 6:
             allowed = f"none or posture for {self.num_axes} axes and {nv} joints"
             Refuse("hold", self.hold, allowed)
         R_WT = ToolRotation(plant, posture)
@@ -132,6 +132,7 @@ class DrivenArmConfig(PlantRobotConfig):
             plant=plant,
             num_axes=self.num_axes,
             joint_positions=q,
+            posture=self.Posture(plant),
             drive=self._MakeDrive(plant, q, gravity),
         )
 

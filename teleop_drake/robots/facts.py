@@ -81,7 +81,8 @@ def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:
     if len(tools) != 1:
         return False
     position = tools[0].CalcPoseInWorld(context).translation()
-    return bool(np.allclose(position[: p_WT.size], p_WT, rtol=0, atol=1e-9))
+    place = p_WT[:3]
+    return bool(np.allclose(position[: place.size], place, rtol=0, atol=1e-9))
 
 
 def _ToolInertiaAndDamping(

@@ -31,9 +31,9 @@ singular, stretched for example, where nothing says which way to bend."""
 
 
 def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Array:
-    """Returns Jv_v_WT along the task axes (n, nv)."""
+    """Returns Jv_v_WT along the task axes, and Jw_WT with six of them (n, nv)."""
     world = plant.world_frame()
-    J = plant.CalcJacobianTranslationalVelocity(
+    J = plant.CalcJacobianSpatialVelocity(
         context,
         JacobianWrtVariable.kV,
         plant.GetFrameByName(TOOL),
@@ -41,7 +41,7 @@ def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Arra
         world,
         world,
     )
-    return np.asarray(J[:num_axes])
+    return np.concatenate([J[3:], J[:3]])[:num_axes]
 
 
 def ToolRotation(plant: MultibodyPlant, q: ArrayLike) -> Array:

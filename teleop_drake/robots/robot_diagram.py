@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Saturation
 
-from teleop_drake.robots.inverse_kinematics import TOOL
+from teleop_drake.robots.inverse_kinematics import TOOL, ToolRotation
 from teleop_drake.systems.tool_interface import ToolInterface
 
 TOOL_BODY = "tool_body"
@@ -43,6 +43,7 @@ def MakeRobotDiagram(
     plant: MultibodyPlant,
     num_axes: int,
     joint_positions: ArrayLike,
+    posture: ArrayLike | None = None,
     drive: JointDrive | None = None,
 ) -> Diagram:
     """Makes the robot: forces on its tool in, motion of its tool out (2.6, 2.7).
@@ -57,6 +58,8 @@ def MakeRobotDiagram(
     |-------------------|------|---------------------------------------------------|
     | control_force     | n    | N                                                 |
     | environment_force | n    | N, force of the robot ON the environment          |
+
+    With n = 6 they are wrenches, and the motion is that of laws.task_space.
 
     Output ports:
 
@@ -74,9 +77,10 @@ def MakeRobotDiagram(
     Args:
         plant: A finalized, continuous plant with a body `tool`; its actuators must be
             one for each joint, in any order.
-        num_axes: n, 1 to 3; fewer than nv leave the rest of the joints to themselves,
-            or to `drive`.
+        num_axes: n, 1 to 3, or 6, of which the last three turn the tool; fewer than nv
+            leave the rest of the joints to themselves, or to `drive`.
         joint_positions: q at the start (nq).
+        posture: q at which the rotation vector of six axes is 0 (nq); None: the start.
         drive: What else acts on the joints; None: nothing.
 
     Raises:
@@ -97,6 +101,7 @@ def MakeRobotDiagram(
             num_task_axes=n,
             tool_name=ToolBodyName(plant),
             is_wired_to_motors=is_ordered,
+            R_WP=ToolRotation(plant, joint_positions if posture is None else posture),
         ),
     )
     motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))

@@ -17,7 +17,7 @@ _POWERS = {
         robot.mass robot.damping haptic_device.numerator
         surgeon.contact_force
         surgeon.arm_mass surgeon.arm_damping surgeon.arm_stiffness
-        environment.stiffness environment.branch_stiffness
+        environment.stiffness environment.branch_stiffness environment.drag
         environment.layers.stiffness environment.layers.damping
         environment.layers.lateral_stiffness
         controller.robust.force_rate_bound controller.robust.force_width

@@ -234,6 +234,12 @@ class Scenario(_ScenarioBase):
         CheckStart(self.robot.start, self.Surfaces())
         self.actuator.CheckNumbers("actuator")
         self.sensor.Check("sensor")
+        if n == 6:
+            ideal = "null with six axes: the rate of a rotation is not its velocity"
+            if (period := self.sensor.encoder.sample_period) is not None:
+                Refuse("sensor.encoder.sample_period", period, ideal)
+            if not self.actuator.is_ideal:
+                Refuse("actuator", ToTree(self.actuator), "ideal with six axes")
         controller = self.controller
         controller.Check(n)
         is_given = not isinstance(controller.initial_psi, str)

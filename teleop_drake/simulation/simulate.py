@@ -12,6 +12,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.environments import Surface, SurfacesOf
+from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.step_polynomials import (
     finite_part,
@@ -286,6 +287,8 @@ _TOLERANCE = 1e-9
 def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     """Ends a run, in place, where a joint of the robot's plant leaves its range.
 
+    Or where its tool is turned by MAX_ROTATION.
+
     The plant itself knows no stops: what it does beyond is left out. A robot without a
     system `plant`, or whose joints turn without limit, is left as it is.
     """
@@ -298,16 +301,20 @@ def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
         return
     lower = plant.GetPositionLowerLimits() - _TOLERANCE
     upper = plant.GetPositionUpperLimits() + _TOLERANCE
-    beyond = np.maximum(lower - q, q - upper)[steps]
+    turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1) - MAX_ROTATION
+    beyond = np.column_stack([np.maximum(lower - q, q - upper), turned])[steps]
     ends = [first_crossing(times, y, steps) for y in np.moveaxis(beyond, 2, 0)]
     joint = int(np.argmin(ends))
     if ends[joint] == math.inf:
         return
     run.series = part(run.series, times[0], ends[joint])
+    run.termination, run.is_too_fast = "diverged", False
+    if joint == len(lower):
+        run.reason = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
+        return
     name = plant.GetPositionNames(
         add_model_instance_prefix=False, always_add_suffix=False
     )[joint]
-    run.termination, run.is_too_fast = "diverged", False
     run.reason = (
         f"joint {name} leaves its range, {lower[joint]:.4g} to {upper[joint]:.4g}"
     )

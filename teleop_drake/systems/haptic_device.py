@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.validation import FixedFields, Refuse, Within
+from teleop_drake.validation import FixedFields, Number, Refuse, Within
 
 
 @dataclass(kw_only=True, eq=False)
@@ -19,9 +19,13 @@ class HapticDeviceConfig(FixedFields):
     numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
     # The same; the first is not zero, and there are at least as many (H is proper).
     denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
+    # Of six axes, those about which the handle turns have lever^2 H(s), m, > 0.
+    # Assumed.
+    lever: float = Number(0.1, "m", above=0)
 
     def Check(self, path: str) -> None:
         """Checks every field."""
+        self.CheckNumbers(path)
         with np.errstate(over="ignore"), Within(path):
             matrices = realize_transfer_function(self.numerator, self.denominator)
         if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
@@ -31,7 +35,10 @@ class HapticDeviceConfig(FixedFields):
     def MakeDevice(self, num_axes: int) -> "HapticDevice":
         """Makes the device."""
         return HapticDevice(
-            numerator=self.numerator, denominator=self.denominator, num_axes=num_axes
+            numerator=self.numerator,
+            denominator=self.denominator,
+            num_axes=num_axes,
+            lever=self.lever,
         )
 
 
@@ -64,13 +71,23 @@ class HapticDevice(Diagram):
         numerator: Coefficients of H's numerator, highest power of s first.
         denominator: Coefficients of H's denominator, highest power first.
         num_axes: Number n of axes, >= 1.
+        lever: In m; from the fourth axis on, the force is a moment, lever^2 H(s).
     """
 
-    def __init__(self, *, numerator: ArrayLike, denominator: ArrayLike, num_axes: int):
+    def __init__(
+        self,
+        *,
+        numerator: ArrayLike,
+        denominator: ArrayLike,
+        num_axes: int,
+        lever: float = 1.0,
+    ):
         Diagram.__init__(self)
         A, B, C, D = realize_transfer_function(
             numerator, denominator, num_axes=num_axes
         )
+        scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
+        C, D = scale * C, scale * D
         builder = DiagramBuilder()
         negation = builder.AddNamedSystem("negation", Gain(-1.0, num_axes))
         velocity_error = builder.AddNamedSystem("velocity_error", Adder(2, num_axes))

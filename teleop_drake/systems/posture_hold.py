@@ -55,7 +55,7 @@ class _Hold:
             plant.world_frame(),
             plant.world_frame(),
         )
-        J_w, J_v = J[:3], J[3:][: self.num_axes]
+        J_w, J_v = J[:3], np.concatenate((J[3:], J[:3]))[: self.num_axes]
         M = plant.CalcMassMatrix(plant_context)
         if self._keeps_orientation:
             R = self._ToolRotation()

@@ -4,6 +4,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration_
@@ -20,7 +21,9 @@ from teleop_drake.validation import Refuse
 class _Interface:
     """Ports and callbacks for any scalar type."""
 
-    def _Declare(self: Any, T: Any, plant: Any, n: int, tool_name: str) -> None:
+    def _Declare(
+        self: Any, T: Any, plant: Any, n: int, tool_name: str, R_WP: Any
+    ) -> None:
         nv = plant.num_velocities()
         self.plant = plant
         # The body and its frame are looked up each time: to keep one would keep the
@@ -35,7 +38,7 @@ class _Interface:
         if T is float:
             self._tool_kinematics = CompiledLaw(tool_kinematics, n)
             self._joint_torques = CompiledLaw(joint_torques)
-        self.num_task_axes = n
+        self.num_task_axes, self.R_WP = n, R_WP
 
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states()
@@ -68,8 +71,8 @@ class _Interface:
         plant, plant_context = self.plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
         tool, world_frame = plant.get_body(self._tool), plant.world_frame()
-        p_WT = plant.EvalBodyPoseInWorld(plant_context, tool).translation()
-        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
+        X_WT = plant.EvalBodyPoseInWorld(plant_context, tool).GetAsMatrix34()
+        J_WT = plant.CalcJacobianSpatialVelocity(
             plant_context,
             JacobianWrtVariable.kV,
             tool.body_frame(),
@@ -77,11 +80,12 @@ class _Interface:
             world_frame,
             world_frame,
         )
-        output.SetFromVector(self._tool_kinematics(p_WT, Jv_v_WT, x))
+        output.SetFromVector(self._tool_kinematics(self.R_WP, X_WT, J_WT, x))
 
     def _CalcAcceleration(self, context: Any, output: Any) -> None:
         A_WT = self._accelerations.Eval(context)[self.tool_index]
-        output.SetFromVector(A_WT.translational()[: self.num_task_axes])
+        a_WT = np.append(A_WT.translational(), A_WT.rotational())
+        output.SetFromVector(a_WT[: self.num_task_axes])
 
     def _CalcJointTorques(self, context: Any, output: Any) -> None:
         output.SetFromVector(
@@ -102,7 +106,9 @@ class ToolInterface(_Interface, Convertible):
 
         v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
 
-    tau_e is what the environment's reaction -F_e at T does to the joints.
+    tau_e is what the environment's reaction -F_e at T does to the joints. With n = 6,
+    position, velocity and forces are those of laws.task_space: r = [p_WT; theta], a
+    twist, and wrenches; the units of their last three numbers are rad, rad/s and N m.
 
     Input ports:
 
@@ -128,20 +134,22 @@ class ToolInterface(_Interface, Convertible):
     the force -F_e at T as one of Drake's lists of applied spatial forces would do the
     same, and cost as much again.
 
-    State: none. It applies no limit to the torque, and no moment to the tool.
+    State: none. It applies no limit to the torque, and a moment to the tool only for
+    n = 6.
 
     Attributes:
-        plant, num_task_axes: As given.
+        plant, num_task_axes, R_WP: As given.
         tool_index: Index of the body whose origin is T.
 
     Args:
         plant: A finalized plant; its actuators must be one for each joint, in the
             order of the generalized velocities.
-        num_task_axes: n, 1 to 3.
+        num_task_axes: n, 1 to 3 or 6.
         tool_name: The body whose origin is T.
         is_wired_to_motors: Whether tau goes to the plant's actuation as it is. If
             something in between puts it into the order of the actuators, that may
             be any.
+        R_WP: Rotation of the tool at which theta is 0 (3, 3); None: I.
 
     Raises:
         ValueError: If `num_task_axes` is out of range or the plant's actuation is
@@ -155,16 +163,18 @@ class ToolInterface(_Interface, Convertible):
         num_task_axes: int,
         tool_name: str = "tool",
         is_wired_to_motors: bool = True,
+        R_WP: ArrayLike | None = None,
     ):
         Convertible.__init__(self)
-        if not 1 <= num_task_axes <= 3:
-            Refuse("num_task_axes", num_task_axes, "1, 2 or 3")
+        if num_task_axes not in (1, 2, 3, 6):
+            Refuse("num_task_axes", num_task_axes, "1, 2, 3 or 6")
         # Otherwise tau in the order of the velocities would drive the wrong motors.
         B = plant.MakeActuationMatrix()
         if is_wired_to_motors and not np.array_equal(B, np.eye(len(B))):
             allowed = "one for each joint, in the order of its generalized velocities"
             Refuse("plant.num_actuators", plant.num_actuators(), allowed)
-        self._Declare(float, plant, num_task_axes, tool_name)
+        R_WP = np.array(np.eye(3) if R_WP is None else R_WP, dtype=float)
+        self._Declare(float, plant, num_task_axes, tool_name, R_WP)
 
     def ToDual(self) -> "_DualToolInterface":
         """Returns the block of AutoDiffXd."""
@@ -176,4 +186,4 @@ class _DualToolInterface(_Interface, LeafSystem_[AutoDiffXd]):
         LeafSystem_[AutoDiffXd].__init__(self)
         plant = other.plant.ToAutoDiffXd()
         name = other.plant.get_body(other._tool).name()
-        self._Declare(AutoDiffXd, plant, other.num_task_axes, name)
+        self._Declare(AutoDiffXd, plant, other.num_task_axes, name, other.R_WP)

@@ -16,6 +16,7 @@ from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
 from teleop_drake.numerics.step_polynomials import shares
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
+from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
@@ -234,8 +235,8 @@ class Insertion(Task[Scenario]):
         normal_W = NormalOfRuns(recordings)
         return [
             SignalRow(
-                label=label % AxisName(k),
-                unit=unit,
+                label=label % f"{{{AxisName(k)}}}" if k > 2 else label % AxisName(k),
+                unit=AxisUnit(unit, AxisName(k)),
                 signal=signal,
                 components=[k],
                 command=n + k if signal == "tool_velocity" else None,

@@ -7,6 +7,7 @@ from typing import Any
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario
+from teleop_drake.signals import AxesOf, AxisUnit
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
 
@@ -107,9 +108,9 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
         for key, unit in CHANNEL_METRICS.items()
     }
     return {
-        name.replace("*", axis): unit
+        name.replace("*", axis): AxisUnit(unit, axis)
         for name, unit in units.items()
-        for axis in ("xyz"[: scenario.num_axes] if name.endswith("*") else " ")
+        for axis in (AxesOf(scenario.num_axes) if name.endswith("*") else " ")
     }
 
 
@@ -120,7 +121,7 @@ def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, An
         if isinstance(value, Mapping):
             flat |= FlattenMetrics(value, f"{prefix}{key}.")
         elif isinstance(value, list):
-            axes = "xyz"[: len(value)]
+            axes = AxesOf(len(value))
             flat |= {f"{prefix}{key}.{a}": x for a, x in zip(axes, value, strict=True)}
         else:
             flat[prefix + key] = value

@@ -7,6 +7,7 @@ import numpy as np
 
 from teleop_drake.environments import ShownNormal
 from teleop_drake.recording import Recording
+from teleop_drake.signals import AxesOf
 
 
 @dataclass(kw_only=True)
@@ -69,7 +70,7 @@ def AxisName(axis: int) -> str:
     Args:
         axis: Its number, from 0 on.
     """
-    return "xyz"[axis] if axis < 3 else str(axis + 1)
+    return AxesOf(6)[axis]
 
 
 def NormalOfRuns(recordings: Sequence[Recording]) -> np.ndarray:

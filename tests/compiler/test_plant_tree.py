@@ -132,7 +132,7 @@ def test_a_random_tree_moves_as_its_plant(seed, kinds):
             np.testing.assert_allclose(R, X_WB.rotation().matrix(), atol=1e-10)
             np.testing.assert_allclose(p, X_WB.translation(), atol=1e-10)
             np.testing.assert_allclose(J, J_drake, atol=1e-10)
-            a_drake = A[index].translational()
+            a_drake = np.append(A[index].translational(), A[index].rotational())
             np.testing.assert_allclose(a, a_drake, atol=_tolerance(a_drake))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from blocks import Gains
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
@@ -65,10 +66,12 @@ def test_backstepping(n, is_at_limit):
 
 def test_task_space():
     rng = np.random.default_rng(0)
-    for n in (1, 2, 3):
+    for n in (1, 2, 3, 6):
         # Drake's Jacobians have their columns one after another.
-        J = np.asfortranarray(rng.normal(size=(3, 4)))
-        AssertSame(tool_kinematics, (n,), [(rng.normal(size=3), J, rng.normal(size=9))])
+        J = np.asfortranarray(rng.normal(size=(6, 4)))
+        R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+        X = np.hstack([R, rng.normal(size=(3, 1))])
+        AssertSame(tool_kinematics, (n,), [(np.eye(3), X, J, rng.normal(size=9))])
         forces = rng.normal(size=(2, n))
         AssertSame(joint_torques, (), [(*forces, rng.normal(size=n * (2 + 4)))])
 

@@ -79,7 +79,7 @@ def test_what_turns_evenly_falls_towards_the_axis():
     assert v_dot[0] == pytest.approx(0.0)
     motion, points = calc_motion(tree, q, v), np.array([[0.5, 0.0, 0.2]])
     result = calc_point_accelerations(tree, motion, [0], points, v, v_dot)
-    expected = [[-2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]]
+    expected = [[-2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0, 0.0, 0.0, 0.0]]
     np.testing.assert_allclose(result, expected, atol=1e-14)
 
 

@@ -30,7 +30,8 @@ from teleop_drake.scenario.tree import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]
-PUMA = ["puma560_insertion", "puma560_needle_insertion", "puma560_wall_sliding"]
+PUMA = [f"puma560_{x}" for x in ("insertion", "needle_insertion", "wall_sliding")]
+PUMA += ["puma560_six_axes"]
 SPACE = ["needle_insertion", "wall_sliding", *PUMA]
 LEARNING = ["two_dof_learning"]
 JOINTS = ["leader_follower"]

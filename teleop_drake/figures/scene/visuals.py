@@ -53,7 +53,8 @@ class RobotVisuals:
     """
 
     def __init__(self, robot: RobotConfig):
-        self._start = np.array(robot.start, dtype=float)
+        start = np.array(robot.start, dtype=float)
+        self._start = start[:3]
         self._plant: MultibodyPlant | None = None
         self.parts: tuple[Part, ...] = ()
         self._rest = np.zeros(3 - self._start.size)
@@ -63,7 +64,7 @@ class RobotVisuals:
         with TellingShapes(scene_graph):
             self._plant = robot.LoadPlant()
         self._context = self._plant.CreateDefaultContext()
-        self.start_q = np.asarray(robot.JointPositions(self._start))
+        self.start_q = np.asarray(robot.JointPositions(start))
         # Where no axis of the task goes: an arm that moves in a plane has a height.
         self._rest = self.Tool(self.start_q)[self._start.size :]
         parts = _Shapes(self._plant, scene_graph)
@@ -80,11 +81,11 @@ class RobotVisuals:
         Args:
             p_WT: Along the task axes, m (n).
         """
-        return np.concatenate([p_WT, self._rest])
+        return np.concatenate([np.asarray(p_WT)[:3], self._rest])
 
     def Direction(self, vector: ArrayLike) -> Array:
         """Returns a vector along the task axes (n) as one in space (3)."""
-        vector = np.asarray(vector, dtype=float)
+        vector = np.asarray(vector, dtype=float)[:3]
         return np.concatenate([vector, np.zeros(3 - vector.size)])
 
     def Tool(self, q: ArrayLike) -> Array:
@@ -116,7 +117,7 @@ class RobotVisuals:
             q: Joint positions to begin from (nq).
         """
         assert self._plant is not None
-        p, q = np.asarray(p_WT, dtype=float), np.array(q, dtype=float)
+        p, q = np.asarray(p_WT, dtype=float)[:3], np.array(q, dtype=float)
         size = float(np.linalg.norm(self.Tool(q))) or 1.0
         for _ in range(_NUM_STEPS):
             error = p - self.Tool(q)[: p.size]

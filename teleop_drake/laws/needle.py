@@ -1,0 +1,79 @@
+"""Force and moment of tissue that holds a needle on a path that bends.
+
+The path enters the tissue at a point, along the unit vector a, and bends: at the depth
+xi along a it is c(xi) = entry + xi a + xi^2/2 b, with b across a. The needle is a
+straight line through its tip p along the unit vector u, which turns with the tool:
+
+    needle(xi) = p - s u,    s = (x - xi)/(u . a),    x = a . (p - entry)
+    e(xi) = needle(xi) - c(xi)
+
+and the tissue is a spring between both, at every depth, of the energy
+
+    V = k/2 integral of |e|^2 over xi from 0 to x.
+
+The wrench on the tissue is the slope of V, beside a drag of the moving needle:
+
+    dF/dxi = k h + d (v - s w x u),    h = e - a (u . e)/(u . a)
+    F = k/2 |e(x)|^2 a + integral of dF,    M = integral of -s u x dF
+
+with the tip's velocity v and the tool's angular velocity w. The push h of a spring is
+normal to the needle; what spreads the tissue at the tip is along a. The integrands are
+cubic at most, so that Gauss's rule with two points is exact.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.laws.task_space import rotated
+
+Array = NDArray[np.float64]
+
+# Gauss's points in [0, 1]; each has the weight 1/2.
+_POINTS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
+
+
+class NeedlePath(NamedTuple):
+    """A path in tissue.
+
+    Attributes:
+        entry: A point of the surface, where the path begins, m (3).
+        inwards: a (3).
+        bend: b in 1/m (3).
+        needle: u where the tool is turned as at the posture (3).
+        stiffness: k in N/m^2.
+        drag: d in N s/m^2.
+    """
+
+    entry: Array
+    inwards: Array
+    bend: Array
+    needle: Array
+    stiffness: float
+    drag: float
+
+
+def needle_wrench(path: NeedlePath, mode: Array, r: Array, v: Array) -> Array:
+    """Returns [F; M about the tip] of a needle on tissue in N and N m (6).
+
+    Args:
+        mode: Whether the tip is in the tissue, 0 or 1 (1).
+        r: [p; theta] in m and rad (6).
+        v: [v; w] in m/s and rad/s (6).
+    """
+    a, u = path.inwards, rotated(r[3:], path.needle)
+    tip = r[:3] - path.entry
+    along = np.sum(u * a)
+    x = np.sum(tip * a)
+    e = tip - x * a - x * x / 2 * path.bend
+    F, M = path.stiffness / 2 * np.sum(e * e) * a, np.zeros(3)
+    for share in _POINTS:
+        xi = share * x
+        arm = (xi - x) / along * u
+        e = tip + arm - xi * a - xi * xi / 2 * path.bend
+        h = e - np.sum(u * e) / along * a
+        dF = path.stiffness * h + path.drag * (v[:3] + np.cross(v[3:], arm))
+        F = F + x / 2 * dF
+        M = M + x / 2 * np.cross(arm, dF)
+    return mode[0] * np.append(F, M)
