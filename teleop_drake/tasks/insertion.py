@@ -31,7 +31,7 @@ AT_REST = 1e-6
 _INSTANT = 1e-11
 
 SETTLING_RATIO = 0.05
-"""Share of |v_d| under which the tool counts as settled."""
+"""Share of |v_d| under which the tool counts as settled; of the force too at rest."""
 
 UNITS = {
     "start_velocity_overshoot": "m/s",
@@ -45,8 +45,10 @@ UNITS = {
     "collision.peak_force": "N",
     "collision.rebound_velocity": "m/s",
     "collision.settling_time": "s",
+    "collision.rest_time": "s",
     "velocity_rms_error.*": "m/s",
     "force_rms_error.*": "N",
+    "coordination_rms_error.*": "m",
     "control_force_peak.*": "N",
     "control_force_variation.*": "N",
     "diverged": "",
@@ -146,11 +148,19 @@ class Insertion(Task[Scenario]):
               |v_d| to the end of the recording. None if it does not, or the run
               diverges, or it was as slow for as long before without staying so: a
               recording that happens to end while v_x passes through 0 has not settled.
+            * rest_time (s): the same of all axes and of the force: until every |v_i|
+              stays under 5 % of |v_d|, and every F_e_i within 5 % of the last |F_e| of
+              where it ends.
         * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being
           the velocity command as the slave receives it, or, in an architecture that
           does not send it, the operator's command delayed by forward_channel.delay.
         * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
           haptic force as the slave receives it, or delayed by the same time.
+        * coordination_rms_error (m per axis): rms over the run of x_m - p_WT. Master
+          and tool begin at one place, and x_m is where the felt velocity takes the
+          master from there: over exact channels the tool's place one return delay ago,
+          unless the architecture lets the hand feel something else. None if the
+          recording has not what was felt.
         * control_force_peak (N per axis): max of |F_c|.
         * control_force_variation (N per axis): total variation of F_c, jumps included.
         * diverged, diverged_at (s): whether the run ended early because the tool's
@@ -200,8 +210,20 @@ class Insertion(Task[Scenario]):
             collision["initial_impact_force"] = largest["impact"]
             collision["peak_force"] = largest["contact"]
             collision["rebound_velocity"] = -largest["rebound"]
-            settling_time = _SettlingTime(recording, pieces, v_x, t_contact)
-            collision["settling_time"] = None if has_diverged else settling_time
+            v_d = recording.teleoperation.surgeon.velocity
+            slow = SETTLING_RATIO * float(np.linalg.norm(v_d))
+            F_end = signals.F_e[-1, -1]
+            near = SETTLING_RATIO * float(np.linalg.norm(F_end))
+            motions = {
+                "settling_time": _Exceeding(v_x, slow),
+                "rest_time": [
+                    *_Exceeding(signals.v, slow),
+                    *_Exceeding(signals.F_e - F_end, near),
+                ],
+            }
+            for name, moving in motions.items():
+                after = _SettlingTime(pieces, moving, t_contact)
+                collision[name] = None if has_diverged else after
         errors = pieces.RootMeanSquare(signals.errors)
         return {
             "start_velocity_overshoot": max(largest["start"], 0.0),
@@ -209,6 +231,7 @@ class Insertion(Task[Scenario]):
             "collision": collision,
             "velocity_rms_error": errors[len(F_c) :],
             "force_rms_error": errors[: len(F_c)],
+            "coordination_rms_error": _CoordinationError(recording, pieces),
             "control_force_peak": np.abs(F_c).max(axis=1).tolist(),
             "control_force_variation": np.abs(np.diff(F_c)).sum(axis=1).tolist(),
             "diverged": has_diverged,
@@ -365,23 +388,50 @@ def _ReceivedCommands(recording: Recording, pieces: Pieces) -> np.ndarray:
     return values
 
 
-def _SettlingTime(
-    recording: Recording, pieces: Pieces, v_x: np.ndarray, t_contact: float
-) -> float | None:
-    """Returns how long after contact |v_x| stays slow, None if it does not."""
-    first = pieces.CountBefore(t_contact)
-    if first == len(v_x):
+def _CoordinationError(recording: Recording, pieces: Pieces) -> list[float] | None:
+    """Returns the rms of x_m - p_WT, None if what is felt was not recorded."""
+    p = pieces.Sample(recording["tool_position"])
+    n = p.shape[2]
+    if "felt_velocity" in recording.signals:
+        felt = pieces.Sample(recording["felt_velocity"])
+    elif "return_packet_received" in recording.signals:
+        felt = pieces.Sample(recording["return_packet_received"])[:, :, n : 2 * n]
+    else:
         return None
-    v_d = recording.teleoperation.surgeon.velocity
-    slow = SETTLING_RATIO * float(np.linalg.norm(v_d))
-    slow_since = t_contact if abs(v_x[first, 0]) < slow else None
+    return pieces.RootMeanSquare(p[0, 0] + pieces.Integral(felt) - p)
+
+
+def _Exceeding(x: np.ndarray, limit: float) -> list[np.ndarray]:
+    """Returns signals (M, d + 1), one of which is positive where |x| > limit.
+
+    Args:
+        x: (M, d + 1), or (M, d + 1, n) of n axes.
+    """
+    axes = np.moveaxis(np.atleast_3d(x), 2, 0)
+    return [part for axis in axes for part in (axis - limit, -axis - limit)]
+
+
+def _SettlingTime(
+    pieces: Pieces, moving: Sequence[np.ndarray], t_contact: float
+) -> float | None:
+    """Returns how long after contact no signal is positive, None if one ever is again.
+
+    It is None as well if that lasts no longer than it has before.
+    """
+    first = pieces.CountBefore(t_contact)
+    if first == len(pieces.end):
+        return None
+    is_moving = [bool(signal[first, 0] >= 0) for signal in moving]
+    slow_since = None if any(is_moving) else t_contact
     longest = 0.0
-    for time, _, is_fast in pieces.Crossings(v_x - slow, -v_x - slow):
+    for time, number, is_upwards in pieces.Crossings(*moving):
         if time <= t_contact:
             continue
-        if slow_since is not None:
+        is_moving[number] = is_upwards
+        if slow_since is not None and is_upwards:
             longest = max(longest, time - slow_since)
-        slow_since = None if is_fast else time
+        if slow_since is None or is_upwards:
+            slow_since = None if any(is_moving) else time
     if slow_since is None or pieces.end[-1] - slow_since <= longest:
         return None
     return slow_since - t_contact

@@ -49,6 +49,15 @@ class Pieces:
             result[self.cut] = self.weights @ result[self.cut]
         return result
 
+    def Integral(self, y: np.ndarray) -> np.ndarray:
+        """Returns the integral over time of a signal (M, d + 1, n) from the start."""
+        powers = np.arange(y.shape[1])
+        nodes = shares(y.shape[1] - 1)[:, None]
+        weights = nodes ** (powers + 1) / (powers + 1) @ np.linalg.inv(nodes**powers)
+        within = (self.end - self.begin)[:, None, None] * (weights @ y)
+        before = np.cumsum(within[:, -1], axis=0) - within[:, -1]
+        return np.asarray(within + before[:, None])
+
     def Times(self, at: np.ndarray) -> np.ndarray:
         """Returns the times (M, ...) in s at shares (...) of each piece."""
         begin, end = self.begin[:, None], self.end[:, None]

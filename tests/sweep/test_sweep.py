@@ -201,7 +201,7 @@ def test_select_metrics():
         "velocity_rms_error.y",
         "puncture.force",
     ]
-    assert len(SelectMetrics(scenario, ["collision"])) == 6
+    assert len(SelectMetrics(scenario, ["collision"])) == 7
     assert "collision.peak_force" in SelectMetrics(scenario)
     with pytest.raises(SweepError, match=r"metric 'collisio': must be one of"):
         SelectMetrics(scenario, ["collisio"])

@@ -213,6 +213,8 @@ def test_task_against_closed_forms(steps):
             "peak_force": 150 * V_D * TAU * (1 - math.exp(-20)),
             "rebound_velocity": -V_D,
             "settling_time": T_BOUNCE + T_FLIGHT + TAU * math.log(20),
+            # The force approaches its end as the velocity does.
+            "rest_time": T_BOUNCE + T_FLIGHT + TAU * math.log(20),
         },
         rel=2e-6,
     )
@@ -587,11 +589,37 @@ def test_summary_has_the_promised_fields():
     ]  # fmt: skip
     assert list(metrics["collision"]) == [
         "time", "velocity", "initial_impact_force", "peak_force", "rebound_velocity",
-        "settling_time",
+        "settling_time", "rest_time",
     ]  # fmt: skip
     # Insertion.units has the others, too.
     scalars = {name.partition(".")[0] for name in Insertion.units}
     assert set(metrics) == scalars
+
+
+@pytest.mark.parametrize("kind", ["direct_force", "damped_force"])
+def test_rest_and_coordination_by_dense_samples(kind):
+    """All axes and the force; and what is felt is the tool, a return delay ago."""
+    recording = runs.Run("two_dof_combined", kind, engine="auto")
+    metrics = RunMetrics(recording)
+    contact, end = metrics["collision"]["time"], recording.time[-1]
+    t = np.linspace(contact, end, 200_001)
+    v = recording.Interpolate("tool_velocity", t)
+    F_e = recording.Interpolate("environment_force", t)
+    off = np.abs(F_e - F_e[-1]).max(axis=1) > 0.05 * np.linalg.norm(F_e[-1])
+    moving = np.flatnonzero((np.abs(v).max(axis=1) > 0.05 * 0.1) | off)
+    rest = metrics["collision"]["rest_time"]
+    if kind == "direct_force":
+        assert rest is None and t[moving[-1]] > end - 0.5
+    else:
+        settling_time = metrics["collision"]["settling_time"]
+        assert rest == pytest.approx(t[moving[-1]] - contact, abs=2e-4)
+        assert rest > settling_time + 0.1
+    t = np.linspace(0, end, 40_001)
+    p, felt = (
+        recording.Interpolate("tool_position", x) for x in (t, np.maximum(t - 0.1, 0))
+    )
+    expected = np.sqrt(((felt - p) ** 2).mean(axis=0))
+    assert metrics["coordination_rms_error"] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
