@@ -23,6 +23,7 @@ from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,
+    CheckChoice,
     CheckGain,
     CheckVector,
     FixedFields,
@@ -57,7 +58,8 @@ class AdaptiveBackstepping(FixedBlock):
     with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and why the sign
     of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
     F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
-    networks have the tool's position as their input.
+    networks have the tool's position as their input, or [r; v]; see network_functions()
+    for what the law then takes for dPhi/dt.
 
     | port | name                | size  | unit  | is                       |
     |------|---------------------|-------|-------|--------------------------|
@@ -86,7 +88,8 @@ class AdaptiveBackstepping(FixedBlock):
 
     Args:
         gains: The constants of the law.
-        network: The basis functions of both networks, with n inputs in m.
+        network: The basis functions of both networks, with n inputs in m, or 2n in m
+            and m/s.
     """
 
     is_compiled = True
@@ -103,8 +106,8 @@ class AdaptiveBackstepping(FixedBlock):
     ):
         name, rate, errors = self.law
         n, N = gains.num_axes, network.num_functions
-        if network.num_inputs != n:
-            allowed = f"{n}, one for each task axis"
+        if network.num_inputs not in (n, 2 * n):
+            allowed = f"{n} or {2 * n}, one or two for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self._n, self._psi_min = n, gains.Psi_min
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
@@ -163,6 +166,9 @@ class AdaptiveBackstepping(FixedBlock):
         )
 
 
+NETWORK_INPUTS = ("position", "position_velocity")
+"""What the input of the networks may be."""
+
 MAX_BASIS_FUNCTIONS = 10_000
 """Largest lattice that a network may have, so that a typing error cannot exhaust the
 memory."""
@@ -170,13 +176,23 @@ memory."""
 
 @dataclass(kw_only=True, eq=False)
 class NetworkConfig(FixedFields):
-    """Lattice of the Gaussian networks (thesis eq. 3.1); the input is p_WT."""
+    """Lattice of the Gaussian networks (thesis eq. 3.1)."""
+
+    # Input of the networks: position, p_WT; or position_velocity, [p_WT; v_WT].
+    # Assumed: the thesis does not say.
+    inputs: str = "position"
 
     # Corners of the lattice of means, m, n entries each, lower < upper.
     lower: np.ndarray = REQUIRED
     upper: np.ndarray = REQUIRED
     # Means along each axis, n entries, >= 1.
     count: list[int] = REQUIRED
+    # Largest speed of the lattice of position_velocity, m/s, > 0; along each axis it
+    # reaches from minus this to this. Assumed: twice the commanded speed is a good
+    # choice. Position alone has no use for it.
+    velocity_range: float | None = Number(None, "m/s", above=0)
+    # Means along each axis of velocity, >= 1.
+    velocity_count: int = 3
     # Width of the Gaussians in units of the lattice spacing, > 0.
     width: float = Number(1.0, "lattice spacings", above=0)
 
@@ -199,15 +215,30 @@ class NetworkConfig(FixedFields):
         count = self.count
         if count is None or len(count) != n or min(count) < 1:
             Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
-        if math.prod(count) > MAX_BASIS_FUNCTIONS:
-            Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
         self.CheckNumbers(path)
+        CheckChoice(f"{path}.inputs", self.inputs, NETWORK_INPUTS)
+        if self.velocity_count < 1:
+            Refuse(f"{path}.velocity_count", self.velocity_count, ">= 1")
+        if self.has_velocity and self.velocity_range is None:
+            Refuse(f"{path}.velocity_range", None, "a speed in m/s > 0")
+        speeds = self.velocity_count**n if self.has_velocity else 1
+        if math.prod(count) * speeds > MAX_BASIS_FUNCTIONS:
+            Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether the velocity is an input."""
+        return self.inputs == NETWORK_INPUTS[1]
 
     def MakeNetwork(self) -> GaussianNetwork:
         """Makes the basis functions."""
-        return GaussianNetwork(
-            lower=self.lower, upper=self.upper, count=self.count, width=self.width
-        )
+        lower, upper, count = self.lower, self.upper, self.count
+        if self.has_velocity:
+            assert self.velocity_range is not None
+            speeds = np.full(len(count), self.velocity_range)
+            lower, upper = np.append(lower, -speeds), np.append(upper, speeds)
+            count = [*count, *[self.velocity_count] * len(count)]
+        return GaussianNetwork(lower=lower, upper=upper, count=count, width=self.width)
 
 
 _GAINS = ("Lambda", "G1", "G2", "P")

@@ -38,6 +38,11 @@ Lambda, G1 or G2 to be diagonal or symmetric. It decreases if and only if the
 symmetric parts of P G1 and G2 are positive definite: for P G1 this is NOT implied by
 P > 0 and G1 > 0, which is all that the thesis asks for.
 
+The networks' input u is the tool's position, or with its velocity [p; v]. Then Phi_dot
+has the acceleration in it, of which the law knows Psi (F_c - F_e): all of it where
+Lambda D_e = 0, and the robot is what Psi says and W1* Phi = 0. What it does not know
+adds -z^T Psi^-1 W1 (Phi_dot - dPhi/dt) to dV2/dt, Phi_dot being the law's.
+
 Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) and
 (4.39), (5.37) and (5.39), and prints the opposite one in (4.43), (4.52), (5.42) and
 (5.51).
@@ -50,11 +55,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.laws.gaussian_network import (
-    Lattice,
-    basis_functions,
-    gaussian_functions,
-)
+from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
 from teleop_drake.laws.task_space import position_rate
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
@@ -337,6 +338,21 @@ def damped_rate(
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
 
 
+def network_functions(
+    network: Lattice, state: BacksteppingState, r: Array, v: Array, F_e: Array
+) -> tuple[Array, Array]:
+    """Returns Phi and its rate in 1/s, as far as the law knows it (N, N).
+
+    Their input is r, or [r; v] if the lattice has so many dimensions.
+    """
+    r_dot = position_rate(r, v)
+    if network.widths.size == r.size:
+        return gaussian_functions(r, r_dot, network.centres, network.widths)
+    u = np.concatenate((r, v))
+    u_dot = np.concatenate((r_dot, state.Psi @ (state.F_c - F_e)))
+    return gaussian_functions(u, u_dot, network.centres, network.widths)
+
+
 def adaptive_rate(
     gains: BacksteppingGains,
     network: Lattice,
@@ -349,12 +365,11 @@ def adaptive_rate(
 ) -> Array:
     """Returns backstepping_rate() with Gaussian networks, of and as a vector.
 
-    x is the state as pack_state() makes it, r the position of the tool in m (n), which
-    is the input of the networks. The others are those of backstepping_rate().
+    x is the state as pack_state() makes it, r the position of the tool in m (n). The
+    others are those of backstepping_rate().
     """
     state = unpack_state(x, v.size)
-    r_dot = position_rate(r, v)
-    Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
+    Phi, Phi_dot = network_functions(network, state, r, v, F_e)
     return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
 
 
@@ -370,6 +385,6 @@ def adaptive_errors(
 ) -> Array:
     """Returns s in m/s and z in N as one vector (2n); see adaptive_rate()."""
     state = unpack_state(x, v.size)
-    Phi = basis_functions(r, network.centres, network.widths)
+    Phi, _ = network_functions(network, state, r, v, F_e)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))

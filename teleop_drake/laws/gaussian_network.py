@@ -73,7 +73,7 @@ def basis_functions(u: Array, centres: Array, widths: Array) -> Array:
 
 
 class Lattice(NamedTuple):
-    """A network as machine code reads it: centres in m (N, m) and widths (m)."""
+    """A network as machine code reads it: centres (N, m) and widths (m)."""
 
     centres: Array
     widths: Array

@@ -77,15 +77,11 @@ from teleop_drake.laws.backstepping import (
     auxiliary_error,
     damped_force_error,
     damped_rate,
+    network_functions,
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import (
-    Lattice,
-    basis_functions,
-    gaussian_functions,
-)
-from teleop_drake.laws.task_space import position_rate
+from teleop_drake.laws.gaussian_network import Lattice
 
 Array = NDArray[np.float64]
 
@@ -147,8 +143,7 @@ def robust_rate(
 ) -> Array:
     """Returns the time rate of the law's state; see backstepping.adaptive_rate()."""
     state = unpack_state(x, v.size)
-    r_dot = position_rate(r, v)
-    Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
+    Phi, Phi_dot = network_functions(network, state, r, v, F_e)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     damping, slope = robust_damping(gains, bounds, s)
     rate = damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope)
@@ -170,7 +165,7 @@ def robust_errors(
 ) -> Array:
     """Returns s in m/s and z in N as one vector (2n)."""
     state = unpack_state(x, v.size)
-    Phi = basis_functions(r, network.centres, network.widths)
+    Phi, _ = network_functions(network, state, r, v, F_e)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
     damping, _ = robust_damping(gains, bounds, s)
     return np.concatenate((s, damped_force_error(state, Phi, F_e, damping)))

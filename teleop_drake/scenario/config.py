@@ -229,6 +229,9 @@ class TrackingControllerConfig(FixedFields):
         CheckGain("controller.G1", self.G1, num_axes)
         self.CheckNumbers("controller")
         self.network.Check("controller.network", num_axes)
+        if self.network.has_velocity:
+            allowed = "position, of which the network of chapter 3 is a function"
+            Refuse("controller.network.inputs", self.network.inputs, allowed)
 
 
 def DefaultSimulator() -> SimulatorConfig:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from blocks import Block, Feedthrough, Gains, RandomInputs
 
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.architectures.adaptive_backstepping import (
     MAX_BASIS_FUNCTIONS,
     AdaptiveBackstepping,
@@ -19,6 +20,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.page import MakePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunSummary
@@ -87,7 +89,7 @@ def test_start_ports_and_feedthrough_of_the_block():
     every_input = set(RandomInputs(block, 0))
     errors = ("auxiliary_error", "control_force_error")
     assert Feedthrough(block) == dict.fromkeys(errors, every_input)
-    with pytest.raises(ValueError, match=r"network.num_inputs = 1: must be 2, one for"):
+    with pytest.raises(ValueError, match=r"network.num_inputs = 1: must be 2 or 4, on"):
         AdaptiveBackstepping(gains=Gains(2), network=Network(1))
 
 
@@ -212,3 +214,48 @@ def test_whether_anything_is_given():
 def test_lattices_that_are_refused(changes, message):
     with pytest.raises(ScenarioError, match=message):
         Lattice(**changes).Check("network", 2)
+
+
+WITH_VELOCITY = {
+    "controller.network.inputs": "position_velocity",
+    "controller.network.velocity_range": 0.002,
+    "controller.adaptation_rate": 50.0,  # So that the networks matter.
+}
+
+
+def test_velocity_as_an_input_of_the_networks():
+    """The engines agree, the page and the analysis know it, and it changes the run."""
+    scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 3.0})
+    times = np.linspace(0, 3, 61)
+    runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
+    one, other = (run.Interpolate("weights_1", times) for run in runs)
+    assert one.shape == (61, 5 * 3)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(one).max())
+    plain = simulate(
+        LoadScenario(
+            "one_dof",
+            {**WITH_VELOCITY, "duration": 3.0, "controller.network.inputs": "position"},
+        )
+    )
+    v = [run.Interpolate("tool_velocity", times) for run in (runs[0], plain)]
+    assert np.abs(v[0] - v[1]).max() > 1e-6
+    assert AnalyzeStability(scenario).points
+    assert MakePage(
+        "one_dof", overrides=WITH_VELOCITY, controllers=["adaptive_backstepping"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("one_dof", {"velocity_range": None}, "velocity_range = null: must be a speed"),
+        ("one_dof", {"inputs": "speed"}, "inputs = 'speed': must be one of pos"),
+        ("one_dof", {"velocity_count": 0}, "velocity_count = 0: must be >= 1"),
+        ("network_tracking_linear", {}, "inputs = 'position_velocity': must be posit"),
+    ],
+)
+def test_inputs_that_are_refused(name, changes, message):
+    changes = {"inputs": "position_velocity", "velocity_range": 1.0} | changes
+    overrides = {f"controller.network.{key}": x for key, x in changes.items()}
+    with pytest.raises(ScenarioError, match=f"controller.network.{message}"):
+        LoadScenario(name, overrides)

@@ -14,10 +14,12 @@ from scipy.integrate import solve_ivp
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
+    adaptive_rate,
     auxiliary_error,
     backstepping_rate,
     control_force_error,
     initial_state,
+    network_functions,
     pack_state,
     project,
     unpack_state,
@@ -111,11 +113,12 @@ def _V2(gains, truth, state, Phi, s, F_e):
     )
 
 
-def _violation(seed: int, n: int, **overrides: Any) -> float:
+def _violation(seed: int, n: int, unknown: float = 0.0, **overrides: Any) -> float:
     """By how much the law misses dV2/dt at a random point, relative to its terms.
 
     The plant is ds/dt = Psi* (F_c - F_e) + W1* Phi, dF_e/dt = W3* Phi, and dV2/dt a
-    complex step. Leakage and supervision are on unless overridden.
+    complex step. Leakage and supervision are on unless overridden;
+    by `unknown` the law's dPhi/dt is wrong.
     """
     rng = np.random.default_rng(seed)
     N = 4
@@ -126,8 +129,10 @@ def _violation(seed: int, n: int, **overrides: Any) -> float:
     s, F_e, v_dd, F_hd = rng.normal(size=(4, n))
     v = s + v_dd - gains.Lambda @ (F_e - F_hd)
 
+    error = unknown * rng.normal(size=N)
+    known = Phi_dot + error
     rate = backstepping_rate(
-        gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+        gains, state, Phi=Phi, Phi_dot=known, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
     )
     s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
     F_e_dot = truth.W3 @ Phi
@@ -150,6 +155,7 @@ def _violation(seed: int, n: int, **overrides: Any) -> float:
         gains.nu1 * np.sum((truth.W1 - state.W1) * state.W1),
         gains.nu3 * np.sum((truth.W3 - state.W3) * state.W3),
         -gains.Upsilon * np.sum((truth.Psi - state.Psi) * (gains.Psi0 - state.Psi)),
+        -z @ np.linalg.solve(state.Psi, state.W1 @ error),
     ]
     law_z = control_force_error(gains, state, Phi=Phi, s=s, F_e=F_e)
     return max(
@@ -163,6 +169,34 @@ def _violation(seed: int, n: int, **overrides: Any) -> float:
 def test_lyapunov_identity_at_random_points(n, seed):
     assert _violation(seed, n) < 1e-9
     assert _violation(seed, n, nu1=0.0, nu3=0.0, Upsilon=0.0) < 1e-9
+    assert _violation(seed, n, unknown=1.0) < 1e-9
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@given(seed=seeds)
+def test_networks_of_position_and_velocity(n, seed):
+    """Phi at [r; v]; its rate where the velocity's is Psi (F_c - F_e), by steps."""
+    rng = np.random.default_rng(seed)
+    network = GaussianNetwork(
+        lower=[-1] * 2 * n, upper=[1] * 2 * n, count=[2] * 2 * n, width=1.0
+    )
+    state = _random_state(rng, n, network.num_functions)
+    r, v, F_e = rng.normal(size=(3, n))
+    numbers = network.as_numbers()
+    Phi, Phi_dot = network_functions(numbers, state, r, v, F_e)
+    np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
+    a, h = state.Psi @ (state.F_c - F_e), 1e-30j
+    offsets = (
+        np.concatenate((r + h * v, v + h * a)) - network.centres
+    ) / network.widths
+    expected = np.exp(-(offsets**2).sum(axis=1)).imag / h.imag
+    np.testing.assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
+    # The law is the one of the identity above, with these functions.
+    gains = _random_gains(rng, n)
+    v_dd, F_hd = rng.normal(size=(2, n))
+    rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
+    x = adaptive_rate(gains, numbers, pack_state(state), r, v, v_dd, F_e, F_hd)
+    np.testing.assert_array_equal(x, pack_state(rate))
 
 
 def _Trajectory(n, sign=1.0):
