@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     )
     from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
     from teleop_drake.sweep import Sweep
+    from teleop_drake.sweep.tuning import Tune
     from teleop_drake.tasks.metrics import RunMetrics, RunSummary
     from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -57,6 +58,7 @@ __all__ = [
     "ScenarioToYaml",
     "Sweep",
     "TrackingScenario",
+    "Tune",
     "WriteDiagram",
     "WritePage",
     "simulate",
@@ -77,6 +79,7 @@ _PLACES = {
     ],
     "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
     "sweep": ["Sweep"],
+    "sweep.tuning": ["Tune"],
     "tasks.metrics": ["RunMetrics", "RunSummary"],
     "teleoperator": ["MakeTeleoperator"],
 }

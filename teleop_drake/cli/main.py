@@ -80,6 +80,7 @@ _COMMANDS = {
     "compare": "Compare controllers: a table and a figure.",
     "sweep": "Simulate a scenario, or a study's several, for many delays, controllers "
     "and other values.",
+    "tune": "Search for gains of a controller: the best, or a Pareto front.",
     "analyze": "Find the delays at which the loop is stable, and why it fails at "
     "others.",
     "replay": "Show a run, or several, in 3-D: opens a page, or writes it.",

@@ -58,12 +58,27 @@ def AddScenarioOptions(
     parser.add_argument("--accuracy", metavar="X", help="simulator.accuracy")
     parser.add_argument(
         "--set",
-        action="append",
+        action=_SetFields,
         default=[],
-        metavar="PATH=VALUE",
-        help="any other field, for example environment.layers.bone.stiffness=300; "
+        metavar="PATH=VALUE|FILE",
+        help="any other field, for example environment.layers.bone.stiffness=300, or "
+        "a YAML file of paths and values, such as the gains.yaml of `tune`; "
         "repeatable; later ones win",
     )
+
+
+class _SetFields(argparse.Action):
+    """Adds a field and its value to those before, or all of a file's."""
+
+    def __call__(
+        self, parser: Any, args: argparse.Namespace, text: Any, option: Any = None
+    ) -> None:
+        fields = [text]
+        if "=" not in text and Path(text).suffix in (".yaml", ".yml"):
+            from teleop_drake.scenario.tree import OverridesOfFile
+
+            fields = OverridesOfFile(Path(text))
+        setattr(args, self.dest, [*getattr(args, self.dest), *fields])
 
 
 def AddRunOptions(
@@ -196,14 +211,17 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     return names
 
 
-def AddGridOptions(parser: argparse.ArgumentParser) -> None:
+def AddGridOptions(
+    parser: argparse.ArgumentParser, *, has_controllers: bool = True
+) -> None:
     """Adds --controllers, --vary and --seeds."""
-    parser.add_argument(
-        "--controllers",
-        metavar="A,B,...",
-        help="controller.kind, the baseline first; `all`: every architecture "
-        "(default: the thesis's two)",
-    )
+    if has_controllers:
+        parser.add_argument(
+            "--controllers",
+            metavar="A,B,...",
+            help="controller.kind, the baseline first; `all`: every architecture "
+            "(default: the thesis's two)",
+        )
     parser.add_argument(
         "--vary",
         action="append",

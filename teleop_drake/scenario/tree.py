@@ -8,6 +8,7 @@ import copy
 import copyreg
 import dataclasses
 import functools
+import math
 import re
 import types
 import typing
@@ -164,6 +165,16 @@ def ParseOverrides(
         for key, value in pairs
         for path in (DELAYS if key == "delay" else (key,))
     ]
+
+
+def OverridesOfFile(path: Path) -> list[str]:
+    """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
+    # In brackets, a number needs no end of document, and none is broken into lines.
+    texts = {
+        key: DumpYaml([value], default_flow_style=True, width=math.inf).strip()
+        for key, value in ParseFile(path, ReadText(path)).items()
+    }
+    return [f"{key}={text[1:-1]}" for key, text in texts.items()]
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:

@@ -228,15 +228,20 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
     paths = []
     for name in TableNames(result):
         table = makers[name](result)
-        paths.append(folder / (prefix + name))
-        with (
-            Replacing(paths[-1]) as temporary,
-            open(temporary, "w", encoding="utf-8", newline="") as file,
-        ):
-            writer = csv.DictWriter(file, table[0], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
+        paths.append(WriteCsv(folder / (prefix + name), table))
     return paths
+
+
+def WriteCsv(path: Path, table: list[dict[str, Any]]) -> Path:
+    """Writes rows, all of which have the keys of the first; returns the path."""
+    with (
+        Replacing(path) as temporary,
+        open(temporary, "w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.DictWriter(file, table[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: _Cell(x) for key, x in row.items()} for row in table)
+    return path
 
 
 def _Cell(value: Any) -> Any:

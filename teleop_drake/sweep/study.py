@@ -9,8 +9,10 @@
     overrides: {duration: 8}
     engine: auto
 
-Every key but `scenarios` may be left out. Instead of a list, `scenarios` may be a
-mapping, in which each sweep has a name, and more than what all of them have:
+Every key but `scenarios` may be left out. In the place of a mapping, `overrides` may be
+the name of a YAML file with one, such as the gains.yaml of a search. Instead of a list,
+`scenarios` may be a mapping, in which each sweep has a name, and more than what all of
+them have:
 
     scenarios:
       slow: {scenario: one_dof, overrides: {duration: 30}, seeds: 5}
@@ -113,6 +115,11 @@ def _PlanOf(common: Mapping[str, Any], own: Any, folder: Path) -> SweepPlan:
     values = {key: common.get(key) for key in _OF_A_SWEEP} | dict(own)
     for key in ("grid", "overrides"):
         both = [x.get(key) or {} for x in (common, own)]
+        if key == "overrides":  # Or a file with them.
+            both = [
+                ParseFile(folder / x, ReadText(folder / x)) if isinstance(x, str) else x
+                for x in both
+            ]
         for given in both:
             if not isinstance(given, Mapping):
                 Refuse(key, given, "a mapping of paths to values")

@@ -107,7 +107,7 @@ def Execute(args: argparse.Namespace) -> int:
         show(finished, runs)
 
     part = None if args.shard is None else ParsePart(args.shard)
-    study = _Study(args)
+    study = StudyOf(args)
     metrics = {
         name: SelectMetrics(plan.scenario, study.metrics) if study.metrics else []
         for name, plan in study.plans.items()
@@ -169,7 +169,7 @@ def _CheckOptions(args: argparse.Namespace) -> None:
                 raise BadInput(f"--{option}: must be left out where parts are merged")
 
 
-def _Study(args: argparse.Namespace) -> "Study":
+def StudyOf(args: argparse.Namespace) -> "Study":
     """Returns the study that is named, or one of the scenario, in no folder of its own.
 
     Raises:

@@ -1,0 +1,169 @@
+"""The command `teleop-drake tune`."""
+
+import argparse
+import copy
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli import options
+from teleop_drake.cli.commands.sweep import StudyOf
+from teleop_drake.cli.exit_codes import DONE, INTERRUPTED, BadInput, Fail
+from teleop_drake.cli.output import CheckJson, WriteJson
+from teleop_drake.cli.progress import SweepProgress
+from teleop_drake.cli.tables import Align
+
+if TYPE_CHECKING:
+    from teleop_drake.sweep.study import Study
+    from teleop_drake.sweep.tuning import TuningResult
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    parser.epilog = (
+        "SCENARIO may be a study: then its runs are the training runs. VALUES are "
+        "START:STOP:COUNT or A,B,... in YAML. Gains are accepted if all training runs "
+        "go on to their end; a time that a run does not have counts as its duration. "
+        "Each metric is taken in multiples of what the scenario's own gains give, as a "
+        "mean over the runs."
+    )
+    options.AddScenarioOptions(parser, is_sweep=True)
+    options.AddGridOptions(parser, has_controllers=False)
+    parser.add_argument(
+        "--gains",
+        required=True,
+        metavar="A,B,...",
+        help="one to six fields to search, for example G1,Lambda=0.1:2 or "
+        "controller.four_channel.C2; without a range a tenth to ten times the "
+        "scenario's own value",
+    )
+    parser.add_argument(
+        "--minimize",
+        action="append",
+        required=True,
+        metavar="METRIC[:WEIGHT]",
+        help="a metric as in runs.csv, or felt_stiffness_loss, the share of the "
+        "environment's stiffness that is not felt at 1 rad/s; repeatable; without "
+        "weights: a Pareto front",
+    )
+    parser.add_argument(
+        "--held-out",
+        action="append",
+        default=[],
+        metavar="KEY=VALUES|STUDY",
+        help="runs that the search does not see: other values of delay, seed or any "
+        "field, or a study; repeatable",
+    )
+    parser.add_argument(
+        "--margin",
+        type=float,
+        metavar="S",
+        help="by analysis, every loop has to stay stable with a round trip that is "
+        "longer by this, s",
+    )
+    parser.add_argument(
+        "--evaluations",
+        type=int,
+        default=64,
+        metavar="N",
+        help="how many sets of gains to try (default: 64)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the search (default: 0)"
+    )
+    parser.add_argument("--jobs", type=int, metavar="N", help="as for `sweep`")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the search in --out"
+    )
+    options.AddRunOptions(
+        parser,
+        json_help="write the rows of tuning.csv as JSON; `-`: to stdout, and nothing "
+        "else there",
+        out_help="write gains.yaml, tuning.csv and all runs there (default: out)",
+        out_default="out",
+    )
+    # What a sweep has beside these.
+    parser.set_defaults(controllers=None, metrics=None, engine="auto")
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Searches for gains, and writes them."""
+    if args.controller is None:
+        raise BadInput("--controller: must name what is tuned")
+    CheckJson(args.json)
+    from teleop_drake.sweep.study import IsStudy
+    from teleop_drake.sweep.tuning import PlanTuning, RunTuning
+
+    training = copy.copy(args)
+    if IsStudy(args.scenario):  # It says all but the controller.
+        training.controller = None
+    plan = PlanTuning(
+        StudyOf(training),
+        controller=args.controller,
+        gains=args.gains.split(","),
+        minimize=args.minimize,
+        held_out=_HeldOut(args),
+        margin=args.margin,
+        evaluations=args.evaluations,
+        seed=args.seed,
+    )
+
+    def Notice(text: str) -> None:
+        print(f"teleop-drake: {text}", file=sys.stderr)
+
+    if not args.quiet:
+        for path, (low, high) in plan.ranges.items():
+            Notice(f"{path} is searched from {low:g} to {high:g}")
+    try:
+        with SweepProgress(args.quiet) as show:
+            result = RunTuning(
+                plan,
+                out=args.out,
+                resume=args.resume,
+                jobs=args.jobs,
+                progress=show,
+                notice=Notice,
+            )
+    except KeyboardInterrupt:
+        return Fail(INTERRUPTED, f"interrupted; --resume goes on with {args.out}")
+    files = result.Write(Path(args.out))
+    if args.json is not None:
+        WriteJson(args.json, result.Table())
+    if args.json != "-":
+        print(_Table(result))
+        print("Written:", ", ".join(map(str, files)))
+    return DONE
+
+
+def _HeldOut(args: argparse.Namespace) -> "Study | None":
+    """Returns the held-out runs, if there are any."""
+    from teleop_drake.sweep.study import IsStudy, LoadStudy
+
+    if len(args.held_out) == 1 and IsStudy(args.held_out[0]):
+        return LoadStudy(args.held_out[0])
+    args = copy.copy(args)
+    for item in args.held_out:
+        key, equals, _ = item.partition("=")
+        if not equals or IsStudy(args.scenario):
+            allowed = "KEY=VALUES of a scenario, or one study"
+            raise BadInput(f"--held-out = {item!r}: must be {allowed}")
+        # It takes the place of the values of training.
+        name = {"seed": "seeds"}.get(key, key)
+        if name in ("seeds", "delay", "forward_delay", "return_delay"):
+            setattr(args, name, None)
+        args.vary = [x for x in args.vary if not x.startswith(f"{key}=")] + [item]
+    return StudyOf(args) if args.held_out else None
+
+
+def _Table(result: "TuningResult") -> str:
+    """Returns the gains of the front, and their metrics in the training runs."""
+    plan = result.plan
+    names = [path.rpartition(".")[2] for path in plan.ranges]
+    lines = [["", *names, *(f"{metric} (relative)" for metric in plan.weights)]]
+    for i, trial in enumerate([result.own, *result.front]):
+        title = f"front-{i}" if len(result.front) > 1 else "best"
+        gains = [f"{x:g}" for x in trial.gains.values()] or ["-"] * len(names)
+        scores = [f"{x:.4g}" for x in result.Scores(trial)]
+        lines.append([title if i else "own", *gains, *scores])
+    note = f"\nown: not accepted ({result.own.reason})" * bool(result.own.reason)
+    return Align(lines) + note
