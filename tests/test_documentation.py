@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from documentation import PAGES, ROOT, TEXT, Blocks
+from grids import Slow
 from league_table import (
     ARCHITECTURES,
     HasBone,
@@ -22,6 +23,8 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
 from teleop_drake.figures.runs import PlotComparison, SaveFigure
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
+from teleop_drake.sweep import RunSweep
+from teleop_drake.sweep.study import LoadStudy
 from teleop_drake.tasks.metrics import RunMetrics
 
 
@@ -136,6 +139,37 @@ def test_league_table(kind):
         f"{min(trips):g}" if trips else "never",
         *("-" if value is None else f"{value:.3g}" for value in values),
     ]
+
+
+@pytest.mark.parametrize(
+    "task", Slow(["one_dof", "two_dof_collision", "two_dof_combined"], but=["one_dof"])
+)
+def test_the_adaptive_controller_taken_apart(task):
+    """Each column of the page is what the study gives, in the order of its rows."""
+    parts = {
+        name.partition("-")[2]: RunSweep(plan).Table()
+        for name, plan in LoadStudy("why_adaptive").plans.items()
+        if name.startswith(f"{task}-")
+    }
+    adaptive, direct, damped = parts["laws"]
+    order = ("no_networks", "no_psi", "no_adaptation", "no_velocity", "no_force")
+    runs = [adaptive, *(parts[name][0] for name in order), *parts["gains"]]
+    scale = 1000 if task == "one_dof" else 1
+    expected = [
+        [
+            "-" if run[metric] is None else f"{factor * run[metric]:.3g}"
+            for metric, factor in (
+                ("collision.rest_time", 1),
+                ("collision.peak_force", scale),
+            )
+        ]
+        for run in (*runs, direct, damped)
+    ]
+    page = (ROOT / "teleop_drake/docs/why_adaptive.md").read_text(encoding="utf-8")
+    lines = [line for line in page.splitlines() if line.startswith("| ")][1:]
+    first = ("one_dof", "two_dof_collision", "two_dof_combined").index(task)
+    cells = [[cell.strip() for cell in line.split("|")[2:-1]] for line in lines]
+    assert [[row[first], row[first + 3]] for row in cells] == expected
 
 
 def test_channel_example_is_valid():
