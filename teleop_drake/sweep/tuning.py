@@ -296,6 +296,8 @@ def PlanTuning(
         allowed = f"{plan.size} or more with {len(ranges)} gains"
         Refuse("evaluations", evaluations, allowed)
     for sweep in sweeps:
+        for path in {*sweep.axes} & {*ranges}:
+            Refuse(f"gains.{path}", ranges[path], "a field that no run varies")
         for path, bound in ((path, x) for path, xs in ranges.items() for x in xs):
             point = PointOverrides(sweep.points[0])
             scenario = sweep.Load([*sweep.overrides, *point, f"{path}={bound}"])

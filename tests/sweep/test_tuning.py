@@ -202,6 +202,7 @@ COMMAND = ["tune", "two_dof_combined", "--controller", "damped_force"]
         ),
         (["--margin", "-1"], "margin = -1.0: must be a finite number >= 0 (s)"),
         (["--held-out", "delay"], "must be KEY=VALUES of a scenario, or one study"),
+        (["--vary", f"{B}=1,2"], f"gains.{B} = (0.1"),
         (["--delay", "a"], "forward_channel.delay = 'a': must be a number"),
     ],
 )
