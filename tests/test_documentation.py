@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import tuned_league
 import yaml
 from documentation import PAGES, ROOT, TEXT, Blocks
 from grids import Slow
@@ -170,6 +171,22 @@ def test_the_adaptive_controller_taken_apart(task):
     first = ("one_dof", "two_dof_collision", "two_dof_combined").index(task)
     cells = [[cell.strip() for cell in line.split("|")[2:-1]] for line in lines]
     assert [[row[first], row[first + 3]] for row in cells] == expected
+
+
+def test_the_tuned_league():
+    """The table is that of the runs, which are those of the study."""
+    rows = tuned_league.ReadTable()
+    page = (ROOT / "teleop_drake/docs/architectures.md").read_text(encoding="utf-8")
+    assert "\n".join(tuned_league.PageRows(rows)) in page
+    groups: dict[str, int] = {}
+    for name, plan in LoadStudy("tuned_league_held_out").plans.items():
+        group = name.rpartition("-")[2]
+        groups[group] = groups.get(group, 0) + len(plan.points)
+    for row in rows:
+        assert row["count"] == groups[row["runs"]] >= row["bounded"] >= row["at_rest"]
+    assert list(dict.fromkeys(x["architecture"] for x in rows)) == [
+        *tuned_league.ENTRIES
+    ]
 
 
 def test_channel_example_is_valid():
