@@ -150,7 +150,8 @@ class Insertion(Task[Scenario]):
               recording that happens to end while v_x passes through 0 has not settled.
             * rest_time (s): the same of all axes and of the force: until every |v_i|
               stays under 5 % of |v_d|, and every F_e_i within 5 % of the last |F_e| of
-              where it ends.
+              where it ends. A force that creeps ends elsewhere in a longer run, and i
+              is a task axis: in axes that are turned it may be another time.
         * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being
           the velocity command as the slave receives it, or, in an architecture that
           does not send it, the operator's command delayed by forward_channel.delay.

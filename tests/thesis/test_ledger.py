@@ -1,5 +1,6 @@
 """The ledger: its verdicts follow from the runs, and ten rows are documented."""
 
+import copy
 import dataclasses
 import shlex
 from importlib import resources
@@ -147,10 +148,13 @@ def test_short_runs_have_the_metrics_of_the_full_ones(thesis_runs):
     for name in SHORT:
         if name == "two_dof_puncture":
             continue
-        full = thesis_runs(name, ADAPTIVE).metrics
-        metrics = thesis_runs.Short(name, ADAPTIVE).metrics
+        full = copy.deepcopy(thesis_runs(name, ADAPTIVE).metrics)
+        metrics = copy.deepcopy(thesis_runs.Short(name, ADAPTIVE).metrics)
         for part in ("puncture", "collision"):
             if full[part] is not None:
+                # The force still creeps, and is measured against where it ends.
+                for record in (metrics, full):
+                    record[part].pop("rest_time", None)
                 assert metrics[part] == pytest.approx(full[part], rel=1e-3)
 
 
