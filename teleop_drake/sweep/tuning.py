@@ -43,10 +43,11 @@ from teleop_drake.scenario.tree import DumpYaml, GetPath, ToTree
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.folder import WriteCsv
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, SweepPlan
-from teleop_drake.sweep.result import MetricUnits, SweepError, SweepResult
+from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.run import RunSweep
 from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 from teleop_drake.tasks import TaskOf
+from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
 Array = NDArray[np.float64]
