@@ -5,6 +5,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
+from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, ScenarioLike
 from teleop_drake.signals import NamedSignals
@@ -66,10 +67,18 @@ def MakeTeleoperator(scenario: ScenarioLike, **own: Any) -> Diagram:
     return teleoperator
 
 
+SIDES = {
+    "operator": ("master", "return_channel"),
+    "robot": ("forward_channel", "controller", "robot", "environment"),
+}
+"""The systems of each side, with the channel through which it hears the other one."""
+
+
 def AddTeleoperator(
     builder: DiagramBuilder,
     scenario: ScenarioLike,
     *,
+    side: str | None = None,
     control_law: System | None = None,
     architecture: Architecture | None = None,
     robot: System | None = None,
@@ -78,13 +87,14 @@ def AddTeleoperator(
     return_channel: System | None = None,
     operator: System | None = None,
     haptic_device: System | None = None,
-) -> None:
-    """Adds the teleoperator's six systems and connects them.
+) -> Architecture:
+    """Adds the teleoperator's six systems and connects them; returns its architecture.
 
     MakeTeleoperator() calls it. Call it yourself for a diagram that has more in it,
     such as a meter of energy (see analysis.energy). Afterwards
     `builder.GetSubsystemByName("master")` finds a system. The ports of systems of your
-    own are those that MakeTeleoperator() states.
+    own are those that MakeTeleoperator() states. Of one of SIDES only its systems are
+    added, and the input of its channel, which lets pass what it gets, stays open.
     """
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
@@ -99,15 +109,12 @@ def AddTeleoperator(
         )
     elif control_law is not None:
         Refuse("control_law", control_law.get_name(), "null with an architecture")
-    master = builder.AddNamedSystem(
-        "master",
-        MakeMasterStation(
-            scenario,
-            architecture.master_side,
-            surfaces=surfaces,
-            operator=operator,
-            haptic_device=haptic_device,
-        ),
+    master = MakeMasterStation(
+        scenario,
+        architecture.master_side,
+        surfaces=surfaces,
+        operator=operator,
+        haptic_device=haptic_device,
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
     channels = {"forward_channel": forward_channel, "return_channel": return_channel}
@@ -115,16 +122,30 @@ def AddTeleoperator(
         ("forward_channel", master, "forward", architecture.initial_forward_packet),
         ("return_channel", controller, "return", architecture.initial_return_packet),
     ):
+        size = sender.GetOutputPort(f"{packet}_packet").size()
+        if side is not None:
+            channels[name] = TransportDelay(
+                delay=0.0, size=size, initial_value=initial_value
+            )
         channels[name] = channels[name] or getattr(scenario, name).MakeChannel(
-            size=sender.GetOutputPort(f"{packet}_packet").size(),
+            size=size,
             initial_value=initial_value,
             duration=scenario.duration,
             stream=name,
         )
-    systems = {"controller": controller, "robot": robot, "environment": environment}
-    for name in ("forward_channel", *systems, "return_channel"):
-        builder.AddNamedSystem(name, (channels | systems)[name])
+    systems = {
+        "master": master,
+        "forward_channel": channels["forward_channel"],
+        "controller": controller,
+        "robot": robot,
+        "environment": environment,
+        "return_channel": channels["return_channel"],
+    }
+    for name, system in systems.items():
+        if side is None or name in SIDES[side]:
+            builder.AddNamedSystem(name, system)
     _CloseLoop(builder)
+    return architecture
 
 
 _CONNECTIONS = (
@@ -144,11 +165,16 @@ _CONNECTIONS = (
 
 
 def _CloseLoop(builder: DiagramBuilder) -> None:
-    """Connects the six systems, after checking that each signal has its own name."""
+    """Connects the six systems, after checking that each signal has its own name.
+
+    Of a side, those that there are.
+    """
     names = dict.fromkeys(source for source, _, _, _ in _CONNECTIONS)
-    NamedSignals(map(builder.GetSubsystemByName, names))
+    present = [name for name in names if builder.HasSubsystemNamed(name)]
+    NamedSignals(map(builder.GetSubsystemByName, present))
     for source, output, target, input_name in _CONNECTIONS:
-        builder.Connect(
-            builder.GetSubsystemByName(source).GetOutputPort(output),
-            builder.GetSubsystemByName(target).GetInputPort(input_name),
-        )
+        if source in present and target in present:
+            builder.Connect(
+                builder.GetSubsystemByName(source).GetOutputPort(output),
+                builder.GetSubsystemByName(target).GetInputPort(input_name),
+            )

@@ -175,6 +175,21 @@ class CompiledRun:
             self._chunk = _CHUNK
         return times, rows, steps
 
+    def Feed(self, place: slice, values: Array) -> None:
+        """Sets what an open input is fed with from now on: signals jump, a step ends.
+
+        Args:
+            place: Of the input in y, as Program.fed has it.
+        """
+        counts = self.memory.counts
+        self.memory.y[place] = values
+        self.memory.breaks[counts[problem.BREAKS]] = self.time, 0.0
+        counts[problem.BREAKS] += 1
+
+    def Forget(self) -> None:
+        """Forgets the rows so far, for runs that would fill the memory with them."""
+        self._num_rows = 0
+
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
         return self._times[: self._num_rows], self._rows[: self._num_rows]
