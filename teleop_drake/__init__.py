@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import AddScene, MakeReplay
     from teleop_drake.linear_model.ports import LinearizePorts
+    from teleop_drake.link.side import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, WritePage
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
@@ -46,6 +47,7 @@ __all__ = [
     "MakeReplay",
     "MakeSimulator",
     "MakeTeleoperator",
+    "OperateRemotely",
     "PlotComparison",
     "PlotRun",
     "Recording",
@@ -56,6 +58,7 @@ __all__ = [
     "ScenarioError",
     "ScenarioNames",
     "ScenarioToYaml",
+    "ServeRobot",
     "Sweep",
     "TrackingScenario",
     "Tune",
@@ -66,6 +69,7 @@ __all__ = [
 
 # Where the names above are from.
 _PLACES = {
+    "link.side": ["OperateRemotely", "ServeRobot"],
     "linear_model.ports": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],

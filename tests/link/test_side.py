@@ -1,0 +1,266 @@
+"""Tests of teleop_drake.link.side and .prediction, in simulated time."""
+
+import numpy as np
+import pytest
+from link_networks import Fates, Network
+
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.link.prediction import Compare, Predict, SaveRun
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+
+
+def Scenario(kind="direct_force", name="one_dof", duration=1.0):
+    return LoadScenario(name, {"controller.kind": kind, "duration": duration})
+
+
+def Differences(side, folder):
+    """Returns the largest differences from the prediction, as shares of each range."""
+    SaveRun(side, folder)
+    predicted, recording = Predict(side, folder), side.Recording()
+    shares = {}
+    for name in [x for x in recording if "_packet_" in x]:
+        expected = predicted.Interpolate(name, recording.time - 1e-9)
+        span = np.maximum(np.ptp(expected, axis=0), 1e-9)
+        # At the very start the prediction has heard what came with delay 0.
+        shares[name] = np.max(np.abs(recording[name] - expected)[1:] / span)
+    return shares
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "seeds"),
+    [
+        ("direct_force", "one_dof", (1, 2)),
+        *(
+            pytest.param(*x, marks=pytest.mark.slow)
+            for x in (
+                ("adaptive_backstepping", "two_dof_combined", (3, 4)),
+                ("wave_variables", "one_dof", (5, 6)),
+                ("time_domain_passivity", "one_dof", (7, 8)),
+                ("four_channel", "two_dof_collision", (9, 10)),
+                ("smith_predictor", "one_dof", (11, 12)),
+            )
+        ),
+    ],
+)
+def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path):
+    """Not within a sample period, but within the accuracy of the solvers."""
+    network = Network(*map(Fates, seeds))
+    sides = network.MakeSides(Scenario(kind, name))
+    network.Run(sides)
+    for side in sides:
+        assert side.reason == ""
+        report = side.Report()
+        assert report["refused_packets"]["old"] > 100  # Late and doubled ones.
+        assert report["unknown_periods"] == 0
+        differences = Differences(side, tmp_path)
+        assert len(differences) == 2
+        assert max(differences.values()) < 1e-3, differences
+
+
+def test_the_delays_are_those_of_the_network():
+    """Exactly so, in whole periods, after the robot's side has set its clock."""
+    fates = Fates(0, delay=0.0203, std=0, loss=0), Fates(0, delay=0.0303, std=0, loss=0)
+    network = Network(*fates)
+    sides = network.MakeSides(Scenario(duration=0.4))
+    network.Run(sides, phase=0.0)
+    for side in sides:
+        forward, back = (side.Delays()[way] for way in ("forward", "return"))
+        assert np.isfinite(forward[:300]).all()
+        # Half of 50.6 ms each, for what nobody can know.
+        assert forward[:300] == pytest.approx(0.026, abs=0.0011)
+        assert forward[100] + back[100] == pytest.approx(0.0506, abs=0.0021)
+        assert np.ptp(forward[:300]) == 0
+        shortest = side.Report()["round_trip"]["shortest"]
+        assert shortest == pytest.approx(0.0516, abs=0.0011)  # Seen each period.
+
+
+def test_neither_needs_the_clock_of_the_other(tmp_path):
+    runs = []
+    for offsets in ((1, 1), (10**15, 5)):
+        network = Network(Fates(1), Fates(2), offsets=offsets)
+        sides = network.MakeSides(Scenario(duration=0.3))
+        network.Run(sides)
+        runs.append([side.Recording() for side in sides])
+    for here, there in zip(*runs, strict=True):
+        for name in here:
+            np.testing.assert_array_equal(here[name], there[name])
+
+
+def test_files_are_those_of_any_run(tmp_path):
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario("wave_variables", duration=0.5))
+    network.Run(sides)
+    files = SaveRun(sides[0], tmp_path)
+    picture = tmp_path / "prediction.png"
+    apart = Compare(sides[0], Predict(sides[0], tmp_path), picture)
+    assert set(apart.values()) == {0.0}
+    assert picture.stat().st_size > 10_000
+    loaded = LoadRecording(files[0])
+    assert loaded.time[-1] == 0.5
+    assert 0.009 < loaded["packet_age"][-1, 0] < 0.05
+    scenario = LoadScenario(files[-1])
+    predicted = simulate(scenario)
+    for name in ("return_packet_received", "forward_packet_sent"):
+        expected = predicted.Interpolate(name, loaded.time)
+        np.testing.assert_allclose(loaded[name], expected, rtol=0, atol=1e-6)
+    analysis = AnalyzeStability(scenario).ToRecord()
+    assert analysis["operating_points"]
+
+
+def test_what_is_too_old_fades_and_comes_back(tmp_path):
+    """The way to the robot is cut for 0.5 s: forces fall on both sides, smoothly."""
+    cut, forward = range(500, 1000), Fates(0, delay=0.01, std=0, loss=0)
+    network = Network(
+        lambda k: [] if k in cut else forward(k), Fates(0, delay=0.01, std=0, loss=0)
+    )
+    sides = network.MakeSides(
+        Scenario("wave_variables", duration=1.5), limit=0.1, fade=0.05
+    )
+    network.Run(sides)
+    recording = sides[1].Recording()
+    time, (wave, position) = recording.time, recording["forward_packet_received"].T
+    ((begin, end),) = sides[1].Report()["outages"]
+    assert begin == pytest.approx(0.48 + 0.1, abs=0.03)
+    assert end == pytest.approx(1.0, abs=0.03)
+    silent = (time > begin + 0.06) & (time < end)
+    assert np.all(wave[silent] == 0)
+    assert np.ptp(position[silent]) == 0
+    assert position[silent][0] == position[time < begin][-1] > 0
+    assert abs(wave[time < begin][-1]) > 0.2 * np.abs(wave).max()
+    # Nothing jumps by more than the share of a period, and a little of its own.
+    largest = np.abs(wave).max()
+    assert np.abs(np.diff(wave))[time[1:] > 0.1].max() < 1.5 * largest * 0.001 / 0.05
+    assert np.ptp(recording["tool_position"][silent]) < 1e-3
+    for side, lines in zip(sides, network.lines, strict=True):
+        assert side.reason == ""
+        assert len(side.Report()["outages"]) == 1
+        assert [x.rpartition(": ")[2] for x in lines[-2:]] == [
+            "forces fall to zero",
+            "forces come back",
+        ]
+
+
+def test_who_is_left_alone_ends_safe():
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(duration=3.0), limit=0.1, fade=0.05, patience=1)
+    network.Run(sides, until=0.5)
+    network.Run(sides, until=9.0, stopped=[0])
+    assert sides[1].reason == "nothing was heard for 1 s"
+    recording = sides[1].Recording()
+    assert recording.termination == "interrupted"
+    assert np.all(recording["forward_packet_received"][-500:] == 0)
+    # Nothing of what was recorded is lost.
+    np.testing.assert_allclose(np.diff(recording.time), 0.001)
+    # The other one wakes up behind the end, and is alone as well.
+    network.Run(sides)
+    assert sides[0].reason in ("", "the other side has ended")
+
+
+@pytest.mark.parametrize("stopped", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path):
+    """Its clock jumps by 0.2 s: it sends nothing for so long, and holds what it had."""
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(), limit=1.0)
+    network.Run(sides, until=0.5)
+    network.Run(sides, until=0.7, stopped=[stopped])
+    network.Run(sides)
+    report = sides[stopped].Report()
+    assert report["missed_periods"] == pytest.approx(200, abs=5)
+    assert report["largest_lateness"] == pytest.approx(0.2, abs=0.005)
+    assert sides[1 - stopped].Report()["missed_periods"] == 0
+    for side in sides:
+        assert max(Differences(side, tmp_path).values()) < 1e-3
+
+
+def test_one_that_was_started_anew_is_another_one():
+    """The robot does not go on with an operator who knows nothing of the run so far."""
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(duration=3.0), patience=1.0)
+    network.Run(sides, until=0.5)
+    sides[0] = network.MakeSides(Scenario(duration=3.0), patience=1.0)[0]
+    network.Run(sides)
+    assert [side.reason for side in sides] == ["nothing was heard for 1 s"] * 2
+    assert len(sides[1].Report()["outages"]) == 1
+    assert not sides[0].Delays()["forward"].size
+
+
+def test_nobody_is_there():
+    network = Network(lambda k: [], lambda k: [])
+    sides = network.MakeSides(Scenario(), patience=1.0)
+    network.Run(sides, until=5.0)
+    assert sides[0].reason == "nothing was heard for 1 s"
+    assert sides[1].reason is None  # It waits until somebody calls.
+    with pytest.raises(ConnectionError, match="no connection: nothing was heard"):
+        sides[0].Run()
+
+
+def test_the_robot_waits_for_as_long_as_it_takes():
+    network = Network(Fates(1), Fates(2))
+    options = {"patience": 9.0}, {"patience": 1.0}
+    sides = network.MakeSides(Scenario(duration=0.1), options)
+    network.Run(sides, until=5.0, stopped=[0])
+    network.Run(sides)
+    assert [side.reason for side in sides] == ["", ""]
+
+
+def test_both_have_the_same_scenario():
+    network = Network(Fates(1), Fates(2))
+    options = {"period": 0.001}, {"period": 0.002}
+    sides = network.MakeSides(Scenario(), options)
+    network.Run(sides, until=1.0)
+    line = "not heard: the other side's version, scenario or period differ"
+    assert network.lines[1] == [line]
+    assert not sides[1].Delays()["forward"].size
+
+
+def test_a_driver_of_ones_own():
+    """It gets what has come; if it fails, the other side ends safe, and says why."""
+    given = []
+
+    def Step(t, packet):
+        given.append((t, packet))
+        if t > 0.3:
+            raise OSError("the cable is out")
+        return [0.002, 0.001]
+
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(duration=2.0), ({"step": Step}, {}))
+    network.Run(sides)
+    assert sides[0].reason == "OSError: the cable is out"
+    assert sides[0].Recording().termination == "diverged"
+    assert len(given) == 302
+    assert given[-1][1].shape == (2,)
+    assert sides[1].reason == "the other side has ended"
+    received = sides[1].Recording()["forward_packet_received"]
+    assert received[200].tolist() == [0.002, 0.001]
+    assert np.all(received[-1] <= [0.00003, 0.000015])
+    with pytest.raises(ScenarioError, match=r"period = 0\.0: must be"):
+        network.MakeSides(Scenario(), period=0.0)
+    with pytest.raises(ScenarioError, match="return_channel = 3: must be left out"):
+        network.MakeSides(Scenario(), return_channel=3)
+
+
+@pytest.mark.parametrize("values", [[1.0], [np.nan, 0.0]])
+def test_what_cannot_be_sent_ends_the_side(values):
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(), ({"step": lambda t, packet: values}, {}))
+    network.Run(sides, until=0.5)
+    assert "must send 2 finite numbers" in sides[0].reason
+
+
+def test_a_wrong_prediction_is_said(tmp_path, unrendered):
+    """One of another law, and one that is early by 10 ms."""
+    network = Network(Fates(1), Fates(2))
+    sides = network.MakeSides(Scenario(duration=0.5))
+    network.Run(sides)
+    SaveRun(sides[0], tmp_path)
+    picture = tmp_path / "picture.png"
+    predicted = Predict(sides[0], tmp_path)
+    predicted.time = predicted.time - 0.01
+    early = Compare(sides[0], predicted, picture)["return_packet_received"]
+    assert 0.008 <= early <= 0.016
+    other = simulate(Scenario("adaptive_backstepping", duration=0.5))
+    other.signals["return_packet_received"] = 3 * other["return_packet_received"]
+    assert Compare(sides[0], other, picture)["return_packet_received"] > 0.1

@@ -1,0 +1,103 @@
+"""Two sides in one process: clocks that tests move, and a network with a seed."""
+
+import heapq
+
+from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.channels.variable import DelayProfile
+from teleop_drake.link.side import Side
+
+KEY = bytes(range(32))
+
+
+def Fates(seed, *, delay=0.02, std=0.004, loss=0.05, duration=100.0):
+    """Returns the delays in s of the copies of datagram k: some lost, some doubled."""
+    network = PacketNetwork(
+        profile=DelayProfile(delay=delay, duration=duration),
+        sample_period=0.001,
+        jitter=Jitter(kind="gamma", std=std, minimum=delay / 2) if std else None,
+        loss=Loss(kind="burst", probability=loss, burst_length=4) if loss else None,
+        seed=seed,
+    )
+
+    def Copies(k):
+        arrival = network.Arrival(k)
+        if arrival == float("inf"):
+            return []
+        delay = arrival - k * 0.001
+        return [delay, delay + 0.003] if seed and k % 7 == 0 else [delay]
+
+    return Copies
+
+
+class Network:
+    """Carries datagrams between two sides, in simulated time.
+
+    Args:
+        fates: Of each direction, what Fates() returns.
+        offsets: What the clocks of the sides show at time 0, ns.
+    """
+
+    def __init__(self, *fates, offsets=(1, 1)):
+        self.now, self._fates, self._offsets = 0, fates, offsets
+        self._queues, self._counts = ([], []), [0, 0]
+        self.log, self.lines = ([], []), ([], [])
+
+    def MakeSides(self, scenario, options=({}, {}), **both):
+        return [
+            Side(
+                scenario,
+                ("operator", "robot")[i],
+                KEY,
+                _End(self, i),
+                clock=lambda i=i: self.now + self._offsets[i],
+                say=self.lines[i].append,
+                **options[i] | both,
+            )
+            for i in range(2)
+        ]
+
+    def Run(self, sides, *, until=float("inf"), phase=0.00037, stopped=()):
+        """Ticks whoever is due next, until a time in s or until all have ended.
+
+        Args:
+            phase: How much later than the other one the robot's side is at first, s.
+            stopped: Sides that do not tick, as if their processes were suspended.
+        """
+        if self.now == 0:
+            sides[1].next_time += round(phase * 1e9)
+        while running := [x for x in (0, 1) if sides[x].reason is None]:
+            awake = [x for x in running if x not in stopped]
+            due = [(sides[x].next_time - self._offsets[x], x) for x in awake]
+            time, i = min(due, default=(float("inf"), 0))
+            if max(time, self.now) >= until * 1e9:
+                self.now = round(until * 1e9)
+                return
+            assert due, "nothing would ever happen"
+            self.now = max(self.now, time)
+            sides[i].Tick()
+            if sides[i].reason is not None:
+                sides[i].Close()
+
+    def Send(self, i, data):
+        self.log[i].append(data)
+        for copy, delay in enumerate(self._fates[i](self._counts[i])):
+            at = self.now + round(delay * 1e9)
+            heapq.heappush(self._queues[1 - i], (at, self._counts[i], copy, data))
+        self._counts[i] += 1
+
+    def Receive(self, i):
+        queue, came = self._queues[i], []
+        while queue and queue[0][0] <= self.now:
+            came.append((heapq.heappop(queue)[3], "there"))
+        return came
+
+
+class _End:
+    address = "there"
+
+    def __init__(self, network, i):
+        self.Send = lambda data, address: network.Send(i, data)
+        self.Receive = lambda: network.Receive(i)
+
+    def Close(self):
+        pass
