@@ -28,7 +28,7 @@ SCRIPTS = sorted(DIRECTORY.glob("*.py"))
 
 # Of those that build a loop by hand and of those with a part of one's own, one each is
 # enough for the short run; the others take longer.
-SLOW = ("two_dof_arm", "own_controller")
+SLOW = ("two_dof_arm", "own_controller", "own_device")
 
 # How many more ports a MultibodyPlant has depends on the version of Drake.
 NUM_IDLE_PORTS = re.compile(r"\d+ more")
@@ -167,6 +167,15 @@ def test_the_own_arm_has_three_axes(run):
     )
     expected = metrics["collision"]["initial_impact_force"]
     assert force == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_the_own_device_moves_the_tool(run):
+    _, lines = run(DIRECTORY / "own_device.py")
+    moved, force, round_trip = map(float, re.findall(r"\d+\.\d+", *lines))
+    assert 1 < moved < 10
+    assert 0.01 <= force < 0.1
+    assert round_trip > 0
 
 
 def test_the_own_environment_is_met_where_it_is(run):

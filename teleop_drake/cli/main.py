@@ -87,6 +87,8 @@ _COMMANDS = {
     "drive": "Drive a scenario with your own hand, in real time: opens a page.",
     "diagram": "Draw the block diagram of a scenario.",
     "page": "Write the block diagram as a page in which it simulates.",
+    "serve": "Serve as the robot's side of a loop over a real network.",
+    "operate": "Operate a robot over a real network: measure, record, predict.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
     "check": "Compare a run of anybody's, in a file, with the published reference run "
@@ -96,7 +98,7 @@ _COMMANDS = {
 }
 
 # Commands that another one's file has.
-_FILES = {"drive": "page"}
+_FILES = {"drive": "page", "operate": "serve"}
 
 # Commands that run nothing of a scenario.
 _WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")

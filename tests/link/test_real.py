@@ -1,0 +1,265 @@
+"""Tests of teleop_drake.link over sockets: loopback, and the tests' own namespaces."""
+
+import heapq
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from link_networks import KEY, Fates
+
+from teleop_drake.cli import main
+from teleop_drake.link.packets import NewKey, Udp
+from teleop_drake.link.prediction import Compare, Predict, SaveRun
+from teleop_drake.link.side import Side
+from teleop_drake.recording import LoadRecording
+from teleop_drake.scenario import LoadScenario
+
+OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
+DIRECT = ["--set", "controller.kind=direct_force"]
+
+
+def test_over_loopback(tmp_path, unrendered):
+    """Both sides in this process: what one computes makes the other one late."""
+    scenario, lines = LoadScenario("one_dof", OVERRIDES), []
+    listening = Udp("127.0.0.1:0", listens=True)
+    calling = Udp(f"127.0.0.1:{listening.address[1]}", listens=False)
+    sides = [
+        Side(scenario, name, KEY, end, period=0.002, say=lines.append)
+        for name, end in (("operator", calling), ("robot", listening))
+    ]
+    while running := [side for side in sides if side.reason is None]:
+        due = min(running, key=lambda side: side.next_time)
+        time.sleep(max(due.next_time - time.monotonic_ns(), 0) * 1e-9)
+        due.Tick()
+    for side in sides:
+        side.Close()
+        assert side.reason == "", lines
+        SaveRun(side, tmp_path)
+        predicted = Predict(side, tmp_path)
+        apart = Compare(side, predicted, tmp_path / "prediction.png")
+        assert max(apart.values()) <= side.period
+
+
+SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([*SERVE, "x", "--key", "KEY"], "listen = 'x': must be HOST:PORT"),
+        ([*SERVE, "0:1", "--key", "none"], "key = 'none': must be of `serve --new-key"),
+        ([*OPERATE[:2], "--key", "KEY"], "required: --connect"),
+        (
+            [*OPERATE, "127.0.0.1:9", "--key", "KEY", "--period", "0"],
+            "period = 0.0: must be a finite number >= 0.0001 (s)",
+        ),
+    ],
+)
+def test_bad_input(arguments, message, tmp_path, capsys):
+    NewKey(key := str(tmp_path / "key"))
+    assert main([key if x == "KEY" else x for x in arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
+def test_new_key(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["serve", "--new-key", str(tmp_path / "key")])
+    assert (tmp_path / "key").stat().st_mode & 0o777 == 0o600
+    assert main(["serve", "--new-key", str(tmp_path / "key")]) == 1
+
+
+class Loop:
+    """`serve` and `operate` as processes, the second one behind a relay."""
+
+    def __init__(self, folder, *more, prefixes=((), ())):
+        NewKey(str(folder / "key"))
+        self._folder, self._prefixes = folder, prefixes
+        self._more = [*more, *DIRECT, "--key", str(folder / "key")]
+        self.processes = {}
+
+    def Start(self, command, option, address):
+        self.processes[command] = subprocess.Popen(
+            [
+                *self._prefixes[command == "serve"],
+                *(sys.executable, "-m", "teleop_drake", command, "one_dof"),
+                *(option, address, "--out", self._folder / command, *self._more),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        return self.processes[command]
+
+    def Serve(self, address="127.0.0.1:0"):
+        """Returns where it listens."""
+        server = self.Start("serve", "--listen", address)
+        return server.stderr.readline().split()[-1]
+
+    def Report(self, command):
+        """Returns what a side has written when it has ended."""
+        process = self.processes[command]
+        _, errors = process.communicate(timeout=60)
+        assert "Traceback" not in errors, errors
+        name = {"serve": "robot", "operate": "operator"}[command]
+        folder = self._folder / command
+        recording = LoadRecording(folder / f"{name}.npz")
+        report = json.loads((folder / f"{name}.json").read_text())
+        assert recording.time[-1] == pytest.approx(report["duration"])
+        return report
+
+
+def Relay(server, operator, fates, ends):
+    """Carries datagrams with given fates until a function says that it ends."""
+    queue, counts, caller = [], [0, 0], None
+    host, port = server.split(":")
+    other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    deadline = time.monotonic() + 60
+    for end in (operator, other):
+        end.setblocking(False)
+    while not ends():
+        assert time.monotonic() < deadline
+        for i, end in enumerate((operator, other)):
+            try:
+                data, source = end.recvfrom(2048)
+            except BlockingIOError:
+                continue
+            caller = source if i == 0 else caller
+            for delay in fates[i](counts[i]):
+                heapq.heappush(queue, (time.monotonic() + delay, counts[i], i, data))
+            counts[i] += 1
+        while queue and queue[0][0] <= time.monotonic():
+            *_, i, data = heapq.heappop(queue)
+            if i == 0:
+                other.sendto(data, (host, int(port)))
+            elif caller:
+                operator.sendto(data, caller)
+        time.sleep(0.0002)
+    other.close()
+    operator.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_through_a_relay(seed, tmp_path):
+    loop = Loop(tmp_path, "--duration", "2", "--period", "0.002")
+    server = loop.Serve()
+    operator = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    operator.bind(("127.0.0.1", 0))
+    address = "{}:{}".format(*operator.getsockname())
+    process = loop.Start("operate", "--connect", address)
+    fates = Fates(seed), Fates(seed + 10)
+    Relay(server, operator, fates, lambda: process.poll() is not None)
+    reports = [loop.Report(command) for command in ("operate", "serve")]
+    for report in reports:
+        assert report["refused_packets"]["old"] > 10
+        assert report["round_trip"]["median"] > 0.02
+        for apart in report["prediction"].values():
+            assert apart <= report["period"]
+    assert reports[0]["termination"] == "completed"
+
+
+@pytest.mark.slow
+def test_100_000_forged_packets(tmp_path):
+    loop = Loop(tmp_path, "--duration", "5", "--period", "0.002")
+    address = loop.Serve()
+    loop.Start("operate", "--connect", address)
+    host, port = address.split(":")
+    generator = np.random.default_rng(1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as forger:
+        for k in range(100_000):
+            data = b"TDL\x01" + generator.bytes(220)
+            forger.sendto(data[: 240 if k % 2 else k % 240], (host, int(port)))
+            if k % 100 == 0:
+                time.sleep(0.003)
+    reports = [loop.Report(command) for command in ("operate", "serve")]
+    for report in reports:
+        assert report["termination"] == "completed"
+        assert not report["outages"]
+        assert max(report["prediction"].values()) <= report["period"]
+    assert reports[1]["refused_packets"]["hash"] > 10_000
+
+
+@pytest.mark.slow
+def test_kills_at_random_times(tmp_path):
+    seed = random.randrange(2**32)
+    print("seed", seed)
+    draw = random.Random(seed)
+    for k, (victim, number) in enumerate(
+        (victim, number)
+        for victim in ("serve", "operate")
+        for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
+    ):
+        (folder := tmp_path / str(k)).mkdir()
+        loop = Loop(folder, "--duration", "4", "--period", "0.002")
+        loop.Start("operate", "--connect", loop.Serve())
+        process = loop.processes[victim]
+        other = "operate" if victim == "serve" else "serve"
+        assert "connected" in loop.processes["serve"].stderr.readline()
+        time.sleep(draw.uniform(0, 2))
+        process.send_signal(number)
+        time.sleep(draw.uniform(0.6, 1))
+        process.send_signal(signal.SIGCONT)
+        left = loop.Report(other)
+        if number == signal.SIGSTOP:
+            assert len(left["outages"]) == 1
+            assert left["termination"] == "completed"
+            slept = loop.Report(victim)
+            assert slept["missed_periods"] > 200
+        elif number == signal.SIGKILL:
+            assert left["outages"]
+            assert process.wait(60) == -signal.SIGKILL
+        else:
+            assert left["reason"] == "the other side has ended"
+            killed = loop.Report(victim)
+            assert killed["reason"] == f"ended by {number.name}"
+            assert killed["termination"] == "interrupted"
+
+
+NAMES = "teleop-drake-a", "teleop-drake-b"
+
+
+@pytest.fixture(params=["wire", "netem"])
+def namespaces(request):
+    """Two network namespaces with a wire, also one of 20 ms that loses some."""
+    if os.geteuid() or not (shutil.which("ip") and shutil.which("tc")):
+        pytest.skip("namespaces need root, ip and tc")
+    commands = [f"ip netns add {name}" for name in NAMES]
+    commands += [
+        "ip link add tdl0 netns {} type veth peer tdl1 netns {}".format(*NAMES)
+    ]
+    for i, name in enumerate(NAMES):
+        commands += [f"ip -n {name} address add 10.231.7.{i + 1}/24 dev tdl{i}"]
+        commands += [f"ip -n {name} link set tdl{i} up"]
+        netem = f"tc -n {name} qdisc add dev tdl{i} root netem delay 20ms 4ms loss 2%"
+        commands += [netem] * (request.param == "netem")
+    try:
+        for command in commands:
+            made = subprocess.run(command.split(), capture_output=True, text=True)
+            if made.returncode:
+                pytest.skip(f"`{command}` says: {made.stderr.strip()}")
+        yield request.param, [("ip", "netns", "exec", name) for name in NAMES]
+    finally:
+        for name in NAMES:
+            subprocess.run(["ip", "netns", "delete", name], capture_output=True)
+
+
+@pytest.mark.slow
+def test_through_the_network_of_the_kernel(namespaces, tmp_path):
+    kind, prefixes = namespaces
+    loop = Loop(tmp_path, "--duration", "2", "--period", "0.002", prefixes=prefixes)
+    loop.Serve("10.231.7.2:47800")
+    loop.Start("operate", "--connect", "10.231.7.2:47800")
+    for command in ("operate", "serve"):
+        report = loop.Report(command)
+        assert report["termination"] == "completed"
+        assert (report["round_trip"]["shortest"] > 0.025) == (kind == "netem")
+        assert max(report["prediction"].values()) <= report["period"]
