@@ -1,0 +1,176 @@
+"""Tests of teleop_drake.link.packets."""
+
+import itertools
+import re
+import stat
+import struct
+
+import numpy as np
+import pytest
+from documentation import ROOT
+
+from teleop_drake.link.packets import (
+    RUNNING,
+    WAITING,
+    NewKey,
+    ReadKey,
+    Session,
+    Udp,
+)
+from teleop_drake.validation import ScenarioError
+
+KEY = bytes(range(32))
+
+
+def Sessions(**robot):
+    """An operator's and a robot's session of 2 and 3 numbers, which do not know."""
+    return Session(KEY, 0, 7, 3, "robot"), Session(
+        KEY, 1, **{"agreement": 7} | robot, size=2
+    )
+
+
+def Seal(session, now, tick=-1):
+    values = np.arange(2.0 if session.address == "robot" else 3.0)
+    state = WAITING if tick < 0 else RUNNING
+    return session.Seal(now, state, 100, list(range(tick + 1)), values)
+
+
+def Introduced(**robot):
+    """The same after they have proved to hear each other."""
+    operator, robot = Sessions(**robot)
+    assert robot.Open(Seal(operator, 10), 20, "operator") is None
+    assert operator.Open(Seal(robot, 30), 40, "robot") is not None
+    assert robot.Open(Seal(operator, 50), 60, "operator") is not None
+    return operator, robot
+
+
+def State(session):
+    return {name: x for name, x in vars(session).items() if name != "refused"}
+
+
+def test_the_layout_is_the_documented_one():
+    text = (ROOT / "teleop_drake/docs/network.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| (\d+) \| (\w+) \| (.*) \|$", text, re.MULTILINE)
+    operator, robot = Introduced()
+    data = Seal(operator, 70, tick=4)
+    ends = [int(begin) + int(size) for begin, size, _, _ in rows]
+    assert [int(begin) for begin, *_ in rows] == [0, *ends[:-1]]
+    assert ends[-1] + 8 * 2 + 16 == len(data)
+    formats = {"bytes": "4s", "u8": "B", "u16": "H", "u64": "Q", "i64": "q"}
+    fields = [
+        struct.unpack_from("<" + formats.get(kind, "32i"), data, int(begin))
+        for begin, _, kind, _ in rows
+    ]
+    assert fields[0] == (b"TDL\x01",)
+    assert [x[0] for x in fields[1:4]] == [0, RUNNING, 2]
+    assert [x[0] for x in fields[6:13]] == [3, 70, 30, 30, 100, 7, 4]
+    assert fields[13] == (4, 3, 2, 1, 0, *[-1] * 27)
+    packet = robot.Open(data, 80, "operator")
+    assert packet.values.tolist() == [0, 1]
+    assert packet.tick == 4
+
+
+def test_round_trip_and_offset():
+    """The robot's clock is 1000 ahead; each way takes 10."""
+    operator, robot = Sessions()
+    robot.Open(Seal(operator, 0), 1010, "operator")
+    assert operator.Open(Seal(robot, 1030), 40, "robot")
+    assert operator.round_trip == 20
+    assert operator.offset == 1000
+    assert robot.Open(Seal(operator, 50), 1060, "operator")
+    assert robot.round_trip == 20
+    assert robot.offset == -1000
+
+
+def test_100_000_packets_that_are_not_meant_change_nothing():
+    """Forged ones, cut ones, repeated ones, old ones."""
+    operator, robot = Introduced()
+    random = np.random.default_rng(1)
+    seen = [Seal(operator, 100 + k, tick=k) for k in range(100)]
+    for k, data in enumerate(seen):
+        assert robot.Open(data, 200 + k, "operator").tick == k
+    other = Introduced()[0]  # The same key, another session.
+    seen += [Seal(other, 100 + k, tick=k) for k in range(100)]
+    seen += [Seal(robot, 100)]  # Sent back.
+    before = State(robot)
+    num = len(seen)
+    for k in range(100_000 - 5 * num):
+        data = bytearray(seen[k % num])
+        match k % 3:
+            case 0:
+                data[random.integers(len(data))] ^= 1 << int(random.integers(8))
+            case 1:
+                del data[random.integers(len(data)) :]
+            case 2:
+                data = random.bytes(int(random.integers(400)))
+        assert robot.Open(bytes(data), 1000, "anybody") is None
+    for data in itertools.chain(*[seen] * 5):
+        assert robot.Open(data, 1000, "anybody") is None
+    assert State(robot) == before
+    assert set(robot.refused) >= {"hash", "foreign", "version", "old", "session", "own"}
+    assert robot.refused["old"] == 500
+    assert robot.Open(Seal(operator, 300, tick=100), 400, "operator").tick == 100
+
+
+def test_a_replay_to_a_process_that_was_started_anew():
+    operator, robot = Introduced()
+    seen = [Seal(operator, k, tick=k) for k in range(100)]
+    operator, robot = Sessions()
+    for data in seen:
+        assert robot.Open(data, 1, "anybody") is None
+    assert robot.num_exchanges == 0
+    # The true one is heard all the same.
+    robot.Open(Seal(operator, 10), 20, "operator")
+    operator.Open(Seal(robot, 30), 40, "robot")
+    assert robot.Open(Seal(operator, 50, tick=0), 60, "operator").tick == 0
+    assert robot.address == "operator"
+
+
+def test_numbers_that_are_none_are_not_heard():
+    operator, robot = Introduced()
+    data = operator.Seal(70, RUNNING, 100, [0], np.array([np.nan, 1.0]))
+    assert robot.Open(data, 80, "operator") is None
+    assert robot.refused["values"] == 1
+
+
+def test_both_have_the_same_scenario():
+    operator, robot = Sessions(agreement=8)
+    assert robot.Open(Seal(operator, 10), 20, "operator") is None
+    assert robot.refused == {"scenario": 1}
+
+
+def test_keys(tmp_path):
+    file = tmp_path / "key"
+    NewKey(str(file))
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert len(ReadKey(str(file))) == 32
+    with pytest.raises(FileExistsError):
+        NewKey(str(file))
+    NewKey(str(tmp_path / "other"))
+    assert ReadKey(str(file)) != ReadKey(str(tmp_path / "other"))
+    file.chmod(0o640)
+    with pytest.raises(ScenarioError, match=r"for its owner alone \(its mode is 640"):
+        ReadKey(str(file))
+    file.chmod(0o600)
+    for text in ("", "0" * 63, "x" * 64):
+        file.write_text(text)
+        with pytest.raises(ScenarioError, match=r"key = .*: must be of `serve"):
+            ReadKey(str(file))
+
+
+@pytest.mark.parametrize("address", ["here", "localhost:", "127.0.0.1:99999", ":x"])
+def test_addresses(address):
+    with pytest.raises(ScenarioError, match=r"listen = '.*': must be HOST:PORT"):
+        Udp(address, listens=True)
+
+
+def test_a_socket_never_waits():
+    robot = Udp("127.0.0.1:0", listens=True)
+    operator = Udp(f"127.0.0.1:{robot.address[1]}", listens=False)
+    assert robot.Receive() == []
+    for k in range(300):
+        operator.Send(b"%d" % k, operator.address)
+    assert [data for data, _ in robot.Receive()] == [b"%d" % k for k in range(256)]
+    operator.Send(b"x" * 70_000, operator.address)  # No datagram: it is lost.
+    for end in (robot, operator):
+        end.Close()
