@@ -155,15 +155,32 @@ const OPERATIONS = {
     sum + (pieces[i][1] - pieces[i][0]) * dot(x, MASS.map((row) => dot(row, x))) / 5670, 0) / pieces.at(-1)[1]),
   peak: (run, [y]) => y.reduce((most, x) => Math.max(most, ...trace(x).map(Math.abs)), 0),
   variation: (run, [y]) => y.flatMap(trace).reduce((sum, x, i, all) => sum + (i && Math.abs(x - all[i - 1])), 0),
-  // How long after an instant both forms stay below 0; see _SettlingTime().
+  // The rms of how far what is felt, integrated, is from the tool; see _CoordinationError().
+  distance: (run, [felt, p]) => {
+    let at = p[0][0];
+    return OPERATIONS.rms(run, [felt.map((values, i) => {
+      const [a, b] = run.pieces[i], c = polynomial(values).map((x, k) => x / (k + 1)), begin = at;
+      at += (b - a) * valueAt(c, 1);
+      return NODES.map((x, k) => begin + (b - a) * x * valueAt(c, x) - p[i][k]);
+    })]);
+  },
+  // The same as settling, of all axes and the force: how far each is from its end; see Insertion.Metrics().
+  rest: (run, forms, ...x) => {
+    const [[[slow]], [[share]]] = forms.slice(-2), n = forms.length / 2 - 1;
+    const ends = forms.map((y, k) => (k < n ? 0 : y.at(-1)[4])), near = share * Math.hypot(...ends.slice(n, -2));
+    return OPERATIONS.settling(run, forms.slice(0, -2).flatMap((y, k) => [1, -1].map((sign) =>
+      y.map((values) => values.map((v) => sign * (v - ends[k]) - (k < n ? slow : near))))), ...x);
+  },
+  // How long after an instant all forms stay below 0; see _SettlingTime().
   settling: (run, forms, i) => {
     if (run.reason || i === run.pieces.length) return null;
-    const begin = run.pieces[i][0], isSlow = forms.every((y) => y[i][0] < 0);
-    let since = isSlow ? begin : null, longest = 0;
-    const changes = forms.flatMap((y) => run.crossings(y)).sort((a, b) => a[0] - b[0]);
-    for (const [t, isFast] of changes.filter(([t]) => t > begin)) {
-      if (since !== null) longest = Math.max(longest, t - since);
-      since = isFast ? null : t;
+    const begin = run.pieces[i][0], areFast = forms.map((y) => y[i][0] >= 0);
+    let since = areFast.includes(true) ? null : begin, longest = 0;
+    const changes = forms.flatMap((y, k) => run.crossings(y).map(([t, isUp]) => [t, isUp, k]));
+    for (const [t, isUp, k] of changes.filter(([t]) => t > begin).sort((a, b) => a[0] - b[0])) {
+      areFast[k] = isUp;
+      if (since !== null && isUp) longest = Math.max(longest, t - since);
+      if (since === null || isUp) since = areFast.includes(true) ? null : t;
     }
     return since === null || run.pieces.at(-1)[1] - since <= longest ? null : since - begin;
   },

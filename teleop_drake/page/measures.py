@@ -126,13 +126,18 @@ def MeasuresOf(
     result = Measures(mode=signals["surgeon_mode"][0])
     names = "tool_position", "tool_velocity", "environment_force", "control_force"
     result.Watch(*(signals[name] for name in names))
+    if "felt_velocity" in signals:
+        result.Watch(signals["felt_velocity"])
+    else:
+        packet, *_ = signals["return_packet_received"]
+        result.Watch((packet + n, n, "m/s"))
     if "velocity_command" in signals:
         sent = signals["force_command"], signals["velocity_command"]
         result.Watch(*sent, late=True)
     else:
         result.Watch(signals["forward_packet_received"])
-    p, v, F, F_c, F_hd, v_dd = result.Vectors(n)
-    one = np.append(np.zeros(6 * n), 1.0)
+    p, v, F, F_c, felt, F_hd, v_dd = result.Vectors(n)
+    one = np.append(np.zeros(7 * n), 1.0)
     forms = result.forms
     for surface in surfaces:
         into, out = CROSSINGS.get(surface.name, ("", ""))
@@ -159,8 +164,18 @@ def MeasuresOf(
             used = [f"{name} {x}" if x in own else x for x in used]
             begin = CROSSINGS[surface_name][0]
             result.AddRow(task, f"{name}.{measure}", operation, used, begin, until)
+    if FindSurface(surfaces, CONTACT) is not None:
+        own = {f"{k} of v and F": form for k, form in enumerate((*v, *F))}
+        own |= {"slow": SETTLING_RATIO * speed * one, "near": SETTLING_RATIO * one}
+        forms.update(own)
+        result.AddRow(task, "collision.rest_time", "rest", [*own], "contact", "end")
     result.AddPerAxis(task, "velocity_rms_error", "rms", v - v_dd)
     result.AddPerAxis(task, "force_rms_error", "rms", F - F_hd)
+    for axis, pair in zip(AxesOf(n), zip(felt, p, strict=True), strict=True):
+        used = [f"felt {axis}", f"p {axis}"]
+        forms.update(zip(used, pair, strict=True))
+        name = f"coordination_rms_error.{axis}"
+        result.AddRow(task, name, "distance", used, "begin", "end")
     result.AddPerAxis(task, "control_force_peak", "peak", F_c)
     result.AddPerAxis(task, "control_force_variation", "variation", F_c)
     return result
