@@ -171,7 +171,7 @@ def MeasuresOf(
         result.AddRow(task, "collision.rest_time", "rest", [*own], "contact", "end")
     result.AddPerAxis(task, "velocity_rms_error", "rms", v - v_dd)
     result.AddPerAxis(task, "force_rms_error", "rms", F - F_hd)
-    for axis, pair in zip(AxesOf(n), zip(felt, p, strict=True), strict=True):
+    for axis, *pair in zip(AxesOf(min(n, 3)), felt, p, strict=False):
         used = [f"felt {axis}", f"p {axis}"]
         forms.update(zip(used, pair, strict=True))
         name = f"coordination_rms_error.{axis}"

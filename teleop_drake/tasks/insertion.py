@@ -160,8 +160,8 @@ class Insertion(Task[Scenario]):
         * coordination_rms_error (m per axis): rms over the run of x_m - p_WT. Master
           and tool begin at one place, and x_m is where the felt velocity takes the
           master from there: over exact channels the tool's place one return delay ago,
-          unless the architecture lets the hand feel something else. None if the
-          recording has not what was felt.
+          unless the architecture lets the hand feel something else. Of six axes the
+          first three have it. None if the recording has not what was felt.
         * control_force_peak (N per axis): max of |F_c|.
         * control_force_variation (N per axis): total variation of F_c, jumps included.
         * diverged, diverged_at (s): whether the run ended early because the tool's
@@ -399,6 +399,8 @@ def _CoordinationError(recording: Recording, pieces: Pieces) -> list[float] | No
         felt = pieces.Sample(recording["return_packet_received"])[:, :, n : 2 * n]
     else:
         return None
+    # An angular velocity is not the rate of a rotation vector.
+    p, felt = p[:, :, :3], felt[:, :, :3]
     return pieces.RootMeanSquare(p[0, 0] + pieces.Integral(felt) - p)
 
 
