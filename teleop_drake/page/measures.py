@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import AxesOf
+from teleop_drake.signals import AxesOf, AxisUnit
 from teleop_drake.tasks import Insertion, TaskOf, Tracking
 from teleop_drake.tasks.insertion import (
     AT_REST,
@@ -87,7 +87,8 @@ class Measures:
 
     def AddRow(self, task: Any, name: str, *row: Any) -> None:
         """Adds a measure with its label."""
-        unit = task.units.get(name) or task.units.get(name.rpartition(".")[0] + ".*")
+        whole, _, axis = name.rpartition(".")
+        unit = AxisUnit(task.units.get(name) or task.units.get(f"{whole}.*", ""), axis)
         label = name.replace("_", " ").replace(".", ": ")
         self.rows.append([name, *row, f"{label} [{unit}]" if unit else label])
 
