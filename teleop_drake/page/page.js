@@ -389,7 +389,7 @@ function drawScene() {
   $("task").hidden = !shown.length;
   if (!shown.length) return;
   const { clientWidth: width, clientHeight: height } = $("scene"), floor = height - 14 * shown.length - 8;
-  const see = (q) => data.view.map((axis) => dot(axis, q)), isPlane = data.view[1].some((x) => x);
+  const see = (q) => data.view.map((axis) => dot(axis.slice(0, q.length), q)), isPlane = data.view[1].some((x) => x);
   const pathOf = (run, end) => run.ends.filter((i) => run.time[i] <= end)
     .map((i) => see(run.signal("tool_position").map((k) => run.rows[i][k])));
   const surfaces = shown[0].surfaces.map((s) => ({ ...s, point: see(s.point), normal: see(s.normal) }));

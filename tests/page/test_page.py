@@ -156,6 +156,7 @@ CHOOSE = """
       run.sampled = teleop.sample(run, "tool_position", [0.5, 7.9, 16.1]);
       setCursor(1.3);
       run.tool = teleop.sample(run, "tool_position", [1.3]).flat();
+      run.drawn = $("scene").innerHTML;
       run.arm = q && armAt(state.runs.find((x) => x.loop.kind === kind)).at(-1);
       delete run.signals;
       results[`${choice}:${kind}`] = run;
@@ -176,6 +177,7 @@ CHOOSE = """
             "puma560_insertion", ["proportional_damping"], [], marks=pytest.mark.slow
         ),
         pytest.param("needle_insertion", [], [], marks=pytest.mark.slow),
+        ("puma560_six_axes", ["damped_force"], []),
     ],
 )
 def test_choices_tasks_and_arms(tmp_path, name, kinds, operators):
@@ -194,8 +196,9 @@ def test_choices_tasks_and_arms(tmp_path, name, kinds, operators):
         values = {} if operator == "null" else {"surgeon.kind": operator}
         AssertSame(result, kind, values, name)
         if result["arm"]:
-            arm = result["arm"][: len(result["tool"])]
-            assert arm == pytest.approx(result["tool"], rel=0, abs=1e-6)
+            tool = result["tool"][:3]
+            assert result["arm"][: len(tool)] == pytest.approx(tool, rel=0, abs=1e-6)
+        assert "NaN" not in result["drawn"]
 
 
 def test_the_picture_has_the_values_beside_it(seen):
