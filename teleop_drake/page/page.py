@@ -18,7 +18,6 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import Surface
-from teleop_drake.figures.scene.scene import NewtonsOf
 from teleop_drake.figures.style import COLORS, AxisLabel
 from teleop_drake.files import Replacing
 from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
@@ -265,10 +264,12 @@ def DiagramPage(diagram: Diagram) -> Page:
 def _Hand(scenario: Scenario) -> dict[str, Any]:
     """Returns what the page takes for a hand."""
     v_d = np.asarray(scenario.surgeon.velocity, float)
+    force = getattr(scenario.surgeon, "contact_force", None)
     return {
         "num_axes": v_d.size,
         "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
-        "newtons": NewtonsOf(scenario),
+        # At twice the force that is held on contact, a gamepad rumbles its strongest.
+        "newtons": 2 * float(np.linalg.norm(0.0 if force is None else force)),
         "command": f"teleop-drake compare {scenario.name} --controllers all "
         "--set surgeon.kind=recorded --set surgeon.file=hand.csv",
     }
