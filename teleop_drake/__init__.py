@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
-    from teleop_drake.figures.scene import AddScene, MakeReplay
+    from teleop_drake.figures.scene import MakeReplay
     from teleop_drake.linear_model.ports import LinearizePorts
     from teleop_drake.link.side import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, WritePage
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "AddScene",
     "AnalyzeStability",
     "Explore",
     "LinearizePorts",
@@ -74,7 +73,7 @@ _PLACES = {
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
-    "figures.scene": ["AddScene", "MakeReplay"],
+    "figures.scene": ["MakeReplay"],
     "page": ["Explore", "WritePage"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [

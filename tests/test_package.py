@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import DiagramBuilder
 
 import teleop_drake as dut
@@ -59,7 +58,6 @@ def test_the_name_of_a_scenario_stands_for_it():
     scenario = dut.LoadScenario("one_dof")
     builder = DiagramBuilder()
     AddTeleoperator(builder, "one_dof")
-    dut.AddScene(builder, "one_dof", Meshcat(MeshcatParams(port=0)))
     builder.Build()
     for diagram in (dut.MakeDiagram("one_dof"), dut.MakeTeleoperator("one_dof")):
         assert diagram.HasSubsystemNamed("master")

@@ -121,7 +121,7 @@ class Browser:
 
     def Picture(self, time: float) -> Image.Image:
         """Returns what the page looks like at a time of the runs, in s."""
-        # Two frames later everything is drawn, labels included.
+        # Two frames later everything is drawn.
         self.Evaluate(
             "new Promise((done) => { const scrub = document.getElementById('time');"
             f"scrub.value = {time}; scrub.oninput();"

@@ -1,232 +1,355 @@
-"""The scene of a teleoperation: made once, then drawn at any instant."""
+"""Runs in Meshcat, one below the other, as an animation."""
 
-from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgb
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    LeafSystem,
-    OutputPort,
+from pydrake.geometry import (
+    Box,
+    Cylinder,
+    Meshcat,
+    MeshcatAnimation,
+    MeshcatCone,
+    Rgba,
+    Shape,
+    Sphere,
 )
+from pydrake.math import RigidTransform, RotationMatrix
 
-from teleop_drake.environments import CONTACT, FindSurface, Surface, SurfacesOf
-from teleop_drake.figures.scene.actor import NUM_BEADS, Actor, Moment
-from teleop_drake.figures.scene.pen import Pen
-from teleop_drake.figures.scene.stage import SCENE, MakeStage
-from teleop_drake.figures.scene.visuals import RobotVisuals
-from teleop_drake.kernel.callbacks import Weakly
-from teleop_drake.scenario import AnyScenario, AsScenario, ScenarioLike
-from teleop_drake.signals import NamedSignals
+from teleop_drake.environments import CONTACT, FindSurface, ShownNormal, Surface
+from teleop_drake.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
+from teleop_drake.figures.selection import CheckRecordings
+from teleop_drake.figures.style import GREY, RunColor
+from teleop_drake.recording import Recording
 
 Array = NDArray[np.float64]
 
-USED = (
-    *("tool_position", "joint_position", "environment_force", "desired_position"),
-    *("felt_position", "return_packet_received"),
-    *("force_command", "velocity_command", "forward_packet_sent"),
-)
-"""Every signal that is drawn, as far as the loop has it."""
+ROOT = "/teleop"
+"""Path of everything that the package draws; in it are metres and the robot's world."""
 
-CHANNELS = {"forward": "forward_channel", "return": "return_channel"}
-"""The lanes of the packets, and the fields of a scenario."""
+FORCE_COLOR = "#000000"
+GHOST_OPACITY = 0.35
+
+FRAMES_PER_SECOND = 60
+"""Of the animation. Meshcat interpolates in between."""
+
+# Width of the picture in Meshcat's units. Its camera sees nothing nearer than a
+# hundredth of one, and tasks are as small as millimetres.
+_SHOWN_WIDTH = 2.0
+
+# Shares of the width: the ghost's height above the robot, the distance of one run from
+# the next one, the margins before the start and behind the last surface.
+_GHOST, _PITCH = 0.2, 0.42
+_BEFORE, _BEHIND = 0.25, 0.3
+
+# Shares of the width: the slabs' depth, how far they reach beyond tool and ghost, and
+# how thick a surface without a known material is.
+_DEPTH, _OVERLAP, _PLATE = 0.26, 0.07, 0.01
+
+# Shares of the width: the tool's radius, the longest arrow and its height above the
+# tool.
+_TOOL, _ARROW, _ABOVE = 0.009, 0.3, 0.04
+
+# How much further than the last surface the tool is seen, as a share of the way there:
+# if something hard stops it, and if not.
+_STOPPED, _FREE = 0.5, 4.0
+
+# Least width of what the tool does, as a share of its distance from the robot's base:
+# with one or two axes, and in space, where the arm beside the tool tells more.
+_LEAST_SHARE, _LEAST_SHARE_IN_SPACE = 0.2, 0.8
+
+_FIELD_OF_VIEW = 30.0  # degrees
+
+# From behind the camera, without a lamp that stands in the scene.
+_LIGHTS = {
+    "PointLightNegativeX": 0.0,
+    "PointLightPositiveX": 0.0,
+    "AmbientLight": 1.3,
+    "FillLight": 2.2,
+}
 
 
-class OperatorSignals(NamedTuple):
-    """What the operator feels and commands, at an instant (n) or at many (N, n).
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """Place and size of what is seen of a run, in the robot's world.
 
     Attributes:
-        felt: p_WT as the operator feels it, m; None: there is no operator.
-        velocity: The commanded velocity, m/s; likewise.
-        force: What the operator applies, N; likewise.
+        X_WS: Pose of the stage, whose axes are x along the tool's way into the
+            surfaces, to the right in the picture, and z up.
+        width: Along x, m.
+        ghost_height: Of the ghost above the robot, as a share of the width; 0 without
+            an operator.
     """
 
-    felt: Array | None = None
-    velocity: Array | None = None
-    force: Array | None = None
+    X_WS: RigidTransform
+    width: float
+    ghost_height: float
+
+    def Up(self, share: float) -> Array:
+        """Returns an upward vector (3) whose length is this share of the width, m."""
+        return np.asarray(self.X_WS.rotation().col(2) * (share * self.width))
 
 
-def FindOperator(signals: Mapping[str, Array], num_axes: int) -> OperatorSignals:
-    """Returns the operator's part of the signals of any architecture."""
-    n = num_axes
-    if "felt_position" in signals:
-        names = ("felt_position", "velocity_command", "force_command")
-        return OperatorSignals(*(signals[name] for name in names))
-    if "return_packet_received" in signals:  # The thesis's own packets.
-        felt = signals["return_packet_received"][..., :n]
-        sent = signals["forward_packet_sent"]
-        return OperatorSignals(felt, sent[..., n : 2 * n], sent[..., :n])
-    return OperatorSignals()
+def FindOperator(recording: Recording) -> tuple[str, str] | None:
+    """Returns the signals that tell what an operator feels and applies, None if none.
+
+    Their first n components are along the task axes.
+    """
+    if "felt_position" in recording:
+        return "felt_position", "force_command"
+    if "return_packet_received" in recording:  # The thesis's own packets.
+        return "return_packet_received", "forward_packet_sent"
+    return None
 
 
-class Scene(LeafSystem):
-    """Draws a teleoperation in Meshcat while it is simulated (no equation; a picture).
+def LooksOf(surface: Surface) -> tuple[str, float]:
+    """Returns colour and opacity of what is behind a surface.
 
-    | port | name                | size | unit     |
-    |------|---------------------|------|----------|
-    | in   | one for each signal | any  | see USED |
+    A hard or unknown material is grey, another one that pushes back is orange, and one
+    that does not is pale blue.
+    """
+    material = surface.material
+    if material is None or surface.name == CONTACT:
+        return GREY, 0.45
+    if material.stiffness or material.damping:
+        return "#E69F00", 0.22
+    return "#56B4E9", 0.05
 
-    State: none. It publishes periodically; the solver's steps end there. It shows one
-    run: the robot at the bottom, what the operator feels above it, and beads in between
-    which trace what is under way; see Actor. It remembers what it has drawn, for beads
-    show what was. That is a picture's memory: the simulation does not depend on it.
+
+def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
+    """Puts runs into Meshcat as an animation, which its own controls play.
+
+    The robot is solid. Above it stands the ghost: the robot as the operator feels it.
+    The largest force of all runs has the longest arrow.
 
     Args:
+        recordings: By the names of the runs, the topmost first; of robots with as many
+            axes.
         meshcat: Where to. What the package has drawn there before is deleted.
-        scenario: Of the run.
-        surfaces: Of the environment.
-        sizes: The sizes of the signals, by their names in USED.
-        period: Between two pictures, s.
-    """
-
-    def __init__(
-        self,
-        meshcat: Meshcat,
-        scenario: AnyScenario,
-        *,
-        surfaces: Sequence[Surface],
-        sizes: Mapping[str, int],
-        period: float,
-    ):
-        LeafSystem.__init__(self)
-        self._names = list(sizes)
-        for name, size in sizes.items():
-            self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(period, 0.0, Weakly(self._Publish))
-        self._pen = Pen(meshcat)
-        self._num_axes = scenario.num_axes
-        visuals = RobotVisuals(scenario.robot)
-        channel = getattr(scenario, CHANNELS["return"], None)
-        self._has_operator = channel is not None
-        self._delay = 0.0 if channel is None else channel.delay
-        self._start = start = np.array(scenario.robot.start, dtype=float)
-        reach = _Reach(scenario, start, surfaces)
-        stage = MakeStage(visuals, surfaces, reach, has_operator=self._has_operator)
-        stage.SetUpView(meshcat)
-        stage.DrawSlabs(meshcat, f"{SCENE}/environment", visuals, surfaces)
-        self._actor = Actor(
-            meshcat,
-            f"{SCENE}/run",
-            run=0,
-            visuals=visuals,
-            stage=stage,
-            newtons=NewtonsOf(scenario),
-            has_operator=self._has_operator,
-        )
-        self._history: deque[tuple[float, Array]] = deque()
-        self._command = start
-
-    def _Publish(self, context: Context) -> EventStatus:
-        """Draws an instant; one that is earlier than the last one begins anew."""
-        time = context.get_time()
-        values = {name: self.GetInputPort(name).Eval(context) for name in self._names}
-        operator = FindOperator(values, self._num_axes)
-        tool = values["tool_position"]
-        if self._history and time < self._history[-1][0]:
-            self._history.clear()
-        if not self._history:
-            self._command = self._start
-        elif operator.velocity is not None:
-            step = time - self._history[-1][0]
-            self._command = self._command + operator.velocity * step
-        self._history.append((time, tool))
-        while time - self._history[0][0] > self._delay + 1:
-            self._history.popleft()
-        command = past = None
-        if self._has_operator:
-            command = self._command
-            known, tools = map(np.array, zip(*self._history, strict=True))
-            past = Between(time - BeadAges(self._delay), known, tools)
-        self._actor.Draw(
-            self._pen,
-            Moment(
-                tool=tool,
-                joints=values.get("joint_position"),
-                felt=operator.felt,
-                command=values.get("desired_position", command),
-                tool_force=Opposite(values.get("environment_force")),
-                hand_force=operator.force,
-                past=past,
-            ),
-        )
-        return EventStatus.Succeeded()
-
-
-def BeadAges(delay: float) -> Array:
-    """Returns how long ago the packets left that the beads are, s."""
-    return np.arange(1, NUM_BEADS + 1) / (NUM_BEADS + 1) * delay
-
-
-def Between(times: Array, known: Array, values: Array) -> Array:
-    """Returns values (N, k) between those at known times (M, k), clamped to these."""
-    return np.stack([np.interp(times, known, x) for x in values.T], -1)
-
-
-def Opposite(force: Array | None) -> Array | None:
-    """Returns the force on the tool, given that of the tool on the environment."""
-    return None if force is None else -force
-
-
-def NewtonsOf(scenario: AnyScenario) -> float:
-    """Returns the force in N that has the longest arrow while a simulation runs.
-
-    The one that the operator holds on contact has an arrow of half that length.
-    """
-    operator = getattr(scenario, "surgeon", None)
-    force = getattr(operator, "contact_force", None)
-    return 2 * float(np.linalg.norm(0.0 if force is None else force)) or 1.0
-
-
-def _Reach(scenario: AnyScenario, start: Array, surfaces: Sequence[Surface]) -> Array:
-    """Returns the start, and where the command leads to if nothing hard is ahead."""
-    if FindSurface(surfaces, CONTACT) is not None:
-        return start[np.newaxis]
-    operator = getattr(scenario, "surgeon", None)
-    velocity = getattr(operator, "velocity", None)
-    if velocity is None:
-        return np.array([start - 0.3, start + 0.3])
-    return np.array([start, start + np.asarray(velocity) * scenario.duration])
-
-
-def AddScene(
-    builder: DiagramBuilder,
-    scenario: ScenarioLike,
-    meshcat: Meshcat,
-    *,
-    period: float = 1 / 32,
-) -> Scene:
-    """Adds a picture of the loop to its diagram; afterwards every simulation is seen.
-
-    Call it after AddTeleoperator(), or after the systems of a tracking were added.
-
-    Args:
-        builder: Of the diagram, with `robot` and what else there is of the loop.
-        scenario: What it was made for, or its name or file.
-        period: Between two pictures, s. The solver's steps end there.
 
     Returns:
-        The scene.
+        The stage of the first run; that of each next one is below it.
 
     Raises:
-        RuntimeError: If there is no robot, or it does not tell where its tool is.
+        ValueError: If there is none, or their numbers of axes differ.
     """
-    systems = builder.GetSystems()
-    signals: dict[str, OutputPort] = NamedSignals(systems)
-    if "tool_position" not in signals:
-        raise RuntimeError("scene: the diagram must have a signal 'tool_position'")
-    surfaces: Sequence[Surface] = ()
-    if builder.HasSubsystemNamed("environment"):
-        surfaces = SurfacesOf(builder.GetSubsystemByName("environment")) or ()
-    used = {name: signals[name] for name in USED if name in signals}
-    sizes = {name: port.size() for name, port in used.items()}
-    scenario = AsScenario(scenario)
-    scene = Scene(meshcat, scenario, surfaces=surfaces, sizes=sizes, period=period)
-    builder.AddNamedSystem("scene", scene)
-    for name, port in used.items():
-        builder.Connect(port, scene.GetInputPort(name))
-    return scene
+    CheckRecordings(recordings)
+    runs = list(recordings.values())
+    robots = [RobotVisuals(run.scenario.robot) for run in runs]
+    stage = _MakeStage(runs, robots[0])
+    _SetUpView(meshcat, stage, len(runs))
+    end = max(float(run.time[-1]) for run in runs)
+    times = np.arange(np.ceil(end * FRAMES_PER_SECOND) + 1) / FRAMES_PER_SECOND
+    figures = [_Figures(run, times) for run in runs]
+    drawn = [force for shown in figures for _, force in shown.values()]
+    largest = max(float(np.linalg.norm(x, axis=1).max()) for x in drawn) or 1.0
+    animation = MeshcatAnimation(FRAMES_PER_SECOND)
+    for i, (run, visuals, shown) in enumerate(zip(runs, robots, figures, strict=True)):
+        path = f"{ROOT}/run_{i}"
+        meshcat.SetTransform(path, RigidTransform(stage.Up(-_PITCH * i)))
+        _AddSlabs(meshcat, f"{path}/environment", stage, run.surfaces)
+        guesses = np.tile(visuals.start_q, (len(times), 1))
+        if "joint_position" in run:
+            guesses = run.Interpolate("joint_position", times)
+        for name, (positions, forces) in shown.items():
+            figure, is_ghost = f"{path}/{name}", name == "ghost"
+            looks = RunColor(i), GHOST_OPACITY if is_ghost else 1.0
+            _AddFigure(meshcat, figure, visuals, stage, looks)
+            height = stage.Up(stage.ghost_height if is_ghost else 0.0)
+            meshcat.SetTransform(figure, RigidTransform(height))
+            for k, (p, force, q) in enumerate(
+                zip(positions, forces / largest, guesses, strict=True)
+            ):
+                _Draw(animation, k, figure, visuals, stage, p, force, q)
+    meshcat.SetAnimation(animation)
+    return stage
+
+
+def _Draw(
+    animation: MeshcatAnimation,
+    frame: int,
+    path: str,
+    visuals: RobotVisuals,
+    stage: Stage,
+    p_WT: Array,
+    force: Array,
+    q: Array,
+) -> None:
+    """Draws a figure in one frame.
+
+    Args:
+        p_WT: Position of the tool, m (n).
+        force: As a share of the largest one (n).
+        q: Joint positions near those that it has (nq).
+    """
+    for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
+        animation.SetTransform(frame, f"{path}/{body}", X_WB)
+    p_W, size = visuals.InSpace(p_WT), float(np.linalg.norm(force))
+    animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
+    # An arrow without length has no direction.
+    z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
+    X_WA = AlongZ(p_W + stage.Up(_ABOVE), z_W)
+    animation.SetTransform(frame, f"{path}/force", X_WA)
+    scale = np.maximum([size**0.5, size**0.5, size], 1e-6)
+    animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
+
+
+def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
+    """Returns the tool's positions in m and the forces on it in N, each (N, 3 or less).
+
+    They are those of the robot and, if there is an operator, of the ghost. The task
+    axes come first in a packet, and turns of the tool behind three axes.
+    """
+    n = min(run["tool_position"].shape[1], 3)
+
+    def At(name: str) -> Array:
+        return run.Interpolate(name, times)[:, :n]
+
+    # What is recorded is the force of the tool on the environment.
+    figures = {"robot": (At("tool_position"), -At("environment_force"))}
+    if (operator := FindOperator(run)) is not None:
+        felt, force = operator
+        figures["ghost"] = At(felt), At(force)
+    return figures
+
+
+def _Facing(x_W: Array) -> RotationMatrix:
+    """Returns axes with x along a unit vector and z up, or across if that is up."""
+    across = np.eye(3)[2 if abs(x_W[2]) < 0.7 else 0]
+    z_W = across - x_W * (across @ x_W)
+    z_W /= np.linalg.norm(z_W)
+    return RotationMatrix(np.stack([x_W, np.cross(z_W, x_W), z_W], axis=1))
+
+
+def _Ahead(surface: Surface, p_W: Array) -> float:
+    """Returns how far a surface is ahead of a point (3) along its normal, m."""
+    normal_W = InSpace(surface.normal_W)
+    return float(normal_W @ InSpace(surface.point_W) - normal_W @ p_W)
+
+
+def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
+    """Returns a stage on which the task of some runs is seen."""
+    surfaces = runs[0].surfaces
+    positions = np.concatenate([run["tool_position"] for run in runs])
+    n = positions.shape[1]
+    normal = ShownNormal(surfaces, n)
+    R_WS = _Facing(InSpace(normal))
+    points_W = np.array([visuals.InSpace(p) for p in positions])
+    points = points_W @ R_WS.matrix()
+    start = points[0]
+    # The task reaches straight from the start to the last surface, and some further
+    # where the tool does: far, if nothing hard is in its way. Without surfaces it is
+    # wherever the tool goes.
+    parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
+    depths = [x for x in (_Ahead(y, points_W[0]) for y in parallel) if np.isfinite(x)]
+    low, high = min([0.0, *depths]), max([0.0, *depths])
+    x_S, limit = np.array([1.0, 0.0, 0.0]), np.full(3, np.inf)
+    if depths:
+        is_free = FindSurface(surfaces, CONTACT) is None
+        limit = x_S * (_FREE if is_free else _STOPPED) * (high - low)
+    begin, end = start + low * x_S, start + high * x_S
+    points = np.clip(points, begin - limit, end + limit)
+    begin = np.minimum(begin, points.min(axis=0))
+    end = np.maximum(end, points.max(axis=0))
+    # Nothing is seen of a robot that is so much larger than what it does.
+    share = _LEAST_SHARE_IN_SPACE if n > 2 else _LEAST_SHARE
+    reach = max(float((end - begin).max()), share * float(np.linalg.norm(start))) or 1.0
+    centre = (begin + end) / 2 + x_S * (reach * (_BEHIND - _BEFORE) / 2)
+    return Stage(
+        X_WS=RigidTransform(R_WS, R_WS @ centre),
+        width=reach * (1 + _BEFORE + _BEHIND),
+        ghost_height=_GHOST if any(map(FindOperator, runs)) else 0.0,
+    )
+
+
+def _SetUpView(meshcat: Meshcat, stage: Stage, num_runs: int) -> None:
+    """Places camera and lights, and what everything else is drawn in."""
+    meshcat.Delete(ROOT)
+    scale = np.diag([_SHOWN_WIDTH / stage.width] * 3 + [1.0])
+    meshcat.SetTransform(ROOT, scale @ stage.X_WS.inverse().GetAsMatrix4())
+    for path in ("/Grid", "/Axes"):
+        meshcat.SetProperty(path, "visible", False)
+    meshcat.SetProperty("/Background/<object>", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.88, 0.9, 0.92])
+    for name, intensity in _LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{name}/<object>", "intensity", intensity)
+    meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-3.0, -8.0, 9.0])
+    camera = Meshcat.PerspectiveCamera(
+        fov=_FIELD_OF_VIEW, aspect=1.0, near=0.05, far=200.0
+    )
+    meshcat.SetCamera(camera)
+    below = _PITCH * (num_runs - 1)
+    shown = max(stage.ghost_height + 2 * _OVERLAP + below, 0.62) * _SHOWN_WIDTH
+    distance = 0.62 * shown / np.tan(np.radians(_FIELD_OF_VIEW / 2))
+    target = np.array([0.0, 0.0, (stage.ghost_height - below) / 2 * _SHOWN_WIDTH])
+    meshcat.SetCameraPose(target + distance * np.array([0.12, -0.96, 0.26]), target)
+
+
+def _Add(
+    meshcat: Meshcat,
+    path: str,
+    shape: Shape,
+    looks: tuple[str, float],
+    X: RigidTransform | None = None,
+) -> None:
+    meshcat.SetObject(path, shape, Rgba(*to_rgb(looks[0]), looks[1]))
+    meshcat.SetTransform(path, X or RigidTransform())
+
+
+def _AddSlabs(
+    meshcat: Meshcat, path: str, stage: Stage, surfaces: Sequence[Surface]
+) -> None:
+    """Draws what is behind each surface, up to the next one or the picture's edge.
+
+    An unknown material is a thin plate.
+    """
+    centre_W, width = stage.X_WS.translation(), stage.width
+    height = (stage.ghost_height + 2 * _OVERLAP) * width
+
+    for surface in surfaces:
+        begin, normal = _Ahead(surface, centre_W), surface.normal_W
+        low, high = max(begin, -width / 2), width / 2
+        if surface.material is None:
+            high = begin + _PLATE * width
+        parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
+        begins = [_Ahead(x, centre_W) for x in parallel]
+        high = min([high, *(x for x in begins if x > begin)])
+        if not low < high:
+            continue
+        R_WB = _Facing(InSpace(normal))
+        middle_B = np.array([(low + high) / 2, 0.0, stage.ghost_height / 2 * width])
+        box = Box(high - low, _DEPTH * width, height)
+        name = f"{path}/{surface.name}"
+        X_WB = RigidTransform(R_WB, centre_W + R_WB @ middle_B)
+        _Add(meshcat, name, box, LooksOf(surface), X_WB)
+        # Otherwise it hides the ghost, which is translucent as well, behind it.
+        meshcat.SetProperty(f"{name}/<object>", "material.depthWrite", False)
+        meshcat.SetProperty(f"{name}/<object>", "castShadow", False)
+
+
+def _AddFigure(
+    meshcat: Meshcat,
+    path: str,
+    visuals: RobotVisuals,
+    stage: Stage,
+    looks: tuple[str, float],
+) -> None:
+    """Adds a robot, of the given looks where its model gives none, and its arrow."""
+    for part in visuals.parts:
+        own = looks
+        if (rgba := part.rgba) is not None:
+            own = to_hex((rgba.r(), rgba.g(), rgba.b())), rgba.a() * looks[1]
+        name = f"{path}/{part.body or 'world'}/{part.name}"
+        _Add(meshcat, name, part.shape, own, part.X_BG)
+    width = stage.width
+    _Add(meshcat, f"{path}/tip/ball", Sphere(_TOOL * width), looks)
+    # The cone's point is at its origin, and z leads to its base.
+    length, head = _ARROW * width, 0.04 * width
+    shaft = Cylinder(0.008 * width, length - head)
+    middle = RigidTransform([0.0, 0.0, (length - head) / 2])
+    _Add(meshcat, f"{path}/force/shaft", shaft, (FORCE_COLOR, 1.0), middle)
+    cone = MeshcatCone(head, head / 2, head / 2)
+    point = AlongZ([0.0, 0.0, length], [0.0, 0.0, -1.0])
+    _Add(meshcat, f"{path}/force/head", cone, (FORCE_COLOR, 1.0), point)

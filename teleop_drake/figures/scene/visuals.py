@@ -57,6 +57,7 @@ class RobotVisuals:
         self._start = start[:3]
         self._plant: MultibodyPlant | None = None
         self.parts: tuple[Part, ...] = ()
+        self.start_q = np.zeros(0)
         self._rest = np.zeros(3 - self._start.size)
         if not isinstance(robot, PlantRobotConfig):
             return
@@ -70,11 +71,6 @@ class RobotVisuals:
         parts = _Shapes(self._plant, scene_graph)
         self.parts = tuple(parts or _Sticks(self._plant, self._context))
 
-    @property
-    def is_plant(self) -> bool:
-        """Whether it has joint positions."""
-        return self._plant is not None
-
     def InSpace(self, p_WT: ArrayLike) -> Array:
         """Returns a point of the task as a point in space (3), m.
 
@@ -82,11 +78,6 @@ class RobotVisuals:
             p_WT: Along the task axes, m (n).
         """
         return np.concatenate([np.asarray(p_WT)[:3], self._rest])
-
-    def Direction(self, vector: ArrayLike) -> Array:
-        """Returns a vector along the task axes (n) as one in space (3)."""
-        vector = np.asarray(vector, dtype=float)[:3]
-        return np.concatenate([vector, np.zeros(3 - vector.size)])
 
     def Tool(self, q: ArrayLike) -> Array:
         """Returns where the tool is in space (3), m."""
@@ -110,14 +101,16 @@ class RobotVisuals:
     def Pose(self, p_WT: ArrayLike, q: ArrayLike) -> Array:
         """Returns joint positions with the tool at a point, near given ones (nq).
 
-        Where the robot does not reach the point, the tool comes near it.
+        Where the robot does not reach the point, the tool comes near it. A robot that
+        is no plant keeps the given ones.
 
         Args:
             p_WT: Along the task axes, m (n).
             q: Joint positions to begin from (nq).
         """
-        assert self._plant is not None
         p, q = np.asarray(p_WT, dtype=float)[:3], np.array(q, dtype=float)
+        if self._plant is None:
+            return q
         size = float(np.linalg.norm(self.Tool(q))) or 1.0
         for _ in range(_NUM_STEPS):
             error = p - self.Tool(q)[: p.size]
@@ -174,6 +167,12 @@ def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
         for i, ((body, p), size) in enumerate(zip(ends, sizes, strict=True))
         if size > radius
     ]
+
+
+def InSpace(vector: ArrayLike) -> Array:
+    """Returns a vector along the task axes (n) as one in space (3)."""
+    vector = np.asarray(vector, dtype=float)[:3]
+    return np.concatenate([vector, np.zeros(3 - vector.size)])
 
 
 def AlongZ(p: ArrayLike, direction: Sequence[float] | Array) -> RigidTransform:
