@@ -1,6 +1,5 @@
 """The league: its table is complete and what its study gives."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -153,7 +152,7 @@ def test_all_have_the_same_surgeon_device_robot_and_limits(plans):
         ]
     ),
 )
-def test_runs_give_the_rows(name, is_chosen, plans):
+def test_runs_give_the_rows(name, is_chosen, plans, in_this_process):
     def IsChosen(point):
         given = point.get("channel", point)
         has_loss = "loss" in given and "jitter" in given
@@ -163,8 +162,7 @@ def test_runs_give_the_rows(name, is_chosen, plans):
 
     points = list(filter(IsChosen, plans[name].points))
     plan = replace(plans[name], points=points)
-    with ThreadPoolExecutor(1) as executor:
-        rows = MakeRows(name, plan, RunSweep(plan, executor=executor))
+    rows = MakeRows(name, plan, RunSweep(plan))
     assert len(rows) == len(ARCHITECTURES)
     for row in rows:
         (committed,) = Select(TABLE, **{key: row[key] for key in KEYS})

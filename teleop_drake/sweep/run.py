@@ -1,7 +1,6 @@
 """Sweeps: a scenario over a grid of its fields, in many processes, and resumable."""
 
 import contextlib
-import itertools
 import json
 import multiprocessing
 import os
@@ -11,10 +10,9 @@ import threading
 import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 from teleop_drake.scenario import ScenarioError
@@ -24,9 +22,6 @@ from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.tasks.metrics import RunSummary
-
-# So many runs wait in the executor: enough for a large cluster.
-_MAX_IN_FLIGHT = 1000
 
 # After so many runs each, processes are replaced. In Drake before 1.56 a simulation
 # leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
@@ -50,8 +45,7 @@ def Sweep(
         Sweep("one_dof", {"controller": CONTROLLERS, "delay": np.linspace(0, 0.4, 9)})
 
     A run that fails is a record with its reason, and so is a combination of values
-    that is not valid; the sweep goes on. If the executor loses a run, by the death of
-    a process perhaps, the run is tried once more.
+    that is not valid; the sweep goes on. A run whose process dies is tried once more.
 
     In a script, call this under `if __name__ == "__main__":`, because Python imports
     the script in each worker process. A notebook need not.
@@ -63,7 +57,7 @@ def Sweep(
         overrides: For all runs, as LoadScenario takes them.
         engine: As simulate() takes it; `auto` runs what can be compiled as machine
             code, and says of what cannot why.
-        **options: executor, jobs, out, resume, progress and notice, as RunSweep()
+        **options: jobs, out, resume, progress and notice, as RunSweep()
             takes them.
 
     Returns:
@@ -72,7 +66,7 @@ def Sweep(
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
         SweepError: If the grid, jobs or the folder cannot be used.
-        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        RuntimeError: If no process can start. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
     plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
@@ -83,7 +77,6 @@ def RunSweep(
     plan: SweepPlan,
     *,
     part: tuple[int, int] | None = None,
-    executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
@@ -95,9 +88,6 @@ def RunSweep(
     Args:
         part: (I, N) for the runs I - 1, I - 1 + N and so on, whose records are all that
             the result then has; None: all runs.
-        executor: Where to simulate: any Executor whose workers can import this
-            package, for example `distributed.Client(...).get_executor()`. It stays
-            open. None: in worker processes.
         jobs: Number of worker processes, >= 1; None: as many as there are processors,
             and none for compiled runs that would be done before these have started.
         out: Folder to write to; None writes nothing.
@@ -109,9 +99,8 @@ def RunSweep(
             `out` have to be done again because their lines were changed; None:
             warnings.warn.
     """
-    if jobs is not None and (jobs < 1 or executor is not None):
-        allowed = "1 or more" if jobs < 1 else "None where an executor is given"
-        raise SweepError(f"jobs = {jobs}: must be {allowed}")
+    if jobs is not None and jobs < 1:
+        raise SweepError(f"jobs = {jobs}: must be 1 or more")
     notice = notice or warnings.warn
     progress = progress or (lambda finished, runs: None)
     first, step = part or (1, 1)
@@ -140,12 +129,9 @@ def RunSweep(
             why = WhyNotCompiled(plan.scenario)
             if why:
                 notice(f"Run in Drake's Simulator: {why}.")
-            elif executor is None and jobs is None:
+            elif jobs is None:
                 Take(_SimulateHere(plan, Missing()))
-        if executor is not None:
-            Take(_Simulate(plan, Missing(), executor))
-        else:
-            Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
+        Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
         ordered = [records[run] for run in runs]
         result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=ordered)
         if folder is not None:
@@ -171,47 +157,18 @@ def _Overrides(plan: SweepPlan, run: int) -> list[str]:
 
 
 def _Simulate(
-    plan: SweepPlan, runs: Iterable[int], executor: Executor
+    plan: SweepPlan, runs: Iterable[int], pool: ProcessPoolExecutor
 ) -> Iterator[dict[str, Any]]:
     """Simulates runs of a plan and yields each record as it comes."""
-    finished: SimpleQueue[tuple[int, Future[dict[str, Any]]]] = SimpleQueue()
-    pending: dict[int, Future[dict[str, Any]]] = {}
-    retried: set[int] = set()
-
-    def Submit(run: int) -> None:
-        # Why it is not machine code was said once for all.
-        engine = "drake" if plan.engine == "drake" else "auto"
-        overrides = _Overrides(plan, run)
-        future = executor.submit(_SimulateOne, plan.source, overrides, engine)
-        pending[run] = future
-        future.add_done_callback(lambda future: finished.put((run, future)))
-
-    waiting = iter(runs)
-    try:
-        for run in itertools.islice(waiting, _MAX_IN_FLIGHT):
-            Submit(run)
-        while pending:
-            run, future = finished.get()
-            del pending[run]
-            error = None if future.cancelled() else future.exception()
-            if future.cancelled():
-                raise RuntimeError("the executor gave up: it cancelled a run")
-            if error is None:
-                outcome = future.result()
-            elif isinstance(error, BrokenExecutor) or not isinstance(error, Exception):
-                raise error
-            elif run not in retried:
-                retried.add(run)
-                Submit(run)
-                continue
-            else:
-                outcome = _Failure(error)
-            yield {"run": run, "varied": plan.points[run], **outcome}
-            for run in itertools.islice(waiting, 1):
-                Submit(run)
-    finally:
-        for future in pending.values():
-            future.cancel()
+    # Why it is not machine code was said once for all.
+    engine = "drake" if plan.engine == "drake" else "auto"
+    futures = {
+        pool.submit(_SimulateOne, plan.source, _Overrides(plan, run), engine): run
+        for run in runs
+    }
+    for future in as_completed(futures):
+        run = futures[future]
+        yield {"run": run, "varied": plan.points[run], **future.result()}
 
 
 def _SimulateInProcesses(
@@ -245,7 +202,7 @@ def _SimulateInProcesses(
 
 
 @contextlib.contextmanager
-def _Processes(jobs: int) -> Iterator[Executor]:
+def _Processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Yields a pool of processes, which are killed if it is left by an exception.
 
     On Linux they are forks of a server that has imported what runs need, and stays as

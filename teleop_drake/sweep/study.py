@@ -190,7 +190,7 @@ def RunStudy(
 
     Raises:
         SweepError: If jobs or the folder cannot be used.
-        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        RuntimeError: If no process can start. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
     first, step = part or (1, 1)

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -57,12 +57,6 @@ Sweep, PlanSweep = (
 )
 
 
-@pytest.fixture
-def threads():
-    with ThreadPoolExecutor(1) as executor:
-        yield executor
-
-
 def Files(folder):
     return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
@@ -100,9 +94,9 @@ def test_parse_refuses():
         assert "\n" not in str(info.value)
 
 
-def test_records_are_those_of_single_runs(threads):
+def test_records_are_those_of_single_runs(in_this_process):
     grid = {"controller": CONTROLLERS, "delay": np.array([0.0, 0.05])}
-    result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
+    result = Sweep("one_dof", grid, overrides=SHORT)
     assert result.axes == {"controller": list(CONTROLLERS), "delay": [0.0, 0.05]}
     for run, record in enumerate(result.records):
         varied = {"controller": CONTROLLERS[run // 2], "delay": [0.0, 0.05][run % 2]}
@@ -128,10 +122,9 @@ def test_records_are_those_of_single_runs(threads):
     assert error[1, 0] == result.records[2]["metrics"]["velocity_rms_error"][0]
     assert np.isnan(result.Values("puncture.force")).all()
     assert (result.Status() == "completed").all()
-    threads.submit(int).result()  # The executor stays open.
 
 
-def test_a_file_with_a_trace_can_be_swept(threads):
+def test_a_file_with_a_trace_can_be_swept(in_this_process):
     os.mkdir("mine")
     Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
     scenario = LoadScenario(
@@ -144,7 +137,7 @@ def test_a_file_with_a_trace_can_be_swept(threads):
     )
     scenario.forward_channel.trace = "lag.csv"  # Relative to the file.
     Path("mine/task.yaml").write_text(ScenarioToYaml(scenario))
-    result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]}, executor=threads)
+    result = Sweep("mine/task.yaml", {"robot.mass": [0.4, 0.6]})
     assert [record["reason"] for record in result.records] == ["", ""]
     for record in result.records:
         assert record["scenario"] == "one_dof"
@@ -153,17 +146,17 @@ def test_a_file_with_a_trace_can_be_swept(threads):
         assert record["metrics"] == RunSummary(one)["metrics"]
 
 
-def test_tracking_can_be_swept(threads):
+def test_tracking_can_be_swept(in_this_process):
     grid = {"disturbance.gain": [1.0, 2.0]}
     name = "network_tracking_linear"
-    result = Sweep(name, grid, overrides=SHORT, executor=threads)
+    result = Sweep(name, grid, overrides=SHORT)
     names = list(MetricUnits(result.scenario))
     assert set(FlattenMetrics(result.records[0]["metrics"])) == set(names)
     with pytest.raises(ScenarioError, match="forward_channel"):
         PlanSweep(name, {"delay": [0.1]})
 
 
-def test_the_packets_of_network_channels_can_be_swept(threads):
+def test_the_packets_of_network_channels_can_be_swept(in_this_process):
     channel = {"kind": "network", "delay": 0.1, "sample_period": 0.01}
     jitter = [{"kind": "gamma", "std": std} for std in (0.005, 0.02)]
     result = Sweep(
@@ -171,7 +164,6 @@ def test_the_packets_of_network_channels_can_be_swept(threads):
         {"channel": [channel | {"jitter": x} for x in jitter], "seed": [0, 1]},
         overrides={**SHORT, "duration": 1.0},
         engine="auto",
-        executor=threads,
     )
     ends = [result.Values(f"forward_channel.delay_{x}") for x in ("p95", "minimum")]
     spread = ends[0] - ends[1]
@@ -284,7 +276,7 @@ def test_large_grids_are_checked_quickly(monkeypatch):
 # Runs that fail.
 
 
-def test_any_exception_is_a_row(threads, monkeypatch):
+def test_any_exception_is_a_row(in_this_process, monkeypatch):
     def Simulate(scenario, engine):
         if scenario.robot.mass == 2:
             raise SystemExit("a contract of Drake\nis violated")
@@ -294,7 +286,7 @@ def test_any_exception_is_a_row(threads, monkeypatch):
 
     monkeypatch.setattr("teleop_drake.sweep.run.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
-    result = Sweep("one_dof", grid, overrides=SHORT, executor=threads)
+    result = Sweep("one_dof", grid, overrides=SHORT)
     assert [record["reason"] for record in result.records] == [
         "",
         "SystemExit: a contract of Drake is violated",
@@ -302,21 +294,19 @@ def test_any_exception_is_a_row(threads, monkeypatch):
     ]
 
 
-def test_an_interrupt_in_a_worker_ends_the_sweep():
-    class Interrupted(Executor):
-        def submit(self, fn, /, *args, **kwargs):
-            future = Future()
-            future.set_exception(KeyboardInterrupt())
-            return future
+def test_an_interrupt_in_a_worker_ends_the_sweep(in_this_process, monkeypatch):
+    def Interrupt(scenario, engine):
+        raise KeyboardInterrupt
 
+    monkeypatch.setattr("teleop_drake.sweep.run.simulate", Interrupt)
     with pytest.raises(KeyboardInterrupt):
-        Sweep("one_dof", {"delay": [0.1]}, executor=Interrupted())
+        Sweep("one_dof", {"delay": [0.1]})
 
 
 # The folder.
 
 
-def test_files(threads):
+def test_files(in_this_process):
     grid = {"forward_channel.sample_period": [0.1, 0.02], "delay": [0.05, 0.2]}
     overrides = SHORT | {"forward_channel.kind": "sampled"}
     seen = []
@@ -326,7 +316,7 @@ def test_files(threads):
         seen.append((finished, runs, lines))
 
     kwargs = {"overrides": overrides, "out": "a/b", "progress": Progress}
-    result = Sweep("one_dof", grid, executor=threads, **kwargs)
+    result = Sweep("one_dof", grid, **kwargs)
     assert result.Status().tolist() == [["failed", "completed"], ["completed"] * 2]
     assert result.records[0]["reason"].startswith("forward_channel.sample_period = 0.1")
     assert result.records[0]["metrics"] is None
@@ -348,9 +338,9 @@ def test_files(threads):
     assert rows[1]["diverged"] == "false"
 
 
-def test_resume_does_only_the_rest(threads):
+def test_resume_does_only_the_rest(in_this_process):
     grid = {"robot.mass": [1.0, 2.0, 3.0, 4.0]}
-    kwargs = {"overrides": SHORT, "executor": threads, "engine": "auto"}
+    kwargs = {"overrides": SHORT, "engine": "auto", "jobs": 1}
     Sweep("one_dof", grid, out="whole", **kwargs)
     Sweep("one_dof", grid, out="torn", resume=True, **kwargs)
     expected = Files("whole")
@@ -381,13 +371,13 @@ def test_resume_does_only_the_rest(threads):
         assert Files("torn") == expected
 
 
-def test_another_trace_is_another_sweep(threads):
+def test_another_trace_is_another_sweep(in_this_process):
     """What a run reads is a part of what it is, also if it has the same name."""
     trace = Path("trace.csv")
     trace.write_text("0,0.1\n1,0.1\n")
     channel = {"kind": "variable", "delay": 0.0, "trace": "trace.csv"}
     grid = {"forward_channel": [{"kind": "transport"}, channel]}
-    kwargs = {"overrides": SHORT, "executor": threads, "out": "out", "resume": True}
+    kwargs = {"overrides": SHORT, "out": "out", "resume": True}
     Sweep("one_dof", grid, **kwargs)
     before = Files("out")
     trace.write_text("0,0.1\n1,0.2\n")
@@ -398,8 +388,8 @@ def test_another_trace_is_another_sweep(threads):
     assert Files("out") == before
 
 
-def test_folders_that_are_refused(threads):
-    kwargs = {"executor": threads, "out": "out"}
+def test_folders_that_are_refused(in_this_process):
+    kwargs = {"out": "out"}
     Sweep("one_dof", {"robot.mass": [1.0]}, overrides=SHORT, **kwargs)
     before = Files("out")
 
@@ -429,12 +419,10 @@ def test_folders_that_are_refused(threads):
     Refused("out = 'file': must be a folder", out="file")
 
 
-def test_bad_jobs(threads):
+def test_bad_jobs():
     grid = {"robot.mass": [1.0]}
     with pytest.raises(SweepError, match="jobs = 0: must be 1 or more"):
         Sweep("one_dof", grid, jobs=0)
-    with pytest.raises(SweepError, match="jobs = 1: must be None"):
-        Sweep("one_dof", grid, jobs=1, executor=threads)
 
 
 # The command.
@@ -543,7 +531,7 @@ def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
     assert "one_dof: all 4 runs failed: the model is gone" in capsys.readouterr().err
 
 
-def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
+def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
     """By default, and if it cannot be, that is said once and not in each run."""
     from teleop_drake import sweep
 
@@ -558,9 +546,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, threads):
     monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", Simulate)
     for overrides in (SHORT, {**SHORT, "simulator.integration_scheme": "runge_kutta3"}):
         grid = {"delay": [0.1, 0.2]}
-        sweep.Sweep(
-            "one_dof", grid, overrides=overrides, executor=threads, notice=said.append
-        )
+        sweep.Sweep("one_dof", grid, overrides=overrides, notice=said.append)
     assert engines == ["auto"] * 4
     assert said == [
         "Run in Drake's Simulator: compiled runs use runge_kutta5 with error control, "
@@ -643,7 +629,6 @@ def test_the_controllers_are_a_choice():
         (["--seeds", "0"], "seeds = 0: must be 1 to"),
         (["--out", "file"], "out = 'file': must be a folder that can be written"),
         (["--json", "none/x.json"], "--json = 'none/x.json': must be where"),
-        (["--jobs", "2", "--dask", "host:1"], "--jobs: must be left out with --dask"),
     ],
 )
 def test_bad_input(options, message, capsys):

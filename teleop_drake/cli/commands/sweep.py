@@ -2,8 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +14,6 @@ from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import SeedsTable
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from teleop_drake.figures.sweeps import Boundaries
     from teleop_drake.sweep import SweepPlan, SweepResult
     from teleop_drake.sweep.study import Study
@@ -60,12 +58,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes that simulate (default: one per processor; none for a few "
         "compiled runs)",
-    )
-    parser.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="simulate on the cluster of this Dask scheduler instead, for example "
-        "tcp://host:8786",
     )
     parser.add_argument(
         "--resume", action="store_true", help="do only what is missing in --out"
@@ -113,10 +105,7 @@ def Execute(args: argparse.Namespace) -> int:
         for name, plan in study.plans.items()
     }
     try:
-        with (
-            _DaskExecutor(args.dask, args.quiet) as executor,
-            SweepProgress(args.quiet) as show,
-        ):
+        with SweepProgress(args.quiet) as show:
             if args.merge is not None:
                 results = MergeStudy(study, args.out, args.merge, notice=Notice)
             else:
@@ -124,13 +113,12 @@ def Execute(args: argparse.Namespace) -> int:
                     study,
                     args.out,
                     part=part,
-                    executor=executor,
                     jobs=args.jobs,
                     resume=args.resume,
                     progress=Report,
                     notice=Notice,
                 )
-    except RuntimeError as e:  # The executor gave up.
+    except RuntimeError as e:  # No worker process can start.
         return Fail(FAILED, f"{e}; --resume does the rest")
     except KeyboardInterrupt:
         finished, runs = progress
@@ -159,12 +147,10 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _CheckOptions(args: argparse.Namespace) -> None:
     """Refuses options that exclude each other."""
-    if args.jobs is not None and args.dask is not None:
-        raise BadInput("--jobs: must be left out with --dask, which has workers")
     if args.shard is not None and args.json is not None:
         raise BadInput("--json: must be left out with --shard; --merge has all records")
     if args.merge is not None:
-        for option in ("shard", "jobs", "dask", "resume"):
+        for option in ("shard", "jobs", "resume"):
             if getattr(args, option):
                 raise BadInput(f"--{option}: must be left out where parts are merged")
 
@@ -237,40 +223,6 @@ def _ExitCode(result: "SweepResult") -> int:
         return DONE
     count, first = len(result.records), result.records[0]["reason"]
     return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
-
-
-@contextmanager
-def _DaskExecutor(address: str | None, is_quiet: bool) -> Iterator["Executor | None"]:
-    """Yields the executor of a Dask cluster, or None without an address.
-
-    If the cluster has no workers yet, it says so on stderr.
-    """
-    if address is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise BadInput(
-            f"--dask = {address!r}: must be left out, or the package distributed "
-            "installed (pip install 'teleop-drake[dask]')"
-        ) from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as e:
-        raise BadInput(
-            f"--dask = {address!r}: must be the address of a Dask scheduler ({e})"
-        ) from None
-    with client:
-        if not is_quiet and not client.scheduler_info()["workers"]:
-            print(
-                f"teleop-drake: {address} has no workers; the runs wait for the first "
-                f"one (dask worker {address}). Ctrl-C ends the sweep",
-                file=sys.stderr,
-                flush=True,
-            )
-        # The default, pure, would take runs with equal arguments for one.
-        yield client.get_executor(pure=False)
 
 
 def _Draw(
