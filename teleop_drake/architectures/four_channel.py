@@ -15,14 +15,7 @@ from teleop_drake.architectures.base import (
 )
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
-from teleop_drake.laws.four_channel import (
-    Station,
-    filtered_acceleration,
-    master_packet,
-    master_rate,
-    slave_force,
-    slave_packet,
-)
+from teleop_drake.laws.four_channel import Station, master_rate, slave_force
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -36,13 +29,13 @@ from teleop_drake.validation import (
 class FourChannelMaster(MasterSide):
     """A handle with mass that sends and gets motion and force.
 
-        Z_m V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
-        Z_m = M s + B,   C_m = B_c + K_c / s,   C4 = -c4 (Z_m + C_m)
+        (M s + B) V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
+        C_m = B_c + K_c / s,   C4 = -c4 (B + C_m)
 
-    F_e and V_s are the slave's, as they arrive. The acceleration in C4 is that which
-    the slave sends, or none. Positions count from `start`. The
-    operator feels the environment itself, Z_to = Z_e, if there is no delay, c4 = 1,
-    C2 = 1 + C6 and the slave has c1 = 1 and C3 = 1 + C5.
+    F_e and V_s are the slave's, as they arrive. Positions count from `start`. At low
+    frequency, where the masses count for nothing, the operator feels the environment
+    itself, Z_to = Z_e, if there is no delay, c4 = 1, C2 = 1 + C6 and the slave has
+    c1 = 1 and C3 = 1 + C5.
 
     Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
     IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
@@ -53,18 +46,14 @@ class FourChannelMaster(MasterSide):
     |------|------------------|-------|--------------------|--------------------------|
     | in   | haptic_force     | n     | N                  | F_h                      |
     | in   | velocity_command | n     | m/s                | ignored                  |
-    | in   | return_packet    | 3n, 4n | [m; m/s; N; m/s^2] | [p_WT; v; F_e; a] of the |
-    |      |                  |       |                    | slave                    |
+    | in   | return_packet    | 3n    | [m; m/s; N]        | [p_WT; v; F_e] of slave  |
     | out  | felt_position    | n     | m                  | p_WT as received         |
     | out  | felt_velocity    | n     | m/s                | v_m                      |
-    | out  | forward_packet   | 3n, 4n | [m; m/s; N; m/s^2] | [x_m; v_m; F_h; a_m]     |
+    | out  | forward_packet   | 3n    | [m; m/s; N]        | [x_m; v_m; F_h]          |
 
-    The accelerations are there if there is an `acceleration_bandwidth` w:
-    a_m = w (v_m - v_f), dv_f/dt = a_m.
+    State (continuous): [x_m (n), v_m (n)].
 
-    State (continuous): [x_m (n), v_m (n), and v_f (n) if there are accelerations].
-
-    Initial value: x_m = start, all else 0.
+    Initial value: x_m = start, v_m = 0.
 
     Direct feedthrough: haptic_force to forward_packet, return_packet to felt_position.
 
@@ -78,26 +67,26 @@ class FourChannelMaster(MasterSide):
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
         n = station.start.size
-        width = 4 * n if station.bandwidth else 3 * n
         MasterSide.__init__(
             self,
             "four_channel_master",
             Kernel(
-                parameters={"station": station},
-                rate=(master_rate, "station", "state", "haptic_force", "return_packet"),
+                parameters={"station": station, "mass": config.Gain("master_mass", n)},
+                rate=(
+                    master_rate, "station", "mass",
+                    "state", "haptic_force", "return_packet",
+                ),
                 outputs={
                     "felt_position": ("return_packet", 0, n),
                     "felt_velocity": ("state", n, 2 * n),
-                    "forward_packet": (
-                        master_packet, "station", "state", "haptic_force"
-                    ),
+                    "forward_packet": ["state", "haptic_force"],
                 },
                 unused=("velocity_command",),
             ),
             n,
-            forward_packet=width,
-            return_packet=width,
-            state=[*station.start, *[0.0] * (width - 2 * n)],
+            forward_packet=3 * n,
+            return_packet=3 * n,
+            state=[*station.start, *[0.0] * n],
         )  # fmt: skip
 
 
@@ -105,34 +94,28 @@ class FourChannelSlave(SlaveSide):
     """Follows the motion and the force of the master.
 
         F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e
-        C_s = B_c + K_c / s,   C1 = c1 (Z + C_s),   Z = M s + B
+        C_s = B_c + K_c / s,   C1 = c1 (B + C_s)
 
-    V_m and F_h are the master's, as they arrive, and Z is a model of the robot. The
-    acceleration in C1 is that which the master sends, or none. Positions count from
-    `start`. With an exact model and without delay, V_s = V_m and F_e = F_h if
+    V_m and F_h are the master's, as they arrive, and B is that of the robot. Positions
+    count from `start`. At low frequency and without delay, V_s = V_m and F_e = F_h if
     c1 = 1, C3 = 1 + C5 and the master has c4 = 1 and C2 = 1 + C6. FourChannelMaster
     names the sources.
 
     | port | name              | size  | unit               | is                      |
     |------|-------------------|-------|--------------------|-------------------------|
-    | in   | forward_packet    | 3n, 4n | [m; m/s; N; m/s^2] | [x_m; v_m; F_h; a_m]    |
+    | in   | forward_packet    | 3n    | [m; m/s; N]        | [x_m; v_m; F_h]         |
     | in   | tool_position     | n     | m                  | p_WT                    |
     | in   | tool_velocity     | n     | m/s                | v                       |
     | in   | environment_force | n     | N                  | F_e                     |
     | out  | control_force     | n     | N                  | F_c                     |
-    | out  | return_packet     | 3n, 4n | [m; m/s; N; m/s^2] | [p_WT; v; F_e; a]       |
+    | out  | return_packet     | 3n    | [m; m/s; N]        | [p_WT; v; F_e]          |
 
-    The accelerations are there if there is an `acceleration_bandwidth` w:
-    a = w (v - v_f), dv_f/dt = a.
-
-    State (continuous): v_f (n) if there are accelerations, else none.
-
-    Initial value: 0.
+    State: none.
 
     Direct feedthrough: all inputs to control_force; all but forward_packet to
     return_packet.
 
-    It does not know the robot beyond Z, and nothing in it accounts for the delay.
+    It does not know the robot beyond B, and nothing in it accounts for the delay.
 
     Args:
         config: Without nulls, as Resolve() makes it.
@@ -142,26 +125,20 @@ class FourChannelSlave(SlaveSide):
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("slave", start)
         n = station.start.size
-        has_filter = station.bandwidth > 0
-        width = 4 * n if has_filter else 3 * n
         tool = ("tool_position", "tool_velocity", "environment_force")
         SlaveSide.__init__(
             self,
             "four_channel_slave",
             Kernel(
                 parameters={"station": station},
-                rate=(filtered_acceleration, "station", "tool_velocity", "state")
-                if has_filter
-                else None,
                 outputs={
                     "control_force": (slave_force, "station", "forward_packet", *tool),
-                    "return_packet": (slave_packet, "station", "state", *tool),
+                    "return_packet": [*tool],
                 },
             ),
             n,
-            forward_packet=width,
-            return_packet=width,
-            state=[0.0] * n if has_filter else (),
+            forward_packet=3 * n,
+            return_packet=3 * n,
         )
 
 
@@ -197,16 +174,14 @@ class FourChannelConfig(ArchitectureConfig):
 
     kind = "four_channel"
     has_springs = True
-    forward_parts = ("x_m", "v_m", "F_h", "a_m")
-    return_parts = ("p_WT", "v_WT", "F_e", "a_WT")
+    forward_parts = ("x_m", "v_m", "F_h")
+    return_parts = ("p_WT", "v_WT", "F_e")
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
     master_mass: np.ndarray | float = GainField(0.5)
     # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
     master_damping: np.ndarray | float = GainField(0.1, may_be_zero=True)
-    # Mass in the model of the robot, kg, >= 0. Null: the apparent mass at the start.
-    slave_mass: np.ndarray | float | None = GainField(None, may_be_zero=True)
     # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
     # robot's own in four_channel, none in the other variants.
     slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
@@ -216,7 +191,7 @@ class FourChannelConfig(ArchitectureConfig):
     # C_m and C_s.
     C_m: LocalController = field(default_factory=LocalController)
     C_s: LocalController = field(default_factory=LocalController)
-    # Motion forward and back, in units of the ideal Z_s + C_s and -(Z_m + C_m).
+    # Motion forward and back, in units of B_s + C_s and -(B_m + C_m).
     C1: float | None = Number(None)
     C4: float | None = Number(None)
     # Force back and forward.
@@ -226,9 +201,6 @@ class FourChannelConfig(ArchitectureConfig):
     # force is exchanged, which transparency needs, else 0.
     C5: float | None = Number(None)
     C6: float | None = Number(None)
-    # Corner of the filters that measure accelerations for C1 and C4, rad/s, > 0. Null:
-    # without accelerations, as Lawrence has it in practice.
-    acceleration_bandwidth: float | None = Number(None, "rad/s", above=0)
 
     @property
     def has_gains_of_delay(self) -> bool:
@@ -260,9 +232,7 @@ class FourChannelConfig(ArchitectureConfig):
             w, T = facts.DevicePole(), facts.round_trip
             w = min(w, 1 / T) if T > 0 else w
         M_m = GainMatrix(self.master_mass, n)
-        M_s, B_s = self.slave_mass, self.slave_damping
-        if M_s is None:
-            M_s = facts.Told("inertia", f"{path}.slave_mass")
+        B_s = self.slave_damping
         if B_s is None:
             B_s = 0.0
             if self.variant == "four_channel":
@@ -282,7 +252,6 @@ class FourChannelConfig(ArchitectureConfig):
             config,
             master_mass=M_m,
             master_damping=GainMatrix(self.master_damping, n),
-            slave_mass=GainMatrix(M_s, n),
             slave_damping=GainMatrix(B_s, n),
             bandwidth=w,
             C_m=Local(self.C_m, variant["C4"]),
@@ -296,18 +265,15 @@ class FourChannelConfig(ArchitectureConfig):
         local, *factors = (getattr(self, name) for name in _ENDS[end])
         for name, factor in zip(_ENDS[end][1:], factors, strict=True):
             CheckNumber(name, factor)
-        own = (self.Gain(f"{end}_{name}", n) for name in ("mass", "damping"))
         of_local = (local.Gain(name, n) for name in ("damping", "stiffness"))
-        bandwidth = self.acceleration_bandwidth or 0.0
-        return Station._make((*own, *of_local, start, *factors, bandwidth))
+        damping = self.Gain(f"{end}_damping", n)
+        return Station._make((damping, *of_local, start, *factors))
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""
         config = self.Resolve(facts, path)
         start: list[float] = facts.start.tolist()
-        # Position, velocity and force, and the acceleration where it is measured.
-        num_others = 3 if self.acceleration_bandwidth else 2
-        packet = [*start, *[0.0] * (num_others * facts.num_axes)]
+        packet = [*start, *[0.0] * (2 * facts.num_axes)]  # At rest, without force.
         return Architecture(
             master_side=FourChannelMaster(config, start=start),
             slave_side=FourChannelSlave(config, start=start),

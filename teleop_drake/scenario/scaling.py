@@ -31,7 +31,7 @@ _POWERS = {
         controller.proportional_damping.slave_damping
         controller.proportional_damping.stiffness
         controller.four_channel.master_mass controller.four_channel.master_damping
-        controller.four_channel.slave_mass controller.four_channel.slave_damping
+        controller.four_channel.slave_damping
         controller.four_channel.C_m.damping controller.four_channel.C_m.stiffness
         controller.four_channel.C_s.damping controller.four_channel.C_s.stiffness
         controller.smith_predictor.mass controller.smith_predictor.local_damping

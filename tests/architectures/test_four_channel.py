@@ -26,35 +26,28 @@ B_c, K_c = np.diag([1.0, 2.0]), np.array([[5.0, 1.0], [1.0, 4.0]])
 START = np.array([0.5, -0.2])
 
 
-def Make(block, bandwidth=None, **changes):
+def Make(block, **changes):
     local = LocalController(damping=B_c, stiffness=K_c)
     given = {"C1": 1.1, "C2": 0.9, "C3": 0.9, "C4": 1.1, "C5": -0.2, "C6": -0.2}
     given |= {"master_mass": M, "master_damping": B, "C_m": local, "C_s": local}
-    given |= {"slave_mass": M, "slave_damping": B, "acceleration_bandwidth": bandwidth}
+    given |= {"slave_damping": B}
     start = changes.pop("start", START)
     return block(FourChannelConfig(**(given | changes)), start=start)
 
 
-@pytest.mark.parametrize("bandwidth", [None, 30.0])
-def test_the_master_by_its_equation(bandwidth):
-    block = Make(FourChannelMaster, bandwidth)
+def test_the_master_by_its_equation():
+    block = Make(FourChannelMaster)
     inputs = RandomInputs(block, 1)
     F_h = inputs["haptic_force"]
-    p, v, F_e, *rest = inputs["return_packet"].reshape(-1, 2)
-    x = np.random.default_rng(2).normal(size=6 if bandwidth else 4)
-    x_m, v_m = x[:2], x[2:4]
+    p, v, F_e = inputs["return_packet"].reshape(-1, 2)
+    x = np.random.default_rng(2).normal(size=4)
+    x_m, v_m = x[:2], x[2:]
     now = Block(block, inputs, x)
     force = 0.8 * F_h - 0.9 * F_e - (B + B_c) @ v_m - K_c @ (x_m - START)
     force += 1.1 * ((B + B_c) @ v + K_c @ (p - START))
-    sent = [x_m, v_m, F_h]
-    if bandwidth:
-        (a,) = rest
-        force += 1.1 * M @ a
-        sent.append(bandwidth * (v_m - x[4:]))
-        np.testing.assert_allclose(now.Rate()[4:], sent[-1], rtol=1e-12)
     expected = np.concatenate([v_m, np.linalg.solve(M, force)])
-    np.testing.assert_allclose(now.Rate()[:4], expected, rtol=1e-12)
-    np.testing.assert_array_equal(now["forward_packet"], np.concatenate(sent))
+    np.testing.assert_allclose(now.Rate(), expected, rtol=1e-12)
+    np.testing.assert_array_equal(now["forward_packet"], [*x_m, *v_m, *F_h])
     np.testing.assert_array_equal(now["felt_position"], p)
     np.testing.assert_array_equal(now["felt_velocity"], v_m)
     AssertFeedthroughIsReal(block)
@@ -62,25 +55,17 @@ def test_the_master_by_its_equation(bandwidth):
     np.testing.assert_array_equal(start["forward_packet"][:4], [*START, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("bandwidth", [None, 30.0])
-def test_the_slave_by_its_equation(bandwidth):
-    block = Make(FourChannelSlave, bandwidth)
+def test_the_slave_by_its_equation():
+    block = Make(FourChannelSlave)
     inputs = RandomInputs(block, 1)
-    x_m, v_m, F_h, *rest = inputs["forward_packet"].reshape(-1, 2)
+    x_m, v_m, F_h = inputs["forward_packet"].reshape(-1, 2)
     p, v = inputs["tool_position"], inputs["tool_velocity"]
     F_e = inputs["environment_force"]
-    v_f = np.array([0.3, -0.4]) if bandwidth else None
-    now = Block(block, inputs, v_f)
+    now = Block(block, inputs)
     force = 0.9 * F_h + 0.2 * F_e - B_c @ v - K_c @ (p - START)
     force += 1.1 * ((B + B_c) @ v_m + K_c @ (x_m - START))
-    sent = [p, v, F_e]
-    if bandwidth:
-        (a_m,) = rest
-        force += 1.1 * M @ a_m
-        sent.append(bandwidth * (v - v_f))
-        np.testing.assert_allclose(now.Rate(), sent[-1], rtol=1e-12)
     np.testing.assert_allclose(now["control_force"], force, rtol=1e-12)
-    np.testing.assert_allclose(now["return_packet"], np.concatenate(sent), rtol=1e-12)
+    np.testing.assert_array_equal(now["return_packet"], [*p, *v, *F_e])
     AssertFeedthroughIsReal(block)
 
 
@@ -107,22 +92,7 @@ def Felt(scenario, omega, environment):
     )
 
 
-@pytest.mark.parametrize("environment", [BONE, (0.0, 0.0), (3.0, 2.0)])
-@pytest.mark.parametrize("omega", [0.3, 30.0])
-def test_ideal_gains_without_delay_let_the_environment_be_felt(environment, omega):
-    k, d = environment
-    Z_e = k / (1j * omega) + d
-    errors = []
-    for bandwidth in (1e4, 1e6):
-        scenario = Scenario(f"acceleration_bandwidth={bandwidth}", delay=0.0)
-        errors.append(abs(Felt(scenario, omega, environment) - Z_e))
-    # The filters on the accelerations are all that is left.
-    scale = abs(Z_e) + abs(0.5 * omega)
-    assert errors[1] < 1e-4 * scale
-    assert errors[1] < 0.02 * errors[0] or errors[0] < 1e-9
-
-
-def test_without_accelerations_they_do_at_low_frequency():
+def test_the_environment_is_felt_at_low_frequency():
     Z_e = 3.0 / 0.01j + 2.0
     felt = Felt(Scenario(delay=0.0), 0.01, (3.0, 2.0))
     assert felt == pytest.approx(Z_e, rel=1e-3)
@@ -145,7 +115,7 @@ def test_felt_impedance_is_lawrences(variant, environment, delay, omega):
         return gains.damping[0, 0] + gains.stiffness[0, 0] / s
 
     C_m, C_s = Local(config.C_m), Local(config.C_s)
-    # Without accelerations the models in C1 and C4 are dampings.
+    # The models in C1 and C4 are dampings.
     C1 = config.C1 * (config.slave_damping[0, 0] + C_s)
     C4 = -config.C4 * (config.master_damping[0, 0] + C_m)
     C2, C3, C5, C6 = config.C2, config.C3, config.C5, config.C6
@@ -171,9 +141,7 @@ def test_defaults_derive_from_the_delays_and_the_robot():
     assert (config.C1, config.C2, config.C3, config.C4) == (1, 0.5, 0, 0)
     assert (config.C5, config.C6) == (0, -0.5)
     assert not np.any(config.C_m.stiffness) and np.any(config.C_s.stiffness)
-    # The arm's model is its apparent mass, with its coupling of the axes.
     config = ResolveController(Scenario(name="two_dof_combined"))
-    assert config.slave_mass.shape == (2, 2)
     assert config.slave_damping == pytest.approx(np.zeros((2, 2)))
     assert config.C_s.stiffness == pytest.approx(config.C_m.stiffness)
 
@@ -224,7 +192,6 @@ def test_bad_parameters_of_the_blocks():
         ),
         ("C1=.inf", "controller.four_channel.C1 = inf: must be a finite number"),
         ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
-        ("acceleration_bandwidth=0", "acceleration_bandwidth = 0.0: must be"),
         ("C_s={gain: 1}", "controller.four_channel.C_s.gain = 1: unknown key"),
     ],
 )

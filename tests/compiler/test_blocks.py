@@ -59,12 +59,10 @@ I = np.eye(2)
 LOCAL = LocalController(damping=I, stiffness=9 * I)
 FOUR = FourChannelConfig(
     master_damping=1.0,
-    slave_mass=1.0,
     slave_damping=1.0,
     C_m=LOCAL,
     C_s=LOCAL,
     **{"C1": 1.0, "C2": 1.0, "C3": 0.5, "C4": 0.5, "C5": 0.1, "C6": 0.1},
-    acceleration_bandwidth=50.0,
 )
 WAVES = WaveVariablesConfig(
     impedance=2.0,
