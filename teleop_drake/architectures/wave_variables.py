@@ -15,11 +15,8 @@ from teleop_drake.architectures.base import (
 )
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels import ChannelConfig
-from teleop_drake.kernel import Kernel, Name, Term, times
-from teleop_drake.kernel.linear_part import LinearPart
+from teleop_drake.kernel import Kernel, times
 from teleop_drake.laws.wave_variables import (
-    drift_correcting_wave,
-    filtered_wave_rate,
     line_power,
     master_velocity,
     passive_scaling,
@@ -42,10 +39,9 @@ class WaveMaster(MasterSide):
         v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
         u   = (2 b)^(1/2) v_m - w
 
-    with the wave impedance b, a damper D beside the line, and w = f w_received, which
-    is behind a low-pass where there is a bandwidth: dw/dt = bandwidth (f w_received -
-    w). The line gets F_h - D v_m. With D = b, u does not depend on w: nothing is
-    reflected at this end. The law is `teleop_drake.laws.wave_variables`.
+    with the wave impedance b, a damper D beside the line, and w = f w_received. The
+    line gets F_h - D v_m. With D = b, u does not depend on w: nothing is reflected at
+    this end. The law is `teleop_drake.laws.wave_variables`.
 
     | port | name             | size | unit          | is                         |
     |------|------------------|------|---------------|----------------------------|
@@ -58,13 +54,13 @@ class WaveMaster(MasterSide):
     | out  | master_position  | n    | m             | x_m, integral of v_m       |
     | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
 
-    State (continuous): [x_m (n), and w (n) if there is a bandwidth].
+    State (continuous): x_m (n).
 
-    Initial value: x_m = start, w = 0.
+    Initial value: start.
 
     Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
-    return_packet to felt_position and, unless there is a bandwidth, to felt_velocity,
-    master_power and (unless D = b) forward_packet.
+    return_packet to felt_position, felt_velocity, master_power and, unless D = b,
+    forward_packet.
 
     It knows no delay and no energy: what is passive is the line as a whole. The
     position that the operator feels is where the tool was, not x_m.
@@ -78,57 +74,47 @@ class WaveMaster(MasterSide):
         start = CheckStart(start)
         n = start.size
         b, D = config.Gain("impedance", n), config.Gain("master_damping", n)
-        path = _WavePath(config.return_scaling, config.return_bandwidth)
-        bandwidth = path["bandwidth"]
+        CheckNumber("return_scaling", config.return_scaling, above=0, maximum=1)
         is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
-        wave: Name = ("state", n, 2 * n) if bandwidth else "received"
         # Where nothing is reflected the arriving wave must not be looked at: without a
         # delay it depends on this very output.
-        seen: Name = "nothing" if is_matched else wave
-        outputs: dict[str, Term] = {
-            "received": (times, ("return_packet", 0, n), "scaling"),
-            "velocity": (master_velocity, "haptic_force", wave, "root", "damping"),
-            "felt_position": ("return_packet", n, 2 * n),
-            "felt_velocity": "velocity",
-            "own_velocity": (master_velocity, "haptic_force", seen, "root", "damping"),
-            "reflected": (reflected_wave, "own_velocity", seen, "root"),
-            "forward_packet": ["reflected", ("state", 0, n)],
-            "master_position": ("state", 0, n),
-            "master_power": (line_power, "haptic_force", "velocity", "damping"),
-        }
-        rate: list[Name] = ["velocity"]
-        if bandwidth:
-            outputs["filtered"] = (filtered_wave_rate, wave, "received", "bandwidth")
-            rate.append("filtered")
-        inner = ("received", "velocity", "own_velocity", "reflected", "filtered")
+        seen = "nothing" if is_matched else "received"
         MasterSide.__init__(
             self,
             "wave_master",
             Kernel(
                 parameters={
-                    **path,
+                    "scaling": config.return_scaling,
                     "root": wave_root(b),
                     "damping": D,
                     "nothing": np.zeros(n),
                 },
-                rate=rate,
-                outputs=outputs,
-                sizes=dict.fromkeys(inner, n),
+                rate="velocity",
+                outputs={
+                    "received": (times, ("return_packet", 0, n), "scaling"),
+                    "velocity": (
+                        master_velocity, "haptic_force", "received", "root", "damping"
+                    ),
+                    "felt_position": ("return_packet", n, 2 * n),
+                    "felt_velocity": "velocity",
+                    "own_velocity": (
+                        master_velocity, "haptic_force", seen, "root", "damping"
+                    ),
+                    "reflected": (reflected_wave, "own_velocity", seen, "root"),
+                    "forward_packet": ["reflected", "state"],
+                    "master_position": "state",
+                    "master_power": (line_power, "haptic_force", "velocity", "damping"),
+                },
+                sizes=dict.fromkeys(
+                    ("received", "velocity", "own_velocity", "reflected"), n
+                ),
                 unused=("velocity_command",),
             ),
             n,
             forward_packet=2 * n,
             return_packet=2 * n,
-            state=[*start, *([0.0] * n if bandwidth else [])],
-        )
-
-
-def _WavePath(scaling: float | None, bandwidth: float | None) -> dict[str, Any]:
-    """Returns what an arriving wave goes through; refuses what none can."""
-    CheckNumber("scaling", scaling, above=0, maximum=1)
-    if bandwidth is not None:
-        CheckNumber("bandwidth", bandwidth, "rad/s", above=0)
-    return {"scaling": scaling, "bandwidth": bandwidth or 0.0}
+            state=start.tolist(),
+        )  # fmt: skip
 
 
 class WaveSlave(SlaveSide):
@@ -137,11 +123,9 @@ class WaveSlave(SlaveSide):
         F_c = (2 b)^(1/2) u - b v
         w   = (2 b)^(1/2) v - u
 
-    with the wave impedance b and u = f u_received, which is behind a low-pass where
-    there is a bandwidth: du/dt = bandwidth (f u_received - u). To this u may come
-    (b/2)^(1/2) rate (x_m - p_WT), which moves the tool towards where the master was,
-    as far as |u| does not grow on any axis: the correction can only take energy out of
-    the line. The law is `teleop_drake.laws.wave_variables`.
+    with the wave impedance b and u = f u_received. The tool's position is the integral
+    of what arrives: where waves are lost it drifts from x_m. The law is
+    `teleop_drake.laws.wave_variables`.
 
     | port | name              | size | unit         | is                        |
     |------|-------------------|------|--------------|---------------------------|
@@ -153,72 +137,40 @@ class WaveSlave(SlaveSide):
     | out  | return_packet     | 2n   | [W^(1/2); m] | [w; p_WT]                 |
     | out  | slave_power       | n    | W            | F_c v per axis            |
 
-    State (continuous): u (n) if there is a bandwidth, else none.
+    State: none.
 
-    Initial value: u = 0.
-
-    Direct feedthrough: tool_velocity and, unless there is a bandwidth, forward_packet
-    to all outputs; tool_position to return_packet and, if there is a correction, to
-    all; with a correction also forward_packet to all.
-
-    The correction follows Niemeyer and Slotine, who feed the position back through the
-    wave without adding to its energy ("Towards force-reflecting teleoperation over the
-    internet", ICRA 1998; "Telemanipulation with time delays", Int. J. Robotics
-    Research 23, 2004). It cannot act while no wave arrives.
+    Direct feedthrough: tool_velocity and forward_packet to all outputs; tool_position
+    to return_packet.
 
     Args:
         config: Without a null that stands for a default, as Resolve() makes it.
     """
 
     def __init__(self, config: "WaveVariablesConfig", *, num_axes: int):
-        n, rate = num_axes, config.drift_correction
-        CheckNumber("drift_correction", rate, "1/s", minimum=0)
-        self._drift_correction = rate
-        path = _WavePath(config.forward_scaling, config.forward_bandwidth)
-        bandwidth = path["bandwidth"]
-        wave = "state" if bandwidth else "received"
-        outputs: dict[str, Term] = {
-            "received": (times, ("forward_packet", 0, n), "scaling")
-        }
-        if rate > 0:
-            outputs["corrected"] = (
-                drift_correcting_wave, wave, ("forward_packet", n, 2 * n),
-                "tool_position", "root", "drift_correction",
-            )  # fmt: skip
-            wave = "corrected"
-        outputs |= {
-            "control_force": (slave_force, "tool_velocity", wave, "root"),
-            "reflected": (reflected_wave, "tool_velocity", wave, "root"),
-            "return_packet": ["reflected", "tool_position"],
-            "slave_power": (times, "control_force", "tool_velocity"),
-        }
-        filtered: Term = (filtered_wave_rate, "state", "received", "bandwidth")
+        n = num_axes
+        CheckNumber("forward_scaling", config.forward_scaling, above=0, maximum=1)
         SlaveSide.__init__(
             self,
             "wave_slave",
             Kernel(
                 parameters={
-                    **path,
+                    "scaling": config.forward_scaling,
                     "root": wave_root(config.Gain("impedance", n)),
-                    "drift_correction": rate,
                 },
-                rate=filtered if bandwidth else None,
-                outputs=outputs,
-                sizes=dict.fromkeys(("received", "corrected", "reflected"), n),
+                outputs={
+                    "received": (times, ("forward_packet", 0, n), "scaling"),
+                    "control_force": (slave_force, "tool_velocity", "received", "root"),
+                    "reflected": (reflected_wave, "tool_velocity", "received", "root"),
+                    "return_packet": ["reflected", "tool_position"],
+                    "slave_power": (times, "control_force", "tool_velocity"),
+                },
+                sizes=dict.fromkeys(("received", "reflected"), n),
                 unused=("environment_force",),
             ),
             n,
             forward_packet=2 * n,
             return_packet=2 * n,
-            state=[0.0] * n if bandwidth else (),
         )
-
-    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that there is nothing special; refuses a correction of the drift."""
-        if self._drift_correction:
-            allowed = "0 for a linear model, because it acts in one direction only"
-            Refuse("drift_correction", self._drift_correction, allowed)
-        return LinearPart()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -236,19 +188,11 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
     # returning wave whatever the operator does; 0 is the bare line.
     master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
-    # Corner of the low-pass through which the arriving forward wave goes, rad/s, > 0;
-    # null: none.
-    forward_bandwidth: float | None = Number(None, "rad/s", above=0)
-    # The same for the returning wave.
-    return_bandwidth: float | None = Number(None, "rad/s", above=0)
     # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
     # variable channel that grows, which keeps it passive; 1 for all others.
     forward_scaling: float | None = Number(None, above=0, maximum=1)
     # The same for the returning wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
-    # Rate at which the tool is pulled to the master's position, 1/s, >= 0, as far as
-    # that takes energy out of the line. 0: not at all.
-    drift_correction: float = Number(0.0, "1/s", minimum=0)
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
@@ -275,11 +219,9 @@ class WaveVariablesConfig(ArchitectureConfig):
         line = self.Resolve(facts, path)
         facts.CheckStrictlyProper(self.kind)
         is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
-        is_open |= bool(line.forward_bandwidth or line.return_bandwidth)
         if facts.has_no_delay and not is_open:
-            allowed = "null without delay, or there must be a bandwidth: the wave would"
-            place = f"{path}.master_damping"
-            Refuse(place, line.master_damping, f"{allowed} go round in no time")
+            allowed = "null without delay: the wave would go round in no time"
+            Refuse(f"{path}.master_damping", line.master_damping, allowed)
         start: list[float] = facts.start.tolist()
         # No waves under way, and both at the start.
         packet = [*[0.0] * len(start), *start]

@@ -54,22 +54,6 @@ def reflected_wave(velocity: Array, wave: Array, root: Array) -> Array:
     return np.asarray(root @ velocity - wave)
 
 
-def drift_correcting_wave(
-    wave: Array, x_m: Array, p: Array, root: Array, rate: float
-) -> Array:
-    """Returns the wave that pulls the tool to the master, adding no energy.
-
-    Each component stays between -|wave| and |wave|.
-    """
-    corrected, limit = wave + root / 2 @ (x_m - p) * rate, np.abs(wave)
-    return np.asarray(np.clip(corrected, -limit, limit))
-
-
-def filtered_wave_rate(wave: Array, received: Array, bandwidth: float) -> Array:
-    """Returns the time rate of a wave behind a low-pass, W^(1/2)/s (n)."""
-    return bandwidth * (received - wave)
-
-
 def line_power(force: Array, velocity: Array, damping: Array) -> Array:
     """Returns the power that goes into the line at the master's end, W (n)."""
     return (force - damping @ velocity) * velocity

@@ -151,11 +151,6 @@ def test_files(capsys, unrendered):
             "--set controller.smith_predictor.delay=0.1",
             "delay inside of a station = 0.1: must be the round trip, 0.2 s",
         ),
-        (
-            "one_dof --set controller.kind=wave_variables "
-            "--set controller.wave_variables.drift_correction=1",
-            "controller.drift_correction = 1.0: must be 0",
-        ),
         ("one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
     ],

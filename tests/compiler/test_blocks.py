@@ -67,13 +67,10 @@ FOUR = FourChannelConfig(
 WAVES = WaveVariablesConfig(
     impedance=2.0,
     master_damping=1.0,
-    forward_bandwidth=30.0,
-    return_bandwidth=30.0,
     forward_scaling=0.9,
     return_scaling=1.0,
-    drift_correction=2.0,
 )
-MATCHED = replace(WAVES, master_damping=2.0, return_bandwidth=None, return_scaling=0.9)
+MATCHED = replace(WAVES, master_damping=2.0, return_scaling=0.9)
 
 
 @pytest.mark.parametrize(

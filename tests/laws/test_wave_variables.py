@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.laws.wave_variables import (
-    drift_correcting_wave,
     master_velocity,
     passive_scaling,
     reflected_wave,
@@ -41,12 +40,6 @@ def test_power_is_the_difference_of_the_waves(first, second, b1, b2, r):
     v = master_velocity(first, second, root=S, damping=np.zeros((2, 2)))
     u = reflected_wave(v, second, root=S)
     assert first @ v == pytest.approx((u @ u - second @ second) / 2, abs=1e-7 * scale)
-
-
-@given(vectors, vectors)
-def test_a_correction_never_adds_energy(wave, way):
-    corrected = drift_correcting_wave(wave, way, np.zeros(2), np.eye(2), 3.0)
-    assert np.all(np.abs(corrected) <= np.abs(wave))
 
 
 def InputImpedance(b, T, omega, load):
@@ -87,18 +80,6 @@ def test_the_line_is_a_transmission_line(omega):
     assert wall == pytest.approx(B / cmath.tanh(s * tau))
     matched = InputImpedance(B, T, omega, lambda s: B)
     assert matched == pytest.approx(B)
-
-
-def test_the_drift_is_corrected_with_the_energy_of_the_wave():
-    S = np.diag([2.0, 4.0])
-    far = drift_correcting_wave(
-        np.array([-0.1, 0.1]), np.array([5.0, 5.0]), np.zeros(2), S, 3.0
-    )
-    assert far == pytest.approx([0.1, 0.1])
-    near = drift_correcting_wave(
-        np.array([-1.0, -1.0]), np.array([0.1, 0.01]), np.zeros(2), S, 3.0
-    )
-    assert near == pytest.approx([-1 + 0.3, -1 + 0.06])
 
 
 @pytest.mark.parametrize(("slope", "factor"), [(-1.0, 1.0), (0.0, 1.0), (0.36, 0.8)])
