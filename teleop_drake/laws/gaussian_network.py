@@ -130,7 +130,3 @@ class GaussianNetwork:
     def evaluate(self, u: Array) -> Array:
         """Returns Phi(u) (N), each in (0, 1]."""
         return basis_functions(u, self.centres, self.widths)
-
-    def evaluate_with_rate(self, u: Array, u_dot: Array) -> tuple[Array, Array]:
-        """Returns Phi(u) and dPhi/dt = dPhi/du u_dot in 1/s, both (N), exactly."""
-        return gaussian_functions(u, u_dot, self.centres, self.widths)

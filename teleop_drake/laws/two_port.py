@@ -25,8 +25,6 @@ Trans. Robot. Autom. 9 (1993).
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.validation import CheckNumber
-
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -81,28 +79,20 @@ def llewellyn(matrix: ArrayLike) -> Array:
     return np.where(is_active, -np.inf, eta)
 
 
-def scattering_norm(matrix: ArrayLike, *, impedance: float = 1.0) -> Array:
+def scattering_norm(matrix: ArrayLike) -> Array:
     """Returns the largest singular value of the scattering matrix at each w (K).
 
-        S = (p - b)(p + b)^-1   with each port in units of sqrt(b)
+        S = (p - 1)(p + 1)^-1   with an impedance of 1 N s/m
 
     A two-port is passive if and only if this is at most 1 at all w. For a raw delay T
-    in both directions and b = 1 it is |tan w T| + |sec w T|, which has no bound.
+    in both directions it is |tan w T| + |sec w T|, which has no bound.
 
     Source: Anderson and Spong (1989), there for the hybrid matrix.
 
     Args:
         matrix: p(j w), a hybrid or inverse hybrid matrix (K, 2, 2).
-        impedance: b in N s/m of the hybrid matrix, in m/(N s) of the inverse one, > 0.
-
-    Raises:
-        ValueError: If the impedance is not a finite number > 0.
     """
-    CheckNumber("impedance", impedance, above=0)
-    # The off-diagonal entries of a hybrid matrix have no unit.
-    scale = np.sqrt(np.array([1 / impedance, impedance]))
-    p = np.asarray(matrix, dtype=complex) * scale[:, None] * scale
-    identity = np.eye(2)
+    p, identity = np.asarray(matrix, dtype=complex), np.eye(2)
     norms = np.full(len(p), np.inf)
     is_regular = np.abs(np.linalg.det(p + identity)) > 1e-14
     S = (p[is_regular] - identity) @ np.linalg.inv(p[is_regular] + identity)

@@ -32,6 +32,10 @@ from teleop_drake.linear_model.autodiff_diagram import (
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
 
+# The longest difference for blocks that do not convert to AutoDiffXd, as a share of a
+# value of 1 and more. No surface may be as near.
+_STEP = 1e-4
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PortModel:
@@ -84,7 +88,6 @@ def LinearizePorts(
     output_port: OutputPort,
     *,
     is_opened: bool = False,
-    step: float = 1e-4,
 ) -> PortModel:
     """Linearises a diagram from one of its ports to another one, at any depth.
 
@@ -104,8 +107,6 @@ def LinearizePorts(
         input_port: Where the deviation is: of a system in the diagram, or its own.
         output_port: Where it is seen: of a system in the diagram, or its own.
         is_opened: Whether the deviation takes the place of what the port receives.
-        step: The longest difference for blocks that do not convert to AutoDiffXd, as a
-            share of a value of 1 and more; no surface may be as near.
 
     Returns:
         The model.
@@ -144,8 +145,8 @@ def LinearizePorts(
     dual = AutoDiffDiagram(
         blocks, contexts, states=states, cuts=cuts, seen=[output_port, *entering]
     )
-    _, M = dual.Evaluate(step)
-    if dual.Bends(step, M):
+    _, M = dual.Evaluate(_STEP)
+    if dual.Bends(_STEP, M):
         Refuse(
             "context",
             f"at {context.get_time():g} s",

@@ -45,14 +45,9 @@ _CHAPTERS = {
 }
 
 
-def Ledger(runs: ThesisRuns, only: str = "") -> list[Row]:
-    """Returns a row for each claim, in the thesis's order.
-
-    Args:
-        only: The beginning of the keys of the claims, such as "4-"; empty: all.
-    """
-    claims = (claim for claim in LoadClaims() if claim.key.startswith(only))
-    return [claim.Judge(runs) for claim in claims]
+def Ledger(runs: ThesisRuns) -> list[Row]:
+    """Returns a row for each claim, in the thesis's order."""
+    return [claim.Judge(runs) for claim in LoadClaims()]
 
 
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:

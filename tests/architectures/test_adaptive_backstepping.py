@@ -19,7 +19,7 @@ from teleop_drake.laws.backstepping import (
     control_force_error,
     pack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
 from teleop_drake.page import MakePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -43,8 +43,8 @@ def test_the_block_is_the_law(n):
         rng.normal(size=(n, N)),
     )
     now = Block(block, inputs, pack_state(state))
-    Phi, Phi_dot = network.evaluate_with_rate(
-        inputs["tool_position"], inputs["tool_velocity"]
+    Phi, Phi_dot = gaussian_functions(
+        inputs["tool_position"], inputs["tool_velocity"], *network.as_numbers()
     )
     signals = {
         "v": inputs["tool_velocity"],

@@ -24,7 +24,7 @@ from teleop_drake.laws.backstepping import (
     project,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -226,7 +226,7 @@ def _Trajectory(n, sign=1.0):
         F_hd = amplitude * np.cos(frequency * t)
         # s is a state of the plant; the velocity follows from it.
         v = s + v_dd - gains.Lambda @ (F_e - F_hd)
-        Phi, Phi_dot = network.evaluate_with_rate(u, v)
+        Phi, Phi_dot = gaussian_functions(u, v, *network.as_numbers())
         rate = backstepping_rate(
             gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
         )

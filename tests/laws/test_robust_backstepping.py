@@ -14,7 +14,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
 from teleop_drake.laws.robust_backstepping import (
     RobustBounds,
     robust_errors,
@@ -133,7 +133,7 @@ class Case:
         """dV2/dt by a complex step, without truncation error."""
         h = 1e-30
         state, x_dot = unpack_state(x, self.n), unpack_state(rate, self.n)
-        Phi, Phi_dot = self.network.evaluate_with_rate(r, v)
+        Phi, Phi_dot = gaussian_functions(r, v, *self.network.as_numbers())
         moved = BacksteppingState(
             *(a + 1j * h * b for a, b in zip(state, x_dot, strict=True))
         )
