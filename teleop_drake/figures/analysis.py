@@ -136,7 +136,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points, figure, axes = _LoopPanels(analysis, 1)
-    figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.5)
+    figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
@@ -326,21 +326,11 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
 
 
 def _Panels(
-    rows: int,
-    titles: Sequence[str],
-    height: float = 2 * _ROW_HEIGHT,
-    *,
-    share: bool = True,
+    rows: int, titles: Sequence[str], height: float = 2 * _ROW_HEIGHT
 ) -> tuple[Figure, np.ndarray]:
     """Returns a figure with a column of panels for each title."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots(
-        rows,
-        len(titles),
-        sharex="col" if share else "none",
-        sharey="row" if share else "none",
-        squeeze=False,
-    )
+    axes = figure.subplots(rows, len(titles), sharex="col", sharey="row", squeeze=False)
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=FONT_SIZE)
     return figure, axes
@@ -357,7 +347,7 @@ def _LoopPanels(
         point.label + " (weights frozen)" * point.model.frozen_weights
         for point in points
     ]
-    return points, *_Panels(rows, titles, share=rows > 1)
+    return points, *_Panels(rows, titles)
 
 
 def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:

@@ -4,6 +4,7 @@ import itertools
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,11 @@ class SweepGrid:
         x = np.array(axes[x_key], dtype=float)
         self._x_order = np.argsort(x)
         self.x = x[self._x_order]
+
+    @property
+    def has_two_keys(self) -> bool:
+        """Whether two keys beside the controller and the seed are varied."""
+        return bool(self.line_values) and not self.lines_are_controllers
 
     def Arrange(self, values: np.ndarray) -> np.ndarray:
         """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
@@ -297,18 +303,14 @@ def _DrawBand(
     ax: Axes, x: np.ndarray, values: np.ndarray, median: np.ndarray, color: Any
 ) -> None:
     """Draws how values (x, seeds) scatter, and how well their median is known."""
-    low = Bands(values, lambda y: np.quantile(y, 0.05))
-    high = Bands(values, lambda y: np.quantile(y, 0.95))
+    low, high = (Bands(values, partial(np.quantile, q=q)) for q in (0.05, 0.95))
     ax.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0)
-    ends = np.array(
-        [
-            Bands(values, lambda y: MedianInterval(y)[0]),
-            Bands(values, lambda y: MedianInterval(y)[1]),
-        ]
-    )
-    ok = np.isfinite(ends[0])
+    known = np.isfinite(values).sum(axis=1) > 1
+    ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values[known]]).T
     bars: dict[str, Any] = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
-    ax.errorbar(x[ok], median[ok], np.abs(ends - median)[:, ok], color=color, **bars)
+    if known.any():
+        error = np.abs(ends - median[known])
+        ax.errorbar(x[known], median[known], error, color=color, **bars)
 
 
 def PlotSeeds(result: SweepResult, *metrics: str) -> Figure:
@@ -466,7 +468,7 @@ def PlotMap(
 def _TwoKeys(result: SweepResult) -> SweepGrid:
     """Returns the grid of a sweep, of two keys or more."""
     grid = SweepGrid(result)
-    if not grid.line_values or grid.lines_are_controllers:
+    if not grid.has_two_keys:
         Refuse("result", "with no second key that is varied", "of two keys or more")
     return grid
 

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import SeedsTable
 
 if TYPE_CHECKING:
-    from teleop_drake.figures.sweeps import Boundaries
+    from teleop_drake.figures.sweeps import Boundaries, SweepGrid
     from teleop_drake.sweep import SweepPlan, SweepResult
     from teleop_drake.sweep.study import Study
 
@@ -247,10 +246,10 @@ def _Draw(
 
     metrics = list(names) or result.Metrics()
     # Over the seeds alone, there is nothing to plot a metric against.
-    has_seeds_only = VariesSeedsOnly(result)
-    plot = PlotSeeds if has_seeds_only else PlotSweep
+    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
     try:
-        rows, columns = (1, 1) if has_seeds_only else SweepGrid(result).shape[:2]
+        grid = None if VariesSeedsOnly(result) else SweepGrid(result)
+        rows, columns = grid.shape[:2] if grid else (1, 1)
         is_separate |= rows * columns * len(metrics) > MAX_PANELS
         groups: dict[str, Sequence[str]] = {
             metric.replace(".", "_") if is_separate else "metrics": (
@@ -262,9 +261,8 @@ def _Draw(
     except ValueError as e:
         return [], f"No figures ({e})"
     note = ""
-    with suppress(ValueError):  # Only one key is varied.
-        figures["stability"] = PlotStability(result)
-        boundaries, note = _Boundaries(result, plan)
+    if grid and grid.has_two_keys:
+        boundaries, note = _Boundaries(grid, plan)
         figures["stability"] = PlotStability(result, boundaries)
         for name, group in groups.items():
             figures[f"{name}_map"] = PlotMap(result, *group, boundaries=boundaries)
@@ -276,12 +274,10 @@ def _Draw(
     return written, note
 
 
-def _Boundaries(result: "SweepResult", plan: "SweepPlan") -> tuple["Boundaries", str]:
+def _Boundaries(grid: "SweepGrid", plan: "SweepPlan") -> tuple["Boundaries", str]:
     """Returns what the analysis says of each panel of a map, or why it says nothing."""
-    from teleop_drake.figures.sweeps import SweepGrid
     from teleop_drake.sweep.boundary import FindBoundaries
 
-    grid = SweepGrid(result)
     try:
         found = {
             (i, j): FindBoundaries(
