@@ -101,22 +101,18 @@ def StackSlopes(
     return material.stiffness * along, material.damping * along
 
 
-def StiffnessAndDamping(
-    environment: System, p_WT: ArrayLike, v_WT: ArrayLike | None = None
-) -> tuple[Array, Array]:
-    """Returns dF_e/dp and dF_e/dv of an environment.
+def StiffnessAndDamping(environment: System, p_WT: ArrayLike) -> tuple[Array, Array]:
+    """Returns dF_e/dp and dF_e/dv of an environment, at rest.
 
     From what its surfaces tell, or else by differences of its force.
 
     Args:
         p_WT: Where, in m (n).
-        v_WT: With which velocity, in m/s (n); None: at rest.
 
     Returns:
         K in N/m and D in N s/m (n, n).
     """
     p = np.asarray(p_WT, dtype=float)
-    v = 0 * p if v_WT is None else np.asarray(v_WT, dtype=float)
     surfaces = SurfacesOf(environment) or ()
     told = StackSlopes(surfaces, p)
     if told is not None:
@@ -126,7 +122,7 @@ def StiffnessAndDamping(
     step = min(_STEP, _STEP_SHARE * gap) or _STEP
     steps = np.repeat([step, _SPEED_STEP], n)
     slope = differentiate(
-        lambda x: ForceAt(environment, x[:n], x[n:]), np.concatenate([p, v]), steps
+        lambda x: ForceAt(environment, x[:n], x[n:]), np.append(p, 0 * p), steps
     )
     return slope[:, :n], slope[:, n:]
 

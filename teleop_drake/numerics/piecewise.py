@@ -22,6 +22,11 @@ _TESTS = (_NODES[1:] + _NODES[:-1]) / 2
 _AT_TESTS = np.vander(_TESTS, _DEGREE + 1, increasing=True)
 
 
+# The polynomials may differ from the function by this share of it, or of 1 where it is
+# less.
+_TOLERANCE = 1e-13
+
+
 class Pieces(NamedTuple):
     """Polynomials, each of which holds between two knots.
 
@@ -40,7 +45,6 @@ def fit_pieces(
     end: float,
     *,
     nonsmooth_times: Iterable[float] = (),
-    tolerance: float = 1e-13,
     shortest: float | None = None,
 ) -> Pieces:
     """Returns polynomials that are a function, to within a tolerance.
@@ -49,8 +53,6 @@ def fit_pieces(
         function: Continuous, and smooth between its nonsmooth points.
         end: Where it ends, > start.
         nonsmooth_times: Where a derivative jumps; no piece reaches across one.
-        tolerance: What they may differ by, as a share of the function, or of 1 where it
-            is less.
         shortest: Pieces are not cut into pieces shorter than this, whatever the
             tolerance; None: 1e-5 of the whole, so that there cannot be too many.
     """
@@ -68,7 +70,7 @@ def fit_pieces(
         row = _TO_COEFFICIENTS @ values
         tests = np.array([function(middle + half * x) for x in _TESTS.tolist()])
         error = np.abs(_AT_TESTS @ row - tests).max()
-        if error > tolerance * max(1.0, np.abs(values).max()) and b - a > 2 * shortest:
+        if error > _TOLERANCE * max(1.0, np.abs(values).max()) and b - a > 2 * shortest:
             intervals += [(middle, b), (a, middle)]
             continue
         knots.append(b)
