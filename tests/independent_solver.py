@@ -231,11 +231,17 @@ class Event:
 
 
 class Result:
-    """The solution; also the loop's equations, read by the solver while it grows."""
+    """The solution; also the loop's equations, read by the solver while it grows.
+
+    Channel 0 goes forward, 1 returns. No step is longer than `longest_step`, s.
+    """
 
     def __init__(self, task: Task):
         self.task = task
         self.n = n = task.robot.n
+        self.delays = task.forward_delay, task.return_delay
+        self.longest_step = min((T for T in self.delays if T > 0), default=inf)
+        self.breakpoints: list[float] = []
         self.pieces: list[Piece] = []
         self.events: list[Event] = []
         self._ends: list[float] = []
@@ -298,23 +304,45 @@ class Result:
         p, v = self.task.robot.tool(y[: self.n], y[self.n : 2 * self.n])
         return p, v, self.environment_force(layer, p, v)
 
+    def sent(self, t, channel):
+        """When what a channel delivers at t was sent."""
+        return t - self.delays[channel]
+
+    def arrival(self, t, channel):
+        """When a channel delivers what is sent at t."""
+        return t + self.delays[channel]
+
+    def add_breakpoints(self, t, channel):
+        """Ends steps at t, and where its echoes arrive, through this channel first."""
+        for way in (channel, 1 - channel, channel, 1 - channel, channel):
+            bisect.insort(self.breakpoints, t)
+            t = self.arrival(t, way)
+
+    def arrive(self, t, y, layer):
+        """Called at the start of each segment."""
+
+    def received_command(self, t):
+        """command() as the slave has it at t."""
+        return self.command(self.sent(t, 0))
+
     def received_force(self, t, y, command_force):
-        """F_h as the slave has it; `command_force` is what was sent T_f earlier."""
+        """F_h as the slave has it; `command_force` is that of received_command()."""
         if command_force is not None:
             return command_force
-        if (delay := self.task.forward_delay) > 0:
-            y = self.piece_at(t - delay, "left").state(t - delay)
-        return self.device_force(y)
+        sent = self.sent(t, 0)
+        return self.device_force(y if sent == t else self._past(sent))
 
     def felt(self, t, p, v):
         """Tool position and velocity as the operator has them."""
-        delay, n = self.task.return_delay, self.n
-        if delay == 0:
+        sent, n = self.sent(t, 1), self.n
+        if sent == t:
             return p, v
-        if t < delay:
+        if sent < 0:
             return self.p_start, np.zeros(n)
-        y = self.piece_at(t - delay, "left").state(t - delay)
-        return self.task.robot.tool(y[:n], y[n : 2 * n])
+        return self.task.robot.tool(*self._past(sent)[: 2 * n].reshape(2, n))
+
+    def _past(self, t):
+        return self.piece_at(t, "left").state(t)
 
     def derivative(self, layer, v_d, v_d_received, force_received):
         """The right-hand side of one segment, in which these are constant."""
@@ -339,6 +367,12 @@ class Result:
     def end(self):
         return self._ends[-1]
 
+    @property
+    def jumps(self):
+        """Where F_e or F_c may jump: at events, and where they arrive."""
+        times = [0.0, *(event.time for event in self.events)]
+        return [*times, *(self.arrival(time, 0) for time in times)]
+
     def event(self, kind) -> Event | None:
         """The first event of this kind."""
         return next((e for e in self.events if e.kind == kind), None)
@@ -355,7 +389,7 @@ class Result:
         inside = (piece.start + piece.end) / 2
         p, v, F_e = self.motion(piece.layer, y)
         v_d, force = self.command(inside)
-        v_dd, force_d = self.command(inside - self.task.forward_delay)
+        v_dd, force_d = self.received_command(inside)
         F_hd = self.received_force(t, y, force_d)
         felt_p, felt_v = self.felt(t, p, v)
         out = {"q": y[:n], "qdot": y[n : 2 * n], "p_WT": p, "v_WT": v, "F_e": F_e}
@@ -427,20 +461,19 @@ class Result:
 
 
 def solve(
-    task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", echoes=4
+    task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", make=Result
 ) -> Result:
     """Solves the loop from rest until `duration`, by the method of steps.
 
     No step is longer than the shortest delay, and none straddles a jump, known before
-    or located; in between, layer and modes are frozen.
+    or located, or one of its echoes through two round trips, each of which smooths it
+    by several orders; in between, layer and modes are frozen.
 
     Ends early at the first event of the kind `until`, and as "diverged" where |v_WT|
-    exceeds `speed_limit`. `echoes` is how many hops through a channel a discontinuity
-    is followed; each round trip smooths it by several orders.
+    exceeds `speed_limit`.
     """
-    result = Result(task)
+    result = make(task)
     n = task.robot.n
-    T_f, T_r = task.forward_delay, task.return_delay
     speed = np.linalg.norm(task.velocity) or 1.0
     # Absolute tolerances in units of the commanded speed; Psi is of order one.
     atol = np.full(len(result.start_state), 0.1 * rtol * speed)
@@ -448,20 +481,9 @@ def solve(
     if result.law is not None:
         _, j, k = 4 * n + result.law.cuts
         atol[j:k] = rtol
-    breakpoints = [duration]
-
-    def add_breakpoints(time, lags):
-        for lag in (0.0, *lags):
-            time += lag
-            i = bisect.bisect_left(breakpoints, time)
-            if time < breakpoints[-1] and breakpoints[i] > time:
-                breakpoints.insert(i, time)
-
-    from_operator = [(T_f, T_r)[i % 2] for i in range(echoes)]
-    from_robot = [(T_r, T_f)[i % 2] for i in range(echoes)]
-    add_breakpoints(0.0, from_operator)
-    add_breakpoints(0.0, from_robot)
-    add_breakpoints(task.stop_time, from_operator)
+    result.add_breakpoints(0.0, 0)
+    result.add_breakpoints(0.0, 1)
+    result.add_breakpoints(task.stop_time, 0)
 
     def record(kind, t, y, before, after):
         p, v, F_e = result.motion(before, y)
@@ -469,21 +491,22 @@ def solve(
 
     t, y = 0.0, result.start_state
     layer = task.layer_at(result.p_start[0])
-    signals = {"switch": result.perceived, "stop": task.stop_time}
     tiny = 1e-12  # Breakpoints closer than this are one.
     while t < duration - tiny:
-        for kind in [kind for kind, time in signals.items() if time <= t + tiny]:
-            record(kind, t, y, layer, layer)
-            del signals[kind]
+        result.arrive(t, y, layer)
+        for kind, time in (("switch", result.perceived), ("stop", task.stop_time)):
+            if time <= t + tiny and not result.event(kind):
+                record(kind, t, y, layer, layer)
         if result.event(until):
             break
-        bound = next(b for b in breakpoints if b > t + tiny)
+        later = [time for time in result.breakpoints if time > t + tiny]
+        bound = min([*later[:1], duration])
         inside = (t + bound) / 2
         v_d, _ = result.command(inside)
-        v_dd, force_d = result.command(inside - T_f)
-        f = result.derivative(layer, v_d, v_dd, force_d)
-        longest = min((T for T in (T_f, T_r) if T > 0), default=inf)
-        solver = DOP853(f, t, y, bound, rtol=rtol, atol=atol, max_step=longest)
+        f = result.derivative(layer, v_d, *result.received_command(inside))
+        solver = DOP853(
+            f, t, y, bound, rtol=rtol, atol=atol, max_step=result.longest_step
+        )
         monitors = _monitors(task, layer, speed_limit)
         while solver.status == "running":
             message = solver.step()
@@ -499,12 +522,12 @@ def solve(
                 record(hit, t, y, layer, layer)
                 return result
             if hit:
-                add_breakpoints(t, from_robot)
+                result.add_breakpoints(t, 1)
                 before, layer = layer, layer + (1 if hit == "up" else -1)
                 record(kind := _kind(task, before, layer), t, y, before, layer)
                 if kind == "contact" and result.perceives and isinf(result.perceived):
-                    signals["switch"] = result.perceived = t + T_r
-                    add_breakpoints(result.perceived, from_operator)
+                    result.perceived = result.arrival(t, 1)
+                    result.add_breakpoints(result.perceived, 0)
                 break
     return result
 

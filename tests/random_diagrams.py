@@ -12,7 +12,7 @@ which a delay records jumps, and nothing ends a step where a Saturation begins.
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
@@ -33,10 +33,12 @@ from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Re
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.kernel import Kernel, KernelBlock, Transition, times
+from teleop_drake.kernel import FixedBlock, Kernel, Transition, times
 
-N = 3
-END = 1.0
+N, END = 3, 1.0
+I, ZERO = np.eye(N), np.zeros((N, N))
+ROUGH = ZeroOrderHold, Saturation, AffineSystem
+TAKES_SMOOTH = TransportDelay, VariableDelay
 
 
 class Signal(NamedTuple):
@@ -44,13 +46,6 @@ class Signal(NamedTuple):
 
     port: object
     is_rough: bool
-
-
-# Laws of kernels.
-
-
-def mixed(W, x, u):
-    return np.tanh(W @ u) - x
 
 
 def bent(W, x, u):
@@ -61,99 +56,153 @@ def bent(W, x, u):
     return result + 0.3 * np.sin(W @ x)
 
 
-def bounded(u):
-    return 2 * np.tanh(u / 2)
+def mixed(W, x, u):
+    return np.tanh(W @ u) * (1 + W @ x) - x
 
 
-def product(W, x, u):
-    return np.tanh(u) * (W @ x)
+def Own(*inputs, mode=(), **kernel):
+    """Returns a block with a kernel; its mode is a sign, a count, and a sample."""
+    sizes, state = dict.fromkeys(inputs, N), [0.5, -0.2, 0.1]
+    state = state if kernel.get("rate") else ()
+    kernel = Kernel(**kernel)
+    block = FixedBlock("own", kernel, inputs=sizes, outputs={"y": N}, state=state)
+    if mode:
+        block.DeclareDiscreteState(mode)
+    return block
 
 
-def chirp(t, u):
-    return np.cos((4 + t) * t + u)
+def Relay(W, delay, period):
+    turns = Transition(
+        guard=(lambda x, mode: mode[:1] * x[:1] - 0.3, "state", "mode"),
+        mode=(lambda mode: np.array([-mode[0], mode[1] + 1, *mode[2:]]), "mode"),
+    )
+    takes = Transition(
+        mode=(lambda mode, u: np.array([*mode[:2], *np.tanh(u)]), "mode", "u"),
+        period=period,
+        offset=0.3 * delay,
+    )
+    pulled = lambda k, x, mode, u: mode[0] * k - x + 0.2 * np.tanh(u)  # noqa: E731
+    return Own(
+        "u",
+        mode=[1.0, *np.zeros(N + 1)],
+        rate=(pulled, "k", "state", "mode", "u"),
+        outputs={"y": (lambda x, mode: x + 0.1 * mode[2:], "state", "mode")},
+        parameters={"k": 1 + 0.2 * np.tanh(W[0])},
+        transitions={"turns": turns, "takes": takes},
+    )
 
 
-def pulled(k, x, mode, u):
-    return mode[0] * k - x + 0.2 * np.tanh(u)
+def Network(W, delay, period):
+    network = PacketNetwork(
+        profile=DelayProfile(delay=delay),
+        sample_period=period,
+        jitter=Jitter(kind="gamma", std=0.02),
+        loss=Loss(kind="independent", probability=0.2),
+        seed=int(1000 * abs(W[0, 0])),
+        stream="here",
+    )
+    receiver = Receiver(policy="newest" if W[0, 1] > 0 else "extrapolate")
+    return NetworkDelay(network=network, receiver=receiver, size=N)
 
 
-def above(x, mode, u):
-    return np.array([mode[0] * x[0] - 0.3])
+def Variable(W, delay, period):
+    wave = Sinusoid(amplitude=delay / 3, frequency=5.0)
+    return VariableDelay(profile=DelayProfile(delay=delay, sinusoid=wave), size=N)
 
 
-def turned(mode):
-    return np.array([-mode[0], mode[1] + 1, *mode[2:]])
+def Chirp(W, delay, period):
+    chirp = lambda t, phase: np.cos((4 + t) * t + phase)  # noqa: E731
+    return Own(outputs={"y": (chirp, "time", "z")}, parameters={"z": W[0]})
 
 
-def taken(mode, u):
-    return np.array([*mode[:2], *np.tanh(u)])
+def Lag(W, delay, period):
+    rate = bent, "W", "state", "u"
+    return Own("u", outputs={"y": "state"}, rate=rate, parameters={"W": W})
 
 
-def shown(x, mode):
-    return x + 0.1 * mode[2:]
+def Nested(W, delay, period):
+    """Outputs a part of its rate, by way of other values, and takes two inputs."""
+    return Own(
+        *("u", "v"),
+        outputs={
+            "y": ["z", ("u", 1, 2)],
+            "z": (lambda w, p: p[1:] * w[:2], "w", "p"),
+            "w": "rate",
+            "p": (times, "u", "v"),
+        },
+        sizes={"z": 2, "w": N, "p": N},
+        rate=(mixed, "W", "v", "u"),
+        parameters={"W": W},
+    )
 
 
-class Own(KernelBlock):
-    """A block with a kernel; its mode is a sign, a count, and a sample."""
+def Joined(W, delay, period):
+    return Own(
+        *("u", "v"),
+        outputs={"y": (mixed, "W", ("b", 0, N), "w"), "w": (times, "u", "v")},
+        sizes={"w": N},
+        parameters={"W": W, "b": np.ravel(W)[:5]},
+    )
 
-    def __init__(self, inputs, *, has_mode=False, **kernel):
-        KernelBlock.__init__(self)
-        self._kernel = kernel
-        for name in inputs:
-            self.DeclareVectorInputPort(name, N)
-        if kernel.get("rate"):
-            self.DeclareContinuousState(BasicVector([0.5, -0.2, 0.1]))
-        if has_mode:
-            self.DeclareDiscreteState([1.0, 0.0, *np.zeros(N)])
-        self.DeclareOutputs(y=N)
 
-    def Kernel(self):
-        return Kernel(**self._kernel)
+# Of a matrix, a delay and a period in s: what holds or delays, and what feeds through.
+HOLDING = [
+    *(Relay, Network, Network, Variable, Chirp, Lag, Lag),
+    lambda W, delay, period: LinearSystem(W - 2 * I, I, I, ZERO),
+    lambda W, delay, period: TransportDelay(delay=delay, size=N),
+    lambda W, delay, period: SampledDelay(delay=delay, size=N, sample_period=period),
+    lambda W, delay, period: ZeroOrderHold(period, N),
+    lambda W, delay, period: AffineSystem(W, I, W[0], I, ZERO, W[1], period),
+]
+FEEDING_THROUGH = [
+    *(Nested, Joined, Joined),
+    lambda W, *_: Adder(2, N),
+    lambda W, *_: Gain(2 * W[0]),
+    lambda W, *_: MatrixGain(W),
+    lambda W, *_: Saturation([-0.5] * N, [0.3] * N),
+    lambda W, *_: Sine(W[0], [2, 3, 4], W[1], False),
+    lambda W, *_: LinearSystem(W - 2 * I, W, W.T, W),
+    lambda W, *_: Multiplexer([1, 1, 1]),
+    lambda W, *_: ConstantVectorSource(W[0]),
+]
 
 
 class Random:
-    """Makes one diagram.
-
-    Args:
-        seed: Of what is chosen.
-    """
+    """Makes one diagram, of a seed."""
 
     def __init__(self, seed):
         self._rng = np.random.default_rng(seed)
         self._count = 0
 
     def Make(self, num_blocks=6, depth=2, outer=()):
-        """Returns a diagram, the signals outside for its inputs, and its outputs.
+        """Returns a diagram and its outputs.
 
         Args:
-            outer: What there is outside. None of it is connected here.
+            outer: The signals for its inputs. None of them is connected here.
         """
         builder, rng = DiagramBuilder(), self._rng
-        signals, fed, waiting = [], [], []
-        for signal in outer:
+        signals = []
+        for i, signal in enumerate(outer):
             block = self._Add(builder, PassThrough(N))
-            builder.ExportInput(block.get_input_port(), f"u{len(fed)}")
-            fed.append(signal)
+            builder.ExportInput(block.get_input_port(), f"u{i}")
             if rng.random() < 0.5:  # One input of the diagram, two in it.
                 block = self._Add(builder, Gain(0.8, N))
-                builder.ConnectInput(f"u{len(fed) - 1}", block.get_input_port())
+                builder.ConnectInput(f"u{i}", block.get_input_port())
             signals.append(Signal(block.get_output_port(), signal.is_rough))
         waves = Sine(rng.normal(size=N), [3, 5, 7], rng.normal(size=N), True)
-        source = self._Add(builder, waves)
-        signals.append(Signal(source.get_output_port(0), False))
-        for _ in range(num_blocks // 2):
-            system, is_rough, is_smooth_only = self._Holding()
-            block = self._Add(builder, system)
-            signals.append(Signal(block.get_output_port(0), is_rough))
-            waiting.append((block, is_smooth_only))
+        signals.append(Signal(self._Add(builder, waves).get_output_port(0), False))
+        waiting = [self._AddOne(builder, HOLDING) for _ in range(num_blocks // 2)]
+        signals += [
+            Signal(block.get_output_port(0), isinstance(block, ROUGH))
+            for block in waiting
+        ]
         for k in range(num_blocks - num_blocks // 2):
             if depth and k % 2:
                 taken = [self._Pick(signals) for _ in range(rng.integers(1, 3))]
                 part = Random(int(rng.integers(2**31)))
-                inner, feeds, outputs = part.Make(num_blocks - 2, depth - 1, taken)
-                inner.set_name(f"inner_{k}")
-                builder.AddSystem(inner)
-                for i, signal in enumerate(feeds):
+                inner, outputs = part.Make(num_blocks - 2, depth - 1, taken)
+                builder.AddNamedSystem(f"inner_{k}", inner)
+                for i, signal in enumerate(taken):
                     builder.Connect(signal.port, inner.get_input_port(i))
                 signals += [
                     Signal(inner.get_output_port(i), output.is_rough)
@@ -161,16 +210,20 @@ class Random:
                 ]
             else:
                 signals.append(self._FeedThrough(builder, signals))
-        for block, is_smooth_only in waiting:
-            given = [x for x in signals if not (is_smooth_only and x.is_rough)]
+        for block in waiting:
+            smooth = isinstance(block, TAKES_SMOOTH)
+            given = [x for x in signals if not (smooth and x.is_rough)]
             for i in range(block.num_input_ports()):
-                limit = self._Add(builder, Own(("u",), outputs={"y": (bounded, "u")}))
+                limit = self._Add(
+                    builder,
+                    Own("u", outputs={"y": (lambda u: 2 * np.tanh(u / 2), "u")}),
+                )
                 builder.Connect(self._Pick(given).port, limit.get_input_port())
                 builder.Connect(limit.get_output_port(), block.get_input_port(i))
         outputs = signals[-3:] if outer else signals
         for i, signal in enumerate(outputs):
             builder.ExportOutput(signal.port, f"y{i}")
-        return builder.Build(), fed, outputs
+        return builder.Build(), outputs
 
     def _Pick(self, items):
         return items[self._rng.integers(len(items))]
@@ -179,106 +232,24 @@ class Random:
         self._count += 1
         return builder.AddNamedSystem(f"{type(system).__name__}_{self._count}", system)
 
-    def _Matrix(self):
-        return 0.5 * self._rng.normal(size=(N, N))
-
-    def _Holding(self):
-        """Returns what nothing feeds through, and what `is_rough` says of it."""
-        rng, W = self._rng, self._Matrix()
-        delay = float(self._Pick([0.1, 0.2, 0.17, rng.uniform(0.05, 0.3)]))
-        period = float(self._Pick([0.1, 0.05, 0.07, rng.uniform(0.04, 0.2)]))
-        period = min(period, delay)  # As the channels ask for.
-        I = np.eye(N)
-        ramp = Own((), outputs={"y": (chirp, "time", "z")}, parameters={"z": W[0]})
-        relay = {
-            "rate": (pulled, "k", "state", "mode", "u"),
-            "outputs": {"y": (shown, "state", "mode")},
-            "parameters": {"k": rng.uniform(0.8, 1.5, N)},
-            "transitions": {
-                "turns": Transition(
-                    guard=(above, "state", "mode", "u"), mode=(turned, "mode")
-                ),
-                "takes": Transition(
-                    mode=(taken, "mode", "u"), period=period, offset=0.3 * delay
-                ),
-            },
-        }
-        rate, parameters = self._Pick([mixed, bent]), {"W": W}
-        lag = {"rate": (rate, "W", "state", "u"), "parameters": parameters}
-        channel = PacketNetwork(
-            profile=DelayProfile(delay=delay),
-            sample_period=period,
-            jitter=Jitter(kind="gamma", std=0.02),
-            loss=Loss(kind="independent", probability=0.2),
-            seed=int(rng.integers(1000)),
-            stream="here",
-        )
-        policy = self._Pick(["newest", "extrapolate"])
-        profile = DelayProfile(
-            delay=delay, sinusoid=Sinusoid(amplitude=delay / 3, frequency=5.0)
-        )
-        discrete = LinearSystem(W, I, I, np.zeros((N, N)), period)
-        return self._Pick(
-            [
-                (ramp, False, False),
-                (Own(("u",), outputs={"y": "state"}, **lag), False, False),
-                (LinearSystem(W - 2 * I, I, I, np.zeros((N, N))), False, False),
-                (Own(("u",), has_mode=True, **relay), False, False),
-                (TransportDelay(delay=delay, size=N), False, True),
-                (VariableDelay(profile=profile, size=N), False, True),
-                (SampledDelay(delay=delay, size=N, sample_period=period), False, False),
-                (
-                    NetworkDelay(
-                        network=channel, receiver=Receiver(policy=policy), size=N
-                    ),
-                    False,
-                    False,
-                ),
-                (ZeroOrderHold(period, N), True, False),
-                (discrete, True, False),
-            ]
-        )
+    def _AddOne(self, builder, makers):
+        """Adds a block by one of those that make one."""
+        W = 0.5 * self._rng.normal(size=(N, N))
+        delay = float(self._Pick([0.1, 0.2, 0.17, self._rng.uniform(0.05, 0.3)]))
+        period = float(self._Pick([0.1, 0.05, 0.07, self._rng.uniform(0.04, 0.2)]))
+        # The channels ask for a period that is no longer than the delay.
+        return self._Add(builder, self._Pick(makers)(W, delay, min(period, delay)))
 
     def _FeedThrough(self, builder, signals):
         """Adds what takes some of the signals, and returns its output."""
-        rng, W = self._rng, self._Matrix()
-        second = self._Pick([mixed, product])
-        both = Own(
-            ("u", "v"),
-            outputs={"y": ["z", ("u", 1, 2)], "z": (first_two, "w"), "w": "rate"},
-            sizes={"z": 2, "w": N},
-            rate=(second, "W", "v", "u"),
-            parameters={"W": W},
-        )
-        joined = Own(
-            ("u", "v"),
-            outputs={"y": (mixed, "W", ("b", 0, N), "w"), "w": (times, "u", "v")},
-            sizes={"w": N},
-            parameters={"W": W, "b": rng.normal(size=N + 2)},
-        )
-        system = self._Pick(
-            [
-                *(both, joined, joined, Adder(2, N), Gain(rng.normal(size=N))),
-                *(MatrixGain(W), Saturation([-0.5] * N, [0.3] * N)),
-                Sine(W[0], [2, 3, 4], W[1], False),
-                AffineSystem(W - 2 * np.eye(N), W, W[0], W.T, W, W[1]),
-                Multiplexer([1, 1, 1]),
-                ConstantVectorSource(W[0]),
-            ]
-        )
-        block = self._Add(builder, system)
-        is_rough = isinstance(system, Saturation)
+        block = self._AddOne(builder, FEEDING_THROUGH)
+        is_rough = isinstance(block, ROUGH)
         for i in range(block.num_input_ports()):
-            signal = self._Pick(signals)
-            is_rough |= signal.is_rough
-            port = signal.port
-            if isinstance(system, Multiplexer):
+            port, is_too = self._Pick(signals)
+            is_rough |= is_too
+            if isinstance(block, Multiplexer):
                 parts = self._Add(builder, Demultiplexer(N))
                 builder.Connect(port, parts.get_input_port())
                 port = parts.get_output_port((i + 1) % N)
             builder.Connect(port, block.get_input_port(i))
         return Signal(block.get_output_port(0), is_rough)
-
-
-def first_two(w):
-    return w[:2]

@@ -10,12 +10,22 @@ from types import SimpleNamespace
 
 import numpy as np
 
-# What makes a number, a vector of three, or a yes or no of others: {s}, {v}, {b}; {i}
-# is an index, {k} a number that is known, {f} a helper.
-_SCALARS = """
-{k}|x[{i}]|x[{i} + 3]|{v}[{i}]|{v}[-1]|({s} + {s})|({s} - {s})|{s} * {s}|-{s}|abs({s})
-{s} / (1.5 + abs({s}))|{s} % 0.7|{s} // 0.3|0.7 % (0.1 + {s} ** 2)|min({s}, {s})
-max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})|math.sin({s})
+# The forms of each kind: s, v, b are a number, a vector of three, a yes or no; s0, v0,
+# b0 the same without depth; do is a statement, which may hold more of them. i is an
+# index, k a number that is known, f a helper, S and V are names.
+_GRAMMAR = """
+=i 0|1|2
+=k 0.0|1.0|2|-1|0.3|-0.6|0.5|3.0
+=S first|second|third
+=V u|v|w
+=s0 {k}|{S}|{S}
+=v0 {V}
+=b0 first > 0.2
+=one u|u[::-1]|v|1 * u|w|kept[1]
+=other u|w|np.zeros(3)|v - limit|kept[0]
+=s {k}|x[{i}]|x[{i} + 3]|{v}[{i}]|{v}[-1]|({s} + {s})|({s} - {s})|{s} * {s}|-{s}
+abs({s})|{s} / (1.5 + abs({s}))|{s} % 0.7|{s} // 0.3|0.7 % (0.1 + {s} ** 2)
+min({s}, {s})|max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})|math.sin({s})
 np.tanh({s})|math.hypot({s}, {s})|np.hypot({s}, 0.3)|math.atan2({s}, 0.1 + abs({s}))
 np.cos({s})|math.copysign({s}, {s} - 0.01)|np.sign({s})|math.floor({s})|np.ceil({s})
 int({s})|round({s}, 1)|np.where({b}, {s}, {s})|({s} if {b} else {s})|float({b})
@@ -29,10 +39,8 @@ abs({s}) ** 0.5|{s} ** 2|abs({s}) ** 1.5|note.last|notes["a"]|notes.get("b", {k}
 np.linalg.det(np.outer({v}, {v}) + EYE)|math.exp(-abs({s}))
 np.einsum("i,ij,j", {v}, EYE, {v})|(lambda y, scale={k}: y * scale)({s})|{s} or {k}
 np.float64({s}) - {k}|np.fmod({s}, 0.4)|np.rint({s})|np.count_nonzero({v} > 0)
-"""
-_VECTORS = """
-x[:3]|x[3:]|x[::2]|x[::-2]|np.array([{s}, {s}, {s}])|({v} + {v})|({v} - {s})|{s} * {v}
-{v} * {v}|-{v}|{v}[::-1]|np.where({v} > {s}, {v}, {v})|np.where({b}, {v}, {s})
+=v x[:3]|x[3:]|x[::2]|x[::-2]|np.array([{s}, {s}, {s}])|({v} + {v})|({v} - {s})
+{s} * {v}|{v} * {v}|-{v}|{v}[::-1]|np.where({v} > {s}, {v}, {v})|np.where({b}, {v}, {s})
 np.clip({v}, -0.5, {s})|{v}.clip(-0.3, 0.6)|np.cross({v}, {v})|np.sort({v})|abs({v})
 np.cumsum({v})|np.roll({v}, {i})|{v}.copy()|np.concatenate(({v}[:1], {v}[1:]))
 np.maximum({v}, {s})|np.minimum({v}, {v})|np.diag({v}) @ {v}|np.outer({v}, {v})[{i}]
@@ -44,16 +52,11 @@ np.linalg.eigh(np.outer({v}, {v}))[0]|({v} > {s}) * {v}|np.append({v}[:2], {s})
 np.asarray({v})|{v}.reshape(3, 1)[:, 0]|np.array(sorted({v}))|np.ravel({v})|{v} % 0.6
 np.abs({v}) ** {k}|np.linalg.inv(np.outer({v}, {v}) + EYE)[{i}]|np.sign({v})|EYE[{i}]
 np.atleast_2d({v})[0]|np.tile({v}[:1], 3)|np.flip({v})|np.diff([{s}, *{v}])|TABLE[1:]
-"""
-_CONDITIONS = """
-{s} > {s}|{s} <= {k}|{k} < {s} < 0.8|not {b}|({b} and {b})|({b} or {b})|{v}.any()
+=b {s} > {s}|{s} <= {k}|{k} < {s} < 0.8|not {b}|({b} and {b})|({b} or {b})|{v}.any()
 np.all({v} > {s})|np.any({v} < {k})|np.isfinite({s})|({s} > {k}) & ({s} > {k})
 np.logical_or({b}, {s} > 0)|bool({s} > {k})|all(y > {k} for y in {v})|({s} < 0) ^ ({b})
 {k} >= {s} or {b}|isinstance({s}, float)|len(items) > 4|{v}[0] == {v}[-1]|{s} != 0.0
-"""
-# What is done: {S} and {V} are names of a number and a vector, and {do} is more.
-_STATEMENTS = """
-{S} = {s}|{V} = {v}|{V} = {V}|{V} = {V}[::-1]|{S} += {s}|{V} += {v}|{V} *= {s}
+=do {S} = {s}|{V} = {v}|{V} = {V}|{V} = {V}[::-1]|{S} += {s}|{V} += {v}|{V} *= {s}
 {V}[{i}] = {s}|{V}[:2] -= {s}|{V}[{V} > {s}] = {s}|{V}[{i}], {V}[0] = {s}, {s}
 {S}, {V} = {s}, {v}|{V}[1:] = {V}[:2]|items.append({s})|items[{i}] = {s}|items = [*{v}]
 {S}, pair = pair[0], ({s}, {s})|note.last = {s}|notes["a"] = {s}|notes["b"] = {s}
@@ -83,53 +86,49 @@ def law(x):
 {body}    return np.array([first, second, third, *u, *v, *w, sum(items), len(items),
         *pair, note.last, notes["a"], len(notes), *kept[0], *x])
 """
-_NUMBERS = "0.0", "1.0", "2", "-1", "0.3", "-0.6", "0.5", "3.0"
-_NAMES = {
-    "i": ("0", "1", "2"),
-    "k": _NUMBERS,
-    "S": ("first", "second", "third"),
-    "V": ("u", "v", "w"),
-}
 _FORMS = {
-    kind: [form for line in text.split("\n") for form in line.split("|") if form]
-    for kind, text in (
-        ("s", _SCALARS), ("v", _VECTORS), ("b", _CONDITIONS), ("do", _STATEMENTS)
-    )
-}  # fmt: skip
+    kind: forms.strip().replace("\n", "|").split("|")
+    for kind, forms in (x.split(" ", 1) for x in _GRAMMAR[2:].split("\n="))
+}
+_NAMES = {
+    "np": np,
+    "math": math,
+    "SimpleNamespace": SimpleNamespace,
+    "EYE": np.eye(3),
+    "TABLE": np.array([1.0, 4.0, -2.0, 0.5]),
+    "STARTS": np.array([-0.5, 0.1, 0.7]),
+}
 
 
 class _Writer:
     """Writes expressions and statements of a depth at most."""
 
-    def __init__(self, rng: np.random.Generator):
-        self._rng, self._helpers = rng, []
+    def __init__(self, seed: int):
+        self._rng, self._helpers = np.random.default_rng(seed), []
 
-    def Write(self, kind: str, depth: int, indent: int = 1) -> str:
+    def Write(self, kind: str, depth: int = 0, indent: int = 1) -> str:
         """Returns the text of one expression, or lines of statements."""
         if kind == "f":
             return self._Pick(self._helpers or ["np.multiply"])
-        if kind in _NAMES:
-            return self._Pick(_NAMES[kind])
         if kind == "do":
             lines = [self._Fill("do", depth, indent) for _ in range(max(depth, 1))]
             return "".join("    " * indent + line.rstrip() + "\n" for line in lines)
-        if depth <= 0:
-            leaf = {"s": ("k", "S", "S"), "v": ("V",)}.get(kind)
-            return self.Write(self._Pick(leaf), 0) if leaf else "first > 0.2"
-        return self._Fill(kind, depth, indent)
+        is_leaf = depth <= 0 and kind in ("s", "v", "b")
+        return self._Fill(f"{kind}0" if is_leaf else kind, depth, indent)
 
     def Text(self) -> str:
         """Returns a law with two helpers."""
         texts = []
         for name in ("helper", "other"):
-            parts = {
-                "body": self.Write("do", 1),
-                "more": self.Write("do", 1),
-                "condition": self.Write("b", 2),
-                "one": self._Pick(("u", "u[::-1]", "v", "1 * u", "w", "kept[1]")),
-                "other": self._Pick(("u", "w", "np.zeros(3)", "v - limit", "kept[0]")),
-            }
-            texts.append(_HELPER.format(name=name, **parts))
+            text = _HELPER.format(
+                name=name,
+                body=self.Write("do", 1),
+                more=self.Write("do", 1),
+                condition=self.Write("b", 2),
+                one=self.Write("one"),
+                other=self.Write("other"),
+            )
+            texts.append(text)
             self._helpers.append(name)
         return "".join(texts) + _LAW.format(body=self.Write("do", 4))
 
@@ -157,16 +156,7 @@ class _Writer:
 
 def RandomLaw(seed: int):
     """Returns a law, and its text."""
-    text = _Writer(np.random.default_rng(seed)).Text()
-    name = f"<law {seed}>"
+    text, name, names = _Writer(seed).Text(), f"<law {seed}>", dict(_NAMES)
     linecache.cache[name] = len(text), None, text.splitlines(True), name
-    names = {
-        "np": np,
-        "math": math,
-        "SimpleNamespace": SimpleNamespace,
-        "EYE": np.eye(3),
-        "TABLE": np.array([1.0, 4.0, -2.0, 0.5]),
-        "STARTS": np.array([-0.5, 0.1, 0.7]),
-    }
     exec(compile(text, name, "exec"), names)
     return names["law"], text

@@ -12,50 +12,51 @@ import numpy as np
 import pytest
 from grids import Slow
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import BasicVector, DiagramBuilder
-from pydrake.systems.primitives import (
-    Integrator,
-    LinearSystem,
-    MatrixGain,
-    Multiplexer,
-)
-from scipy.integrate import DOP853
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
+from scipy.integrate import solve_ivp
 
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.kernel import Delay, FixedBlock, Kernel, KernelBlock, Transition
+from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
 from teleop_drake.simulation import simulate
 
 
-def Config(accuracy, max_step):
-    return SimulatorConfig(
+def Run(law, lags, start, history, duration, engine, accuracy, max_step):
+    """Simulates x' = law(x, the x(t - T) of lags T one behind another)."""
+    builder, n = DiagramBuilder(), len(start)
+    size = n * len(lags)
+    late = [(f"late_{i}", 0, n) for i in range(len(lags))]
+    inputs = {"x": n} | {name: n for name, *_ in late}
+    kernel = Kernel(
+        outputs={"rate": (law, "x", "late"), "late": late}, sizes={"late": size}
+    )
+    block = FixedBlock("law", kernel, inputs=inputs, outputs={"rate": n})
+    builder.AddSystem(block)
+    plant = builder.AddNamedSystem("plant", Integrator(start))
+    builder.Connect(block.get_output_port(), plant.get_input_port())
+    builder.Connect(plant.get_output_port(), block.GetInputPort("x"))
+    for i, T in enumerate(lags):
+        delay = TransportDelay(
+            delay=T, size=n, initial_value=history, max_sample_interval=math.inf
+        )
+        builder.AddNamedSystem(f"delay_{i}", delay)
+        builder.Connect(plant.get_output_port(), delay.get_input_port())
+        builder.Connect(delay.get_output_port(), block.GetInputPort(f"late_{i}"))
+    builder.ExportOutput(plant.get_output_port(), "x")
+    config = SimulatorConfig(
         integration_scheme="runge_kutta5", accuracy=accuracy, max_step_size=max_step
     )
+    run = simulate(builder.Build(), duration=duration, engine=engine, simulator=config)
+    assert run.solver.engine == engine
+    return run
 
 
 # Linear ones: x' = a x + the sum of b x(t - T), x(0) = 1, x = history before.
 
 
-def Linear(a, terms, history):
-    """Returns the diagram, of Drake's primitives and delays."""
-    builder = DiagramBuilder()
-    inputs = np.ones((1, len(terms)))
-    plant = builder.AddNamedSystem(
-        "plant", LinearSystem([[a]], inputs, [[1.0]], np.zeros_like(inputs))
-    )
-    plant.configure_default_state([1.0])
-    joined = builder.AddNamedSystem("joined", Multiplexer(len(terms)))
-    builder.Connect(joined.get_output_port(), plant.get_input_port())
-    for i, (b, T) in enumerate(terms):
-        delay = TransportDelay(
-            delay=T, size=1, initial_value=[history], max_sample_interval=math.inf
-        )
-        builder.AddNamedSystem(f"delay_{i}", delay)
-        gain = builder.AddNamedSystem(f"gain_{i}", MatrixGain([[b]]))
-        builder.Connect(plant.get_output_port(), delay.get_input_port())
-        builder.Connect(delay.get_output_port(), gain.get_input_port())
-        builder.Connect(gain.get_output_port(), joined.get_input_port(i))
-    builder.ExportOutput(plant.get_output_port(), "x")
-    return builder.Build()
+def Linear(a, terms, history, *rest):
+    lags, gains = [T for _, T in terms], np.array([b for b, _ in terms])
+    return Run(lambda x, late: a * x + gains @ late, lags, [1.0], [history], *rest)
 
 
 def Response(a, terms, t, order=0):
@@ -105,21 +106,15 @@ ENGINES = {"compiled": 2e-8, "drake": 1e-6}
 )
 def test_a_linear_problem_has_its_closed_form(name, engine):
     a, terms, history, duration = LINEAR[name]
-    run = simulate(
-        Linear(a, terms, history),
-        duration=duration,
-        engine=engine,
-        simulator=Config(1e-9, 0.05),
-    )
-    assert run.solver.engine == engine
+    run = Linear(a, terms, history, duration, engine, 1e-9, 0.05)
     exact = Exact(a, terms, history, run.time)
     np.testing.assert_allclose(run["x"][:, 0], exact, rtol=0, atol=ENGINES[engine])
     # The jumps of the delayed signal and what becomes of them end steps.
-    echoes = [
-        j * T for _, T in terms for j in ((1, 2, 3) if engine == "compiled" else (1,))
-    ]
+    echoes = (1, 2, 3) if engine == "compiled" else (1,)
     if history == 0:
-        assert all(np.abs(run.time - t).min() < 1e-9 for t in echoes)
+        assert all(
+            np.abs(run.time - j * T).min() < 1e-9 for _, T in terms for j in echoes
+        )
 
 
 @pytest.mark.parametrize("history", [0.0, 1.0])
@@ -128,16 +123,11 @@ def test_the_order_of_the_method_holds_across_echoes(history):
 
     In machine code. Drake's Simulator ends no step at an echo that bends a signal only.
     """
-    a, terms, duration = 0.0, [(-9.0, 0.21)], 1.9
-    errors = []
+    problem, errors = (0.0, [(-9.0, 0.21)], history), []
     for step in (0.07, 0.035, 0.0175):
         # Error control accepts every step: all but the first are the longest.
-        run = simulate(
-            Linear(a, terms, history), duration=duration, simulator=Config(0.1, step)
-        )
-        assert run.solver.engine == "compiled"
-        error = run["x"][:, 0] - Exact(a, terms, history, run.time)
-        errors.append(np.abs(error).max())
+        run = Linear(*problem, 1.9, "compiled", 0.1, step)
+        errors.append(np.abs(run["x"][:, 0] - Exact(*problem, run.time)).max())
     assert (np.log2(np.divide(errors[:-1], errors[1:])) > 4.7).all(), errors
 
 
@@ -161,51 +151,21 @@ NONLINEAR = {
 }
 
 
-def Nonlinear(law, T, history):
-    builder, n = DiagramBuilder(), len(history)
-    kernel = Kernel(outputs={"rate": (law, "x", "late")})
-    block = FixedBlock("law", kernel, inputs={"x": n, "late": n}, outputs={"rate": n})
-    builder.AddSystem(block)
-    plant = builder.AddNamedSystem("plant", Integrator(history))
-    delay = TransportDelay(
-        delay=T, size=n, initial_value=history, max_sample_interval=math.inf
-    )
-    builder.AddNamedSystem("delay", delay)
-    builder.Connect(block.get_output_port(), plant.get_input_port())
-    builder.Connect(plant.get_output_port(), delay.get_input_port())
-    builder.Connect(plant.get_output_port(), block.GetInputPort("x"))
-    builder.Connect(delay.get_output_port(), block.GetInputPort("late"))
-    builder.ExportOutput(plant.get_output_port(), "x")
-    return builder.Build()
-
-
 def BySteps(law, T, history, times):
     """Returns x at times by the method of steps: DOP853, an interval of T at a time."""
-    pieces, x = [], np.array(history)
-
-    def Late(t):
-        if t < T or not pieces:
-            return np.array(history)
-        k = min(int(t / T), len(pieces)) - 1
-        return next(d for d in pieces[k] if d.t >= t - T - 1e-12)(t - T)
-
+    pieces, x = [lambda t: np.array(history)], history
     for k in range(math.ceil(times[-1] / T)):
-        steps = []
-        solver = DOP853(
-            lambda t, y: law(y, Late(t)),
-            *(k * T, x, (k + 1) * T),
+        solution = solve_ivp(
+            lambda t, y, late=pieces[-1]: law(y, late(t - T)),
+            *((k * T, (k + 1) * T), x, "DOP853"),
+            dense_output=True,
             rtol=1e-13,
             atol=1e-13,
             max_step=0.1,
         )
-        while solver.status == "running":
-            solver.step()
-            steps.append(solver.dense_output())
-        pieces.append(steps)
-        x = solver.y
-    every = [d for steps in pieces for d in steps]
-    ends = np.array([d.t for d in every])
-    return np.array([every[np.searchsorted(ends, t)](t) for t in times])
+        pieces.append(solution.sol)
+        x = solution.y[:, -1]
+    return np.array([pieces[int(t / T) + 1](t) for t in times])
 
 
 @pytest.mark.slow  # The reference takes as long as it does.
@@ -213,13 +173,7 @@ def BySteps(law, T, history, times):
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_a_problem_without_closed_form_has_the_solution_of_scipy(name, engine):
     law, T, history, duration = NONLINEAR[name]
-    run = simulate(
-        Nonlinear(law, T, history),
-        duration=duration,
-        engine=engine,
-        simulator=Config(1e-10, 0.5),
-    )
-    assert run.solver.engine == engine
+    run = Run(law, [T], history, history, duration, engine, 1e-10, 0.5)
     times = np.linspace(0.5, duration - 0.1, 60)
     expected = BySteps(law, T, history, times)
     error = np.abs(run.Interpolate("x", times) - expected).max()
@@ -229,55 +183,29 @@ def test_a_problem_without_closed_form_has_the_solution_of_scipy(name, engine):
 # DDETST B2: x' = 1 - x where x(t/2) < 0, else -1 - x; x(0) = 1, until 2 ln 66.
 
 
-def half(t):
-    return max(t / 2, 0.1)
-
-
-def relaxed(mode, x):
-    return mode - x
-
-
-def has_turned(mode, late):
-    return mode * late
-
-
-def turned(mode):
-    return -mode
-
-
-class Sign(KernelBlock):
-    """x' = m - x, in which m is less the sign of what is late."""
-
-    def __init__(self):
-        KernelBlock.__init__(self)
-        self.DeclareVectorInputPort("late", 1)
-        self.DeclareContinuousState(BasicVector([1.0]))
-        self.DeclareDiscreteState([-1.0])
-        self.DeclareOutputs(x=1)
-
-    def Kernel(self):
-        return Kernel(
-            rate=(relaxed, "mode", "state"),
-            outputs={"x": "state"},
-            transitions={
-                "turns": Transition(
-                    guard=(has_turned, "mode", "late"), mode=(turned, "mode")
-                )
-            },
-        )
-
-
 @pytest.mark.parametrize("engine", Slow(list(ENGINES), but=[0]))
 def test_a_delay_that_grows_as_time_does(engine):
     """DDETST B2. T(t) = t/2 is less than 0.1 s only where x(t/2) > 0 either way."""
     builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Sign())
+    # m is less the sign of what is late.
+    turns = Transition(
+        guard=(lambda mode, late: mode * late, "mode", "late"),
+        mode=(lambda mode: -mode, "mode"),
+    )
+    law = Kernel(
+        rate=(lambda mode, x: mode - x, "mode", "state"),
+        outputs={"x": "state"},
+        transitions={"turns": turns},
+    )
+    plant = FixedBlock("plant", law, inputs={"late": 1}, outputs={"x": 1}, state=[1.0])
+    plant.DeclareDiscreteState([-1.0])
+    builder.AddSystem(plant)
     end = 2 * math.log(66)
     delay = Delay(
         signal="x",
         output="late",
         initial_value=[1.0],
-        time=half,
+        time=lambda t: max(t / 2, 0.1),
         shortest=0.1,
         nonsmooth_times=[0.2],
         end=end,

@@ -15,36 +15,19 @@ SIGNALS = {
 # A jump is at one instant, which two solutions place on either side of a sample.
 JUMP_WINDOW = 1e-3
 
-INITIAL_PSI = {"one_dof": {"initial_psi": 4.3}}
 
-
-def ThesisTask(task, controller, delay):
-    """Returns one of the thesis's tasks for the independent solver."""
-    adaptive = controller == "adaptive_backstepping"
-    gains = INITIAL_PSI.get(task, {}) if adaptive else {}
-    return thesis_task(task, adaptive, delays=(delay, delay), **gains)
-
-
-def Solve(task, controller, delay, duration, *, rtol):
+def Solve(task, controller, delay, duration, **options):
     """Solves one of the thesis's tasks with the independent solver."""
-    problem = ThesisTask(task, controller, delay)
+    adaptive = controller == "adaptive_backstepping"
+    problem = thesis_task(task, adaptive, delays=(delay, delay))
     limit = 5 * np.linalg.norm(problem.velocity)
-    return solve(problem, duration, speed_limit=limit, rtol=rtol)
+    return solve(problem, duration, speed_limit=limit, **options)
 
 
 @functools.cache
 def Oracle(task, controller, delay, duration):
     """Returns the converged solution; test_independent_solver.py says how much."""
     return Solve(task, controller, delay, duration, rtol=1e-11)
-
-
-def _JumpTimes(oracle) -> list[float]:
-    """Returns where F_e or F_c may jump: at events, and a forward delay later."""
-    if hasattr(oracle, "jumps"):
-        return oracle.jumps
-    delay = oracle.task.forward_delay
-    times = [0.0, *(event.time for event in oracle.events)]
-    return [*times, *(time + delay for time in times)]
 
 
 def Errors(oracle, time, signals) -> dict[str, float]:
@@ -54,7 +37,7 @@ def Errors(oracle, time, signals) -> dict[str, float]:
     range is that of the signal's largest axis; "velocity_y" is relative to its own.
     """
     keep = (time < oracle.end - JUMP_WINDOW) & (time > 0)
-    for jump in _JumpTimes(oracle):
+    for jump in oracle.jumps:
         keep &= np.abs(time - jump) > JUMP_WINDOW
     reference = oracle.sample(time[keep])
     errors = {}

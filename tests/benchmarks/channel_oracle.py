@@ -1,13 +1,12 @@
 """The independent solution over channels that are no constant delay."""
 
 import bisect
-import functools
+from functools import partial
 from math import inf, isinf
 
 import numpy as np
-from benchmarks.accuracy import ThesisTask
-from independent_solver import Result, _accept, _kind, _monitors
-from scipy.integrate import DOP853
+from benchmarks.accuracy import Solve
+from independent_solver import Result
 from scipy.optimize import brentq
 
 from teleop_drake.channels import ChannelConfig
@@ -15,198 +14,81 @@ from teleop_drake.channels.packet_network import PacketNetwork
 from teleop_drake.scenario import Scenario
 
 _TINY = 1e-12
-_HOPS = 4  # Through how many channels a jump's echoes are followed.
 
 
-def _Solve(task, controller, delay, duration, make):
-    problem = ThesisTask(task, controller, delay)
-    result = make(problem)
-    rtol = 1e-10
-    n = result.n
-    speed = np.linalg.norm(problem.velocity)
-    atol = np.full(len(result.start_state), 0.1 * rtol * speed)
-    atol[2 * n : 4 * n] /= problem.denominator[1]
-    if result.law is not None:
-        _, j, k = 4 * n + result.law.cuts
-        atol[j:k] = rtol
-    t, y = 0.0, result.start_state
-    layer = problem.layer_at(result.p_start[0])
-    while t < duration - _TINY:
-        result.Arrive(t, y, layer)
-        bound = min(result.NextBreak(t), duration)
-        f = result.Derivative(layer, (t + bound) / 2)
-        solver = DOP853(
-            f, t, y, bound, rtol=rtol, atol=atol, max_step=result.longest_step
-        )
-        monitors = _monitors(problem, layer, 5 * speed)
-        while solver.status == "running":
-            message = solver.step()
-            assert solver.status != "failed", message
-            piece, hit = _accept(solver, layer, monitors, problem.robot)
-            result.append(piece)
-            t, y = piece.end, piece.state(piece.end) if hit else solver.y
-            if hit == "diverged":
-                return result
-            if hit:
-                before, layer = layer, layer + (1 if hit == "up" else -1)
-                result.Cross(t, _kind(problem, before, layer))
-                break
-    return result
-
-
-class _Channels(Result):
-    """What both kinds have in common; `jumps` are where F_e or F_c jump."""
-
-    def __init__(self, task):
-        super().__init__(task)
-        self.jumps = []
-
-    def Arrive(self, t, y, layer):
-        pass
-
-    def Cross(self, t, kind):
-        self.jumps.append(t)
-
-    def at(self, t, side="right"):
-        """Position, velocity, F_e and F_c, as Result.at() names them."""
-        piece = self.piece_at(t, side)
-        y = piece.state(t)
-        p, v, F_e = self.motion(piece.layer, y)
-        F_c = y[4 * self.n : 5 * self.n]
-        if self.law is None:
-            F_c = self.ReceivedForce(t, y, piece)
-        return {"p_WT": p, "v_WT": v, "F_e": F_e, "F_c": F_c}
-
-
-class _Variable(_Channels):
+class _Variable(Result):
     """Both delays are T(t) = delay + amplitude sin(frequency t + phase)."""
 
-    def __init__(self, task, amplitude, frequency, phase):
+    def __init__(self, task, wave):
         super().__init__(task)
-        self.T = lambda t: (
-            task.forward_delay + amplitude * np.sin(frequency * t + phase)
-        )
-        self.longest_step = task.forward_delay - amplitude
-        self._longest = task.forward_delay + amplitude
-        self._breaks: list[float] = []
-        self._Break(0.0)
+        self._wave = wave
+        self.longest_step = task.forward_delay - wave.amplitude
 
-    def _ArrivalTime(self, sent):
-        return brentq(
-            lambda t: t - self.T(t) - sent, sent, sent + self._longest, xtol=1e-14
-        )
+    def sent(self, t, channel):
+        wave = self._wave
+        delay = wave.amplitude * np.sin(wave.frequency * t + wave.phase)
+        return t - self.delays[channel] - delay
 
-    def _Break(self, time):
-        for _ in range(_HOPS + 1):
-            bisect.insort(self._breaks, time)
-            time = self._ArrivalTime(time)
-
-    def NextBreak(self, t):
-        return next((b for b in self._breaks if b > t + _TINY), inf)
-
-    def Cross(self, t, kind):
-        self._Break(t)
-        self.jumps.append(t)
-        if kind == "contact" and self.perceives and isinf(self.perceived):
-            self.perceived = self._ArrivalTime(t)
-            self._Break(self.perceived)
-            self.jumps += [self.perceived, self._ArrivalTime(self.perceived)]
-
-    def received_force(self, t, y, command_force):
-        if command_force is not None:
-            return command_force
-        return self.device_force(self._Past(t))
-
-    def felt(self, t, p, v):
-        if t - self.T(t) < 0:
-            return self.p_start, np.zeros(self.n)
-        q, qdot = self._Past(t)[: 2 * self.n].reshape(2, self.n)
-        return self.task.robot.tool(q, qdot)
-
-    def _Past(self, t):
-        sent = t - self.T(t)
-        return self.piece_at(sent, "left").state(sent)
-
-    def Derivative(self, layer, inside):
-        v_d, _ = self.command(inside)
-        v_dd, force = self.command(inside - self.T(inside))
-        return self.derivative(layer, v_d, v_dd, force)
-
-    def ReceivedForce(self, t, y, piece):
-        inside = (piece.start + piece.end) / 2
-        return self.received_force(t, y, self.command(inside - self.T(inside))[1])
+    def arrival(self, t, channel):
+        if isinf(t):
+            return inf
+        latest = t + self.delays[channel] + self._wave.amplitude
+        return brentq(lambda x: self.sent(x, channel) - t, t, latest, xtol=1e-14)
 
 
-class _Packets(_Channels):
+class _Packets(Result):
     """Both directions hold the newest packet that has arrived.
 
     A step ends at each sending and each arrival. When packets of a network arrive is
     drawn from a seed: those times are the package's, as data.
     """
 
-    longest_step = inf
-
-    def __init__(self, task, period, forward_arrivals, return_arrivals):
+    def __init__(self, task, period, arrivals):
         super().__init__(task)
-        n = self.n
-        self._period = period
-        self._arrivals = (forward_arrivals, return_arrivals)
-        every = [*forward_arrivals, *return_arrivals]
-        self._breaks = sorted(
-            {time for time in every if time < inf}
-            | {k * period for k in range(len(forward_arrivals))}
-        )
+        self.longest_step, self._period, self._arrivals = inf, period, arrivals
+        times = {time for way in arrivals for time in way if time < inf}
+        self.breakpoints = sorted(times | {k * period for k in range(len(arrivals[0]))})
         self._sent: tuple[list, list] = ([], [])
-        # (stamp, value) of what is shown.
-        self._shown = [
-            (-1, np.zeros(2 * n)),
-            (-1, np.concatenate([self.p_start, np.zeros(n)])),
-        ]
-        self._force_of: list[np.ndarray] = []
+        zero = np.zeros(self.n)
+        # (when it arrived, its number, what it says) of the packets shown, by channel.
+        self._shown = (
+            [(-inf, -1, np.concatenate([zero, zero]))],
+            [(-inf, -1, np.concatenate([self.p_start, zero]))],
+        )
 
-    def NextBreak(self, t):
-        return self._breaks[bisect.bisect_right(self._breaks, t + _TINY)]
+    def arrival(self, t, channel):
+        return inf  # The breakpoints are known before.
 
-    def Arrive(self, t, y, layer):
-        k = len(self._sent[0])
-        if t >= k * self._period - _TINY:
+    def arrive(self, t, y, layer):
+        if t >= len(self._sent[0]) * self._period - _TINY:
             v_d, force = self.command(t)
             if force is None:
                 force = self.device_force(y)
             p, v, _ = self.motion(layer, y)
-            self._sent[0].append(np.concatenate([force, v_d]))
+            self._sent[0].append(np.concatenate([v_d, force]))
             self._sent[1].append(np.concatenate([p, v]))
-        for way in (0, 1):
-            arrived = [
-                k
-                for k in range(max(self._shown[way][0] + 1, 0), len(self._sent[way]))
-                if self._arrivals[way][k] <= t + _TINY
-            ]
-            if arrived:
-                self._shown[way] = arrived[-1], self._sent[way][arrived[-1]]
-        surface = self.task.contact_index()
-        if not (self.perceives and isinf(self.perceived)):
-            return
-        if self._shown[1][1][0] >= self.task.layers[surface].start:
-            self.perceived = t
+        for sent, times, shown in zip(
+            self._sent, self._arrivals, self._shown, strict=True
+        ):
+            for k in range(shown[-1][1] + 1, len(sent)):
+                if times[k] <= t + _TINY:
+                    shown.append((t, k, sent[k]))
+        if self.perceives and isinf(self.perceived):
+            surface = self.task.layers[self.task.contact_index()].start
+            if self._Newest(t, 1)[0][0] >= surface:
+                self.perceived = t
 
-    def append(self, piece):
-        super().append(piece)
-        self._force_of.append(self._shown[0][1][: self.n])
+    def _Newest(self, t, channel):
+        """Returns the two halves of the packet that is shown at t."""
+        shown = self._shown[channel]
+        i = bisect.bisect_right(shown, t, key=lambda packet: packet[0])
+        return np.split(shown[i - 1][2], 2)
 
-    def received_force(self, t, y, command_force):
-        return self._shown[0][1][: self.n]
+    def received_command(self, t):
+        return self._Newest(t, 0)
 
     def felt(self, t, p, v):
-        return self._shown[1][1][: self.n], self._shown[1][1][self.n :]
-
-    def Derivative(self, layer, inside):
-        v_d, _ = self.command(inside)
-        return self.derivative(layer, v_d, self._shown[0][1][self.n :], None)
-
-    def ReceivedForce(self, t, y, piece):
-        i = bisect.bisect_left([other.end for other in self.pieces], piece.end)
-        return self._force_of[i]
+        return self._Newest(t, 1)
 
 
 def ChannelOracle(scenario: Scenario) -> Result:
@@ -216,39 +98,22 @@ def ChannelOracle(scenario: Scenario) -> Result:
     (receiver newest).
     """
     channel, duration = scenario.forward_channel, scenario.duration
-    arguments = (scenario.name, scenario.controller.kind, channel.delay, duration)
     if channel.kind == "variable":
-        wave = channel.sinusoid
-        return _Solve(
-            *arguments,
-            functools.partial(
-                _Variable,
-                amplitude=wave.amplitude,
-                frequency=wave.frequency,
-                phase=wave.phase,
-            ),
-        )
-    forward, backward = (
-        _Arrivals(channel, duration, stream)
-        for stream in ("forward_channel", "return_channel")
-    )
-    return _Solve(
-        *arguments,
-        functools.partial(
-            _Packets,
-            period=channel.sample_period,
-            forward_arrivals=forward,
-            return_arrivals=backward,
-        ),
-    )
+        make = partial(_Variable, wave=channel.sinusoid)
+    else:
+        ways = ("forward_channel", "return_channel")
+        arrivals = [_Arrivals(channel, duration, way) for way in ways]
+        make = partial(_Packets, period=channel.sample_period, arrivals=arrivals)
+    arguments = scenario.name, scenario.controller.kind, channel.delay, duration
+    return Solve(*arguments, rtol=1e-10, make=make)
 
 
-def _Arrivals(channel: ChannelConfig, duration: float, stream: str) -> tuple:
+def _Arrivals(channel: ChannelConfig, duration: float, stream: str) -> list[float]:
     period = channel.sample_period
     assert period is not None
     count = round(duration / period) + 1
     if channel.kind == "sampled":
-        return tuple(k * period + channel.delay for k in range(count))
+        return [k * period + channel.delay for k in range(count)]
     network = PacketNetwork(
         profile=channel.Profile(duration),
         sample_period=period,
@@ -257,4 +122,4 @@ def _Arrivals(channel: ChannelConfig, duration: float, stream: str) -> tuple:
         seed=channel.seed,
         stream=stream,
     )
-    return tuple(network.Arrivals(count).tolist())
+    return network.Arrivals(count).tolist()

@@ -33,7 +33,7 @@ def AssertSame(seed):
     return errors[name]
 
 
-@pytest.mark.parametrize("seed", [104, 109])
+@pytest.mark.parametrize("seed", [100, 117])
 def test_a_diagram_is_the_same_everywhere(seed):
     assert AssertSame(seed) < 1e-8
 
