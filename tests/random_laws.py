@@ -25,18 +25,18 @@ _GRAMMAR = """
 =other u|w|np.zeros(3)|v - limit|kept[0]
 =s {k}|x[{i}]|x[{i} + 3]|{v}[{i}]|{v}[-1]|({s} + {s})|({s} - {s})|{s} * {s}|-{s}
 abs({s})|{s} / (1.5 + abs({s}))|{s} % 0.7|{s} // 0.3|0.7 % (0.1 + {s} ** 2)
-min({s}, {s})|max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})|math.sin({s})
-np.tanh({s})|math.hypot({s}, {s})|np.hypot({s}, 0.3)|math.atan2({s}, 0.1 + abs({s}))
-np.cos({s})|math.copysign({s}, {s} - 0.01)|np.sign({s})|math.floor({s})|np.ceil({s})
-int({s})|round({s}, 1)|np.where({b}, {s}, {s})|({s} if {b} else {s})|float({b})
-{v}.sum()|{v}.max()|np.min({v})|{v} @ {v}|np.dot({v}, {v})|np.linalg.norm({v})
-np.linalg.norm({v}, 1)|{v}.mean()|np.interp({s}, [-1.0, 0.0, 0.6], [0.5, {k}, 2.0])
-np.mean({v})|sum({v})|max({v})|np.interp({s}, [-1.0, 0.5], {v}[:2])
-TABLE[int(abs({s})) % 4]|sum(items)|items[-1]|pair[{i} % 2]|np.sum({v} > {s})
-np.prod({v})|any(y > {k} for y in {v})|len(items)|sum(y * {k} for y in {v} if y > {s})
-abs({s}) ** 0.5|{s} ** 2|abs({s}) ** 1.5|note.last|notes["a"]|notes.get("b", {k})
-{v}[np.argmax({v})]|TABLE[np.searchsorted(STARTS, {s})]|bool({s}) * {k}|({b}) * {s}
-np.linalg.det(np.outer({v}, {v}) + EYE)|math.exp(-abs({s}))
+min({s}, {s})|max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})
+math.sin({s})|np.tanh({s})|math.hypot({s}, {s})|np.hypot({s}, 0.3)
+math.atan2({s}, 0.1 + abs({s}))|np.cos({s})|math.copysign({s}, {s} - 0.01)|np.sign({s})
+math.floor({s})|np.ceil({s})|int({s})|round({s}, 1)|np.where({b}, {s}, {s})
+({s} if {b} else {s})|float({b})|{v}.sum()|{v}.max()|np.min({v})|{v} @ {v}
+np.dot({v}, {v})|np.linalg.norm({v})|np.linalg.norm({v}, 1)|{v}.mean()
+np.interp({s}, [-1.0, 0.0, 0.6], [0.5, {k}, 2.0])|np.mean({v})|sum({v})|max({v})
+np.interp({s}, [-1.0, 0.5], {v}[:2])|TABLE[int(abs({s})) % 4]|sum(items)|items[-1]
+pair[{i} % 2]|np.sum({v} > {s})|np.prod({v})|any(y > {k} for y in {v})|len(items)
+sum(y * {k} for y in {v} if y > {s})|abs({s}) ** 0.5|{s} ** 2|abs({s}) ** 1.5|note.last
+notes["a"]|notes.get("b", {k})|{v}[np.argmax({v})]|TABLE[np.searchsorted(STARTS, {s})]
+bool({s}) * {k}|({b}) * {s}|np.linalg.det(np.outer({v}, {v}) + EYE)|math.exp(-abs({s}))
 np.einsum("i,ij,j", {v}, EYE, {v})|(lambda y, scale={k}: y * scale)({s})|{s} or {k}
 np.float64({s}) - {k}|np.fmod({s}, 0.4)|np.rint({s})|np.count_nonzero({v} > 0)
 =v x[:3]|x[3:]|x[::2]|x[::-2]|np.array([{s}, {s}, {s}])|({v} + {v})|({v} - {s})

@@ -1,10 +1,11 @@
 """One evaluation of the derivatives, by whatever evaluates them."""
 
+from functools import partial
+
 from benchmarks import straightforward
-from benchmarks.comparison import CASES, DELAY
+from benchmarks.comparison import CONTROLLER, DELAY, TARGETS
 from benchmarks.contenders import Load
-from benchmarks.tables import Table
-from benchmarks.timing import Alternate, Options
+from benchmarks.measuring import Alternate, Options, Table
 
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
@@ -14,14 +15,9 @@ from teleop_drake.simulation import MakeDiagram
 
 def Measure(options: Options) -> list[Table]:
     num_calls = 100 if options.quick else 2000
-    table = Table(
-        name="evaluation",
-        title=f"One evaluation of the derivatives, {DELAY:g} s each way",
-        note="CPU time of one of many, medians of alternating loops; the compiled ones "
-        "have steps of 0.1 ms between them. The straightforward blocks are 1.",
-    )
-    for (task, controller), title in CASES.items():
-        scenario = Load(task, controller, DELAY)
+    rows = []
+    for task in TARGETS:
+        scenario = Load(task, CONTROLLER, DELAY)
         plain, _ = straightforward.MakeDiagram(
             scenario, lambda delay, value: straightforward.Delay(delay, value, 0.01)
         )
@@ -36,16 +32,23 @@ def Measure(options: Options) -> list[Table]:
         )
         run.Advance(1e-3)  # Compiles.
         calls = {
-            "straightforward": lambda plain=plain: _InDrake(plain, num_calls),
-            "package, in Drake": lambda ours=ours: _InDrake(ours, num_calls),
-            "package, compiled": lambda run=run: _Compiled(run, num_calls),
+            "straightforward": partial(_InDrake, plain, num_calls),
+            "package, in Drake": partial(_InDrake, ours, num_calls),
+            "package, compiled": partial(_Compiled, run, num_calls),
         }
         measured = Alternate(calls, options.repeats)
         cost = {name: x.cpu / x.value for name, x in measured.items()}
         for name, seconds in cost.items():
             ratio = seconds / cost["straightforward"]
-            table.Add(case=title, contender=name, us=1e6 * seconds, ratio=ratio)
-    return [table]
+            rows.append(
+                {"case": task, "contender": name, "us": 1e6 * seconds, "ratio": ratio}
+            )
+    note = (
+        "CPU time of one of many, medians of alternating loops; the compiled ones "
+        "have steps of 0.1 ms between them. The straightforward blocks are 1."
+    )
+    title = f"One evaluation of the derivatives, {DELAY:g} s each way"
+    return [Table(title=title, note=note, rows=rows)]
 
 
 def _InDrake(diagram, num_calls: int) -> int:
