@@ -35,7 +35,24 @@ MODELS = Path(teleop_drake.__file__).parent / "models"
 ELBOW = {"up": -1.0, "down": 1.0}
 
 
-class Delay(LeafSystem):
+class Block(LeafSystem):
+    """A LeafSystem with ports of n numbers by their names."""
+
+    def Inputs(self, n, *names):
+        for name in names:
+            setattr(self, name, self.DeclareVectorInputPort(name, n))
+
+    def Output(self, name, n, compute, *tickets):
+        def Set(context, output):
+            output.SetFromVector(compute(context))
+
+        self.DeclareVectorOutputPort(name, n, Set, prerequisites_of_calc=set(tickets))
+
+    def Mode(self, context):
+        return context.get_discrete_state_vector().value()[0]
+
+
+class Delay(Block):
     """Delays a signal exactly; samples at the solver's steps, joined by cubics."""
 
     def __init__(self, delay: float, initial_value: np.ndarray, longest_step: float):
@@ -45,18 +62,14 @@ class Delay(LeafSystem):
         self.size = len(self.initial_value)
         # Room for the short steps of error control as well.
         self.capacity = 200 + int(1.5 * delay / longest_step)
-        self.signal = self.DeclareVectorInputPort("signal", self.size)
+        self.Inputs(self.size, "signal")
         # Rows [time, value], the newest last.
         rows = np.zeros((self.capacity, 1 + self.size))
         rows[:, 0] = -math.inf
         rows[:, 1:] = self.initial_value
         self.DeclareDiscreteState(rows.ravel())
-        self.DeclareVectorOutputPort(
-            "delayed_signal",
-            self.size,
-            self.CalcOutput,
-            prerequisites_of_calc={self.time_ticket(), self.xd_ticket()},
-        )
+        tickets = self.time_ticket(), self.xd_ticket()
+        self.Output("delayed_signal", self.size, self.CalcOutput, *tickets)
         # The first sees the signal before the events of a step, the second after them.
         self.DeclarePerStepUnrestrictedUpdateEvent(self.RecordBefore)
         self.DeclarePerStepDiscreteUpdateEvent(self.RecordAfter)
@@ -77,19 +90,17 @@ class Delay(LeafSystem):
         if not np.array_equal(self.signal.Eval(context), self.Rows(context)[-1, 1:]):
             values.set_value(0, self.Pushed(context))
 
-    def CalcOutput(self, context, output):
+    def CalcOutput(self, context):
         rows = self.Rows(context)
         t = context.get_time() - self.delay
         times = rows[:, 0]
         i = np.searchsorted(times, t)
         if t < 0:
-            output.SetFromVector(self.initial_value)
-            return
+            return self.initial_value
         if i == 0:
             raise RuntimeError("the delay's ring buffer is too short")
         if i == len(times) or not np.isfinite(times[i - 1]):
-            output.SetFromVector(rows[min(i, len(times) - 1), 1:])
-            return
+            return rows[min(i, len(times) - 1), 1:]
         # Two samples on either side, or those of them that no jump separates.
         first, last = i - 1, i
         if np.isfinite(times[first - 1]) and times[first - 1] < times[first]:
@@ -102,10 +113,10 @@ class Delay(LeafSystem):
             others = np.delete(nodes, j)
             weight = np.prod((t - others) / (nodes[j] - others))
             value += weight * rows[first + j, 1:]
-        output.SetFromVector(value)
+        return value
 
 
-class Operator(LeafSystem):
+class Operator(Block):
     """Commands a velocity until the returned position is on the bone, then a force."""
 
     def __init__(self, velocity, contact_force, surface):
@@ -114,19 +125,12 @@ class Operator(LeafSystem):
         self.contact_force = contact_force
         self.surface = surface
         n = len(velocity)
-        self.position = self.DeclareVectorInputPort("felt_position", n)
-        self.haptic_force = self.DeclareVectorInputPort("haptic_force", n)
+        self.Inputs(n, "felt_position", "haptic_force")
         self.DeclareDiscreteState(1)
         mode = self.xd_ticket()
-        self.DeclareVectorOutputPort(
-            "velocity_command", n, self.CalcVelocity, prerequisites_of_calc={mode}
-        )
-        self.DeclareVectorOutputPort(
-            "force_command",
-            n,
-            self.CalcForce,
-            prerequisites_of_calc={mode, self.haptic_force.ticket()},
-        )
+        self.Output("velocity_command", n, self.CalcVelocity, mode)
+        tickets = mode, self.haptic_force.ticket()
+        self.Output("force_command", n, self.CalcForce, *tickets)
         self.contact = self.MakeWitnessFunction(
             "contact",
             WitnessFunctionDirection.kNegativeThenNonNegative,
@@ -137,14 +141,11 @@ class Operator(LeafSystem):
         self.DeclarePerStepDiscreteUpdateEvent(self.Check)
 
     def DoGetWitnessFunctions(self, context):
-        awaits = self.surface is not None and not self.HasContact(context)
+        awaits = self.surface is not None and not self.Mode(context)
         return [self.contact] if awaits else []
 
-    def HasContact(self, context):
-        return context.get_discrete_state_vector().value()[0] > 0
-
     def PastSurface(self, context):
-        return self.position.Eval(context)[0] - self.surface
+        return self.felt_position.Eval(context)[0] - self.surface
 
     def Switch(self, context, event, state):
         state.get_mutable_discrete_state(0).SetAtIndex(0, 1.0)
@@ -153,18 +154,15 @@ class Operator(LeafSystem):
         if self.surface is not None and self.PastSurface(context) >= 0:
             values.set_value(0, [1.0])
 
-    def CalcVelocity(self, context, output):
-        v_d = 0 * self.velocity if self.HasContact(context) else self.velocity
-        output.SetFromVector(v_d)
+    def CalcVelocity(self, context):
+        return 0 * self.velocity if self.Mode(context) else self.velocity
 
-    def CalcForce(self, context, output):
-        if self.HasContact(context):
-            output.SetFromVector(self.contact_force)
-        else:
-            output.SetFromVector(self.haptic_force.Eval(context))
+    def CalcForce(self, context):
+        has_contact = self.Mode(context)
+        return self.contact_force if has_contact else self.haptic_force.Eval(context)
 
 
-class AdaptiveBackstepping(LeafSystem):
+class AdaptiveBackstepping(Block):
     """(4.2) to (4.53) and (5.2) to (5.53), state [F_c, W1, Psi, W3]."""
 
     def __init__(self, scenario: Scenario):
@@ -186,21 +184,14 @@ class AdaptiveBackstepping(LeafSystem):
         spacing = np.array([axis[1] - axis[0] for axis in axes])
         self.R_inv = np.diag(1 / (c.network.width * spacing) ** 2)
         self.N = len(self.means)
-        self.haptic_force = self.DeclareVectorInputPort("haptic_force", n)
-        self.velocity_command = self.DeclareVectorInputPort("velocity_command", n)
-        self.position = self.DeclareVectorInputPort("position", n)
-        self.velocity = self.DeclareVectorInputPort("velocity", n)
-        self.environment_force = self.DeclareVectorInputPort("environment_force", n)
+        self.Inputs(n, "haptic_force", "velocity_command", "position", "velocity")
+        self.Inputs(n, "environment_force")
         start = np.r_[
             np.zeros(n), np.zeros(n * self.N), self.Psi0.ravel(), np.zeros(n * self.N)
         ]
         self.DeclareContinuousState(BasicVector(start))
-        self.DeclareVectorOutputPort(
-            "control_force",
-            n,
-            lambda context, output: output.SetFromVector(self.Unpack(context)[0]),
-            prerequisites_of_calc={self.xc_ticket()},
-        )
+        xc = self.xc_ticket()
+        self.Output("control_force", n, lambda x: self.Unpack(x)[0], xc)
 
     def Unpack(self, context):
         x = context.get_continuous_state_vector().CopyToVector()
@@ -247,26 +238,21 @@ class AdaptiveBackstepping(LeafSystem):
         )
 
 
-class TaskSpace(LeafSystem):
+class TaskSpace(Block):
     """Joins the plant to task space: v = J qdot and tau = J^T (F_c - F_e)."""
 
     def __init__(self, plant: MultibodyPlant, n: int):
         LeafSystem.__init__(self)
         self.plant, self.n = plant, n
         self.plant_context = plant.CreateDefaultContext()
-        size = plant.num_multibody_states()
-        self.state = self.DeclareVectorInputPort("state", size)
-        self.control_force = self.DeclareVectorInputPort("control_force", n)
-        self.environment_force = self.DeclareVectorInputPort("environment_force", n)
-        state = {self.state.ticket()}
-        self.DeclareVectorOutputPort("position", n, self.CalcPosition, state)
-        self.DeclareVectorOutputPort("velocity", n, self.CalcVelocity, state)
-        self.DeclareVectorOutputPort(
-            "torque",
-            plant.num_velocities(),
-            self.CalcTorque,
-            state | {self.control_force.ticket(), self.environment_force.ticket()},
-        )
+        self.Inputs(plant.num_multibody_states(), "state")
+        self.Inputs(n, "control_force", "environment_force")
+        state = self.state.ticket()
+        self.Output("position", n, self.CalcPosition, state)
+        self.Output("velocity", n, self.CalcVelocity, state)
+        forces = self.control_force.ticket(), self.environment_force.ticket()
+        size = plant.num_velocities()
+        self.Output("torque", size, self.CalcTorque, state, *forces)
 
     def Jacobian(self, context):
         x = self.state.Eval(context)
@@ -281,44 +267,35 @@ class TaskSpace(LeafSystem):
             world,
         )[: self.n]
 
-    def CalcPosition(self, context, output):
+    def CalcPosition(self, context):
         x = self.state.Eval(context)
         self.plant.SetPositionsAndVelocities(self.plant_context, x)
         tool = self.plant.GetBodyByName("tool")
         X_WT = self.plant.EvalBodyPoseInWorld(self.plant_context, tool)
-        output.SetFromVector(X_WT.translation()[: self.n])
+        return X_WT.translation()[: self.n]
 
-    def CalcVelocity(self, context, output):
+    def CalcVelocity(self, context):
         qdot = self.state.Eval(context)[self.plant.num_positions() :]
-        output.SetFromVector(self.Jacobian(context) @ qdot)
+        return self.Jacobian(context) @ qdot
 
-    def CalcTorque(self, context, output):
+    def CalcTorque(self, context):
         force = self.control_force.Eval(context) - self.environment_force.Eval(context)
-        output.SetFromVector(self.Jacobian(context).T @ force)
+        return self.Jacobian(context).T @ force
 
 
-class Environment(LeafSystem):
+class Environment(Block):
     """Layers along x; where the force jumps between two of them, that is located."""
 
     def __init__(self, layers, n: int):
         LeafSystem.__init__(self)
         self.layers, self.n = layers, n
-        self.position = self.DeclareVectorInputPort("position", n)
-        self.velocity = self.DeclareVectorInputPort("velocity", n)
+        self.Inputs(n, "position", "velocity")
         # The only jump of the thesis's tasks is at the end of the tissue.
         damped = [i for i, layer in enumerate(layers) if layer.damping > 0]
         self.border = layers[damped[-1] + 1].start if damped else None
         self.DeclareDiscreteState(1)  # 1: past the border
-        self.DeclareVectorOutputPort(
-            "force",
-            n,
-            self.CalcForce,
-            prerequisites_of_calc={
-                self.position.ticket(),
-                self.velocity.ticket(),
-                self.xd_ticket(),
-            },
-        )
+        motion = self.position.ticket(), self.velocity.ticket()
+        self.Output("force", n, self.CalcForce, *motion, self.xd_ticket())
         self.crossing = self.MakeWitnessFunction(
             "crossing",
             WitnessFunctionDirection.kCrossesZero,
@@ -330,12 +307,12 @@ class Environment(LeafSystem):
         return [] if self.border is None else [self.crossing]
 
     def Cross(self, context, event, state):
-        past = context.get_discrete_state_vector().value()[0]
+        past = self.Mode(context)
         state.get_mutable_discrete_state(0).SetAtIndex(0, 1.0 - past)
 
-    def CalcForce(self, context, output):
+    def CalcForce(self, context):
         x, v = self.position.Eval(context)[0], self.velocity.Eval(context)[0]
-        past = context.get_discrete_state_vector().value()[0] > 0
+        past = self.Mode(context) > 0
         # No step straddles the border: its stages have the law of one side.
         side = [
             layer
@@ -345,14 +322,7 @@ class Environment(LeafSystem):
         layer = [side[0], *(layer for layer in side[1:] if x >= layer.start)][-1]
         force = np.zeros(self.n)
         force[0] = layer.stiffness * (x - layer.reference) + layer.damping * v
-        output.SetFromVector(force)
-
-
-def StartJoints(scenario: Scenario) -> np.ndarray:
-    """(A.14): the slider's position, or the arm's two angles."""
-    if scenario.num_axes == 1:
-        return np.array(scenario.robot.start)
-    return appendix_a.joints(scenario.robot.start, ELBOW[scenario.robot.elbow])
+        return force
 
 
 def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]):
@@ -362,24 +332,18 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     Parser(plant).AddModels(str(MODELS / f"{scenario.robot.kind}.sdf"))
     plant.Finalize()
-    q = StartJoints(scenario)
+    q = np.array(scenario.robot.start)
+    if n == 2:
+        q = appendix_a.joints(q, ELBOW[scenario.robot.elbow])
     plant.SetDefaultPositions(q)
     task_space = builder.AddSystem(TaskSpace(plant, n))
     environment = builder.AddSystem(Environment(scenario.environment.layers, n))
     controller = builder.AddSystem(AdaptiveBackstepping(scenario))
-    operator = builder.AddSystem(
-        Operator(
-            scenario.surgeon.velocity,
-            scenario.surgeon.contact_force,
-            Border(scenario, "contact")
-            if scenario.surgeon.contact_force is not None
-            else None,
-        )
-    )
-    (b1, b0), (_, a1, a0) = (
-        scenario.haptic_device.numerator,
-        scenario.haptic_device.denominator,
-    )
+    surgeon, device = scenario.surgeon, scenario.haptic_device
+    force = surgeon.contact_force
+    surface = None if force is None else Border(scenario, "contact")
+    operator = builder.AddSystem(Operator(surgeon.velocity, force, surface))
+    (b1, b0), (_, a1, a0) = device.numerator, device.denominator
     A = np.kron(np.array([[0, 1], [-a0, -a1]]), np.eye(n))
     B = np.kron(np.array([[0], [1]]), np.eye(n))
     C = np.kron(np.array([[b0, b1]]), np.eye(n))
