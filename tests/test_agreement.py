@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from independent_solver import solve_thesis_task
+from references import DURATIONS, SIGNALS
 from runs import TASKS, Run
 
 from teleop_drake.scenario import CONTROLLERS
@@ -18,12 +19,6 @@ DELAYS = {
     "none": (0.0, 0.0),
     "forward only": (0.123456789, 0.0),
     "return only": (0.0, 0.0823),
-}
-DURATIONS = {
-    "one_dof": 18.0,
-    "two_dof_puncture": 5.0,
-    "two_dof_collision": 4.0,
-    "two_dof_combined": 4.0,
 }
 
 
@@ -46,12 +41,7 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
     # Both runs of a loop that diverges stop at the same speed, at nearly one time.
     times = np.linspace(0, ours.time[-1], 1001)[:-4]
     reference = theirs.sample(times)
-    for signal, key in (
-        ("tool_position", "p_WT"),
-        ("tool_velocity", "v_WT"),
-        ("environment_force", "F_e"),
-        ("control_force", "F_c"),
-    ):
+    for signal, key in SIGNALS.items():
         error = np.abs(ours.Interpolate(signal, times) - reference[key])
         # A jump is at one instant, which the two may place on either side of a sample.
         near_jump = np.zeros(len(times), dtype=bool)
@@ -69,8 +59,9 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
         assert ours.EventTimes(ours_name) == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow  # cli/test_check.py has a short one with these delays.
 @pytest.mark.parametrize(
-    ("name", "kind"), Slow(list(zip(TASKS, 2 * CONTROLLERS, strict=True)), but=[3])
+    ("name", "kind"), list(zip(TASKS, 2 * CONTROLLERS, strict=True))
 )
 def test_thesis_tasks(name, kind):
     """In Drake's Simulator."""

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from energies import ChannelEnergy
 from grids import Slow
 from league_table import (
     ARCHITECTURES,
@@ -184,7 +184,8 @@ def test_the_tables_solver_is_accurate_enough(kind):
     AssertSame(row, expected, columns, rel=2e-3)
 
 
-@pytest.mark.parametrize("kind", Slow(["time_domain_passivity", "wave_variables"]))
+@pytest.mark.slow  # A tighter run of a network takes as long as it does.
+@pytest.mark.parametrize("kind", ["time_domain_passivity", "wave_variables"])
 def test_the_solver_of_networks_is_accurate_enough(kind, plans):
     """A run by the table's settings against a far more accurate one, packet by packet.
 
@@ -217,14 +218,6 @@ def test_the_solver_of_networks_is_accurate_enough(kind, plans):
 # Passivity over networks, for any of which neither was designed.
 
 
-def Energy(recording):
-    """What went into the channel and did not come out, at each sample, per axis (J)."""
-    time = recording.time
-    power = recording["master_power"] - recording["slave_power"]
-    steps = np.diff(time)[:, None] * (power[1:] + power[:-1]) / 2
-    return np.vstack([np.zeros(power.shape[1]), np.cumsum(steps, axis=0)])
-
-
 def OverNetwork(plans, kind, channel, round_trip):
     """Through tissue into free space, and a stop: nothing is left to be stored."""
     plan = plans["two_dof_puncture-never-networks"]
@@ -238,7 +231,7 @@ def OverNetwork(plans, kind, channel, round_trip):
 )
 def test_waves_stay_passive_over_networks(plans, channel, round_trip):
     recording = OverNetwork(plans, "wave_variables", channel, round_trip)
-    energy = Energy(recording).sum(axis=1)
+    energy = ChannelEnergy(recording).sum(axis=1)
     assert energy.max() > 0
     assert energy.min() > -1e-6 * energy.max()
 
@@ -249,7 +242,7 @@ def test_time_domain_passivity_holds_over_networks(plans):
     recording = OverNetwork(plans, "time_domain_passivity", "both", 1.0)
     E_0 = ResolveController(recording.scenario).initial_energy
     assert recording["injected_mobility"].max() > 0
-    assert Energy(recording).min() > -1.35 * E_0
+    assert ChannelEnergy(recording).min() > -1.35 * E_0
     assert recording["slave_budget"].min() > -0.01 * E_0
     assert recording["master_budget"].min() > -0.35 * E_0
     # The same network is not passive by itself.

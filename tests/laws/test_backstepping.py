@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blocks import Gains
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -439,20 +440,7 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
     )
 
 
-VALID = BacksteppingGains(
-    Lambda=np.eye(2),
-    G1=4 * np.eye(2),
-    G2=30 * np.eye(2),
-    P=np.eye(2),
-    beta1=0.1,
-    beta2=0.1,
-    beta3=0.1,
-    nu1=0.1,
-    nu3=0.1,
-    Upsilon=1.0,
-    Psi0=np.diag([2.0, 7.0]),
-    Psi_min=0.1,
-)
+VALID = replace(Gains(2), Psi0=np.diag([2.0, 7.0]))
 
 
 @pytest.mark.parametrize(
