@@ -53,16 +53,12 @@ def test_table(capsys):
         (["--controller", "wave_variables"], "Llewellyn's parameter is 1 or more ever"),
         (["--controller", "time_domain_passivity"], "are taken to inject nothing"),
         (["--controller", "smith_predictor"], "predictor is taken to be the round tr"),
-        (
-            ["--set", "forward_channel={kind: variable, sinusoid: {amplitude: 0.02}}"],
-            "forward_channel: the delay varies from 0.08 to 0.12 s; the margins hold",
-        ),
-        (
-            ["--set", "return_channel={kind: sampled, sample_period: 0.01}"],
-            "return_channel: packets are held for 0.01 s, on average half of that; the",
-        ),
+        (["--set", "forward_channel={kind: variable, sinusoid: {amplitude: 0.02}}"],
+         "forward_channel: the delay varies from 0.08 to 0.12 s; the margins hold"),
+        (["--set", "return_channel={kind: sampled, sample_period: 0.01}"],
+         "return_channel: packets are held for 0.01 s, on average half of that; the"),
     ],
-)
+)  # fmt: skip
 def test_what_was_assumed_is_said(options, text, capsys):
     assert main(["analyze", "one_dof", *options]) == 0
     assert text in capsys.readouterr().out

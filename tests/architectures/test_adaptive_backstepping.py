@@ -137,21 +137,17 @@ def test_it_takes_its_parameters_from_what_has_them():
     [
         ({"G2": -1.0}, "controller.G2 = "),
         ({"Lambda": np.array([[1.0, 2.0], [2.0, 1.0]])}, "controller.Lambda = "),
-        (
-            {"P": np.diag([1.0, 100.0]), "G1": np.array([[1.0, 0.9], [0.9, 1.0]])},
-            "controller.P = .*: must be such that the symmetric part of P G1 is pos",
-        ),
+        ({"P": np.diag([1.0, 100.0]), "G1": np.array([[1.0, 0.9], [0.9, 1.0]])},
+         "controller.P = .*: must be such that the symmetric part of P G1 is pos"),
         ({"adaptation_rate": -0.1}, "controller.adaptation_rate = -0.1: must be"),
         ({"beta2": -0.1}, "controller.beta2 = -0.1: must be"),
         ({"leakage": -0.1}, "controller.leakage = -0.1: must be"),
         ({"supervision": 1.1}, "controller.supervision = 1.1: must be"),
         ({"minimum_psi": 0.0}, "controller.minimum_psi = 0.0: must be"),
-        (
-            {"network": NetworkConfig(lower=None, upper=None, count=None)},
-            "controller.network.lower = null: must be",
-        ),
+        ({"network": NetworkConfig(lower=None, upper=None, count=None)},
+         "controller.network.lower = null: must be"),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(changes, message):
     with pytest.raises(ScenarioError, match=message):
         Config(**changes).Check("controller", 2)

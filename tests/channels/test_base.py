@@ -117,17 +117,13 @@ def test_the_block_delivers_the_initial_value_first(config, block_type):
         (Wire(seed=-1), ".seed = -1: must be a whole number >= 0"),
         (Wire(delay=SHORTEST_TIME), None),
         (VariableChannelConfig(delay=0.0), ".delay = 0.0: must be such that"),
-        (
-            SampledChannelConfig(delay=0.1, sample_period=0.2),
-            ".sample_period = 0.2: must be at most the delay, 0.1",
-        ),
-        (
-            SampledChannelConfig(delay=9.0, sample_period=8.9 / MAX_PACKETS),
-            ".sample_period = 8.9",
-        ),
+        (SampledChannelConfig(delay=0.1, sample_period=0.2),
+         ".sample_period = 0.2: must be at most the delay, 0.1"),
+        (SampledChannelConfig(delay=9.0, sample_period=8.9 / MAX_PACKETS),
+         ".sample_period = 8.9"),
         (SampledChannelConfig(delay=9.0, sample_period=9.0 / MAX_PACKETS), None),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(config, message):
     if message is None:
         config.Check("channel", DURATION)
@@ -140,16 +136,12 @@ def test_what_is_refused(config, message):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        (
-            {"receiver": Receiver(policy="extrapolate")},
-            r"return_channel.receiver.policy = 'extrapolate': must be newest",
-        ),
-        (
-            {"loss": Loss(kind="independent", probability=1.0)},
-            "return_channel: must deliver a packet within the duration, 20 s",
-        ),
+        ({"receiver": Receiver(policy="extrapolate")},
+         r"return_channel.receiver.policy = 'extrapolate': must be newest"),
+        ({"loss": Loss(kind="independent", probability=1.0)},
+         "return_channel: must deliver a packet within the duration, 20 s"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_constant_delay(fields, message):
     with pytest.raises(ScenarioError, match=message):
         Network(**fields).AsConstantDelay("return_channel", DURATION)

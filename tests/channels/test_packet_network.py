@@ -64,29 +64,16 @@ def test_measured_delays_are_used_as_they_are():
 @pytest.mark.parametrize(
     ("jitter", "name", "arguments"),
     [
-        (
-            Jitter(kind="uniform", std=0.02),
-            "uniform",
-            (MEAN - math.sqrt(3) * 0.02, 2 * math.sqrt(3) * 0.02),
-        ),
+        (Jitter(kind="uniform", std=0.02), "uniform",
+         (MEAN - math.sqrt(3) * 0.02, 2 * math.sqrt(3) * 0.02)),
         (Jitter(kind="normal", std=0.01), "norm", (MEAN, 0.01)),
-        (
-            Jitter(kind="normal", std=0.05, minimum=0.06),
-            "truncnorm",
-            (-0.8, math.inf, MEAN, 0.05),
-        ),
-        (
-            Jitter(kind="gamma", std=0.02, minimum=0.06),
-            "gamma",
-            (4.0, 0.06, 0.01),
-        ),
-        (
-            Jitter(kind="gamma", std=0.02 * math.sqrt(2), minimum=0.08),
-            "gamma",
-            (0.5, 0.08, 0.04),
-        ),
+        (Jitter(kind="normal", std=0.05, minimum=0.06), "truncnorm",
+         (-0.8, math.inf, MEAN, 0.05)),
+        (Jitter(kind="gamma", std=0.02, minimum=0.06), "gamma", (4.0, 0.06, 0.01)),
+        (Jitter(kind="gamma", std=0.02 * math.sqrt(2), minimum=0.08), "gamma",
+         (0.5, 0.08, 0.04)),
     ],
-)
+)  # fmt: skip
 def test_delays_have_the_distribution_of_their_parameters(jitter, name, arguments):
     from scipy import stats  # It takes a second.
 

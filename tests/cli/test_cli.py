@@ -303,14 +303,11 @@ def test_a_run_that_comes_no_further_ends_with_its_reason(capsys):
         ("compare", ["--vary", "delay=0.1", "--seeds", "2"], "left out with --seeds"),
         ("run", ["--format", "gif"], "--format = 'gif': must be one of png, svg, pdf"),
         ("run", ["--window", "2:1"], "--window = '2:1': must be FROM:TO"),
-        (
-            "run",
-            ["--signals", "psy", "--out", "."],
-            "--signals = 'psy': must be one of",
-        ),
+        ("run", ["--signals", "psy", "--out", "."],
+         "--signals = 'psy': must be one of"),
         ("run", ["--window", "1:2", "--out", "."], "time = [1.0, 2.0]: must be before"),
     ],
-)
+)  # fmt: skip
 def test_what_a_figure_cannot_show_is_refused(command, options, message, capsys):
     assert main([command, "one_dof", *SHORT, *options]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
@@ -408,23 +405,17 @@ def no_simulation(monkeypatch):
         ("run one_dof --json .", "--json = '.': must be where '' can be written"),
         ("run one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("compare one_dof --controllers ,", "--controllers = ',': must be different"),
-        (
-            "compare network_tracking_linear",
-            "scenario = 'network_tracking_linear': must be a teleoperation to compare",
-        ),
-        (
-            "run network_tracking_linear --delay 0.1",
-            "forward_channel.delay = 0.1: unknown key 'forward_channel', must be one",
-        ),
+        ("compare network_tracking_linear",
+         "scenario = 'network_tracking_linear': must be a teleoperation to compare"),
+        ("run network_tracking_linear --delay 0.1",
+         "forward_channel.delay = 0.1: unknown key 'forward_channel', must be one"),
         ("diagram one_dof --depth -1", "--depth = -1: must be 0 or positive"),
         ("diagram one_dof --depth x", "argument --depth: invalid int value: 'x'"),
-        (
-            "diagram one_dof -o a.txt",
-            "--output: path = 'a.txt': must be a file that ends",
-        ),
+        ("diagram one_dof -o a.txt",
+         "--output: path = 'a.txt': must be a file that ends"),
         ("diagram one_dof -o no/a.dot", "--output: "),
     ],
-)
+)  # fmt: skip
 def test_bad_input(command, message, no_simulation, capsys):
     Path("file").touch()
     assert main(command.split()) == 2

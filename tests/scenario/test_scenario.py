@@ -286,16 +286,12 @@ def test_the_step_is_the_one_that_was_given():
     [
         (["duration=1e6"], "simulator.max_step_size"),
         (["forward_channel.delay=1e-6"], "forward_channel.delay"),
-        (
-            ["forward_channel={kind: variable, delay: 2e-5, drift: 1e-6}"],
-            "forward_channel.delay",
-        ),
-        (
-            ["return_channel={kind: network, delay: 0.1, sample_period: 1e-6}"],
-            "return_channel.sample_period",
-        ),
+        (["forward_channel={kind: variable, delay: 2e-5, drift: 1e-6}"],
+         "forward_channel.delay"),
+        (["return_channel={kind: network, delay: 0.1, sample_period: 1e-6}"],
+         "return_channel.sample_period"),
     ],
-)
+)  # fmt: skip
 def test_number_of_steps(overrides, field):
     with pytest.raises(ScenarioError, match=rf"^duration = .* with {field} = ") as info:
         CheckSteps(LoadScenario("one_dof", overrides))
