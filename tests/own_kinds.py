@@ -22,13 +22,8 @@ class BrakedForceLaw(LeafSystem):
     def __init__(self, *, num_axes: int, damping: float):
         LeafSystem.__init__(self)
         self.set_name("braked_force")
-        names = (
-            "haptic_force",
-            "velocity_command",
-            "tool_position",
-            "tool_velocity",
-            "environment_force",
-        )
+        names = ["haptic_force", "velocity_command", "tool_position", "tool_velocity"]
+        names.append("environment_force")
         ports = {name: self.DeclareVectorInputPort(name, num_axes) for name in names}
         force, velocity = ports["haptic_force"], ports["tool_velocity"]
         self.DeclareVectorOutputPort(

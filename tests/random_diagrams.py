@@ -9,19 +9,14 @@ A delay takes no signal that is rough. Drake's discrete updates come after the e
 which a delay records jumps, and nothing ends a step where a Saturation begins.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
-    ConstantVectorSource,
-    Demultiplexer,
     Gain,
     LinearSystem,
     MatrixGain,
-    Multiplexer,
     PassThrough,
     Saturation,
     Sine,
@@ -39,13 +34,6 @@ N, END = 3, 1.0
 I, ZERO = np.eye(N), np.zeros((N, N))
 ROUGH = ZeroOrderHold, Saturation, AffineSystem
 TAKES_SMOOTH = TransportDelay, VariableDelay
-
-
-class Signal(NamedTuple):
-    """An output port, and whether its signal is rough."""
-
-    port: object
-    is_rough: bool
 
 
 def bent(W, x, u):
@@ -81,11 +69,13 @@ def Relay(W, delay, period):
         period=period,
         offset=0.3 * delay,
     )
-    pulled = lambda k, x, mode, u: mode[0] * k - x + 0.2 * np.tanh(u)  # noqa: E731
     return Own(
         "u",
         mode=[1.0, *np.zeros(N + 1)],
-        rate=(pulled, "k", "state", "mode", "u"),
+        rate=(
+            lambda k, x, mode, u: mode[0] * k - x + 0.2 * np.tanh(u),
+            *("k", "state", "mode", "u"),
+        ),
         outputs={"y": (lambda x, mode: x + 0.1 * mode[2:], "state", "mode")},
         parameters={"k": 1 + 0.2 * np.tanh(W[0])},
         transitions={"turns": turns, "takes": takes},
@@ -105,23 +95,8 @@ def Network(W, delay, period):
     return NetworkDelay(network=network, receiver=receiver, size=N)
 
 
-def Variable(W, delay, period):
-    wave = Sinusoid(amplitude=delay / 3, frequency=5.0)
-    return VariableDelay(profile=DelayProfile(delay=delay, sinusoid=wave), size=N)
-
-
-def Chirp(W, delay, period):
-    chirp = lambda t, phase: np.cos((4 + t) * t + phase)  # noqa: E731
-    return Own(outputs={"y": (chirp, "time", "z")}, parameters={"z": W[0]})
-
-
-def Lag(W, delay, period):
-    rate = bent, "W", "state", "u"
-    return Own("u", outputs={"y": "state"}, rate=rate, parameters={"W": W})
-
-
 def Nested(W, delay, period):
-    """Outputs a part of its rate, by way of other values, and takes two inputs."""
+    """Outputs a part of its rate, by way of other values."""
     return Own(
         *("u", "v"),
         outputs={
@@ -131,23 +106,30 @@ def Nested(W, delay, period):
             "p": (times, "u", "v"),
         },
         sizes={"z": 2, "w": N, "p": N},
-        rate=(mixed, "W", "v", "u"),
-        parameters={"W": W},
-    )
-
-
-def Joined(W, delay, period):
-    return Own(
-        *("u", "v"),
-        outputs={"y": (mixed, "W", ("b", 0, N), "w"), "w": (times, "u", "v")},
-        sizes={"w": N},
+        rate=(mixed, "W", ("b", 1, N + 1), "u"),
         parameters={"W": W, "b": np.ravel(W)[:5]},
     )
 
 
 # Of a matrix, a delay and a period in s: what holds or delays, and what feeds through.
 HOLDING = [
-    *(Relay, Network, Network, Variable, Chirp, Lag, Lag),
+    *(Relay, Relay, Network, Network),
+    lambda W, *_: Own(
+        outputs={"y": (lambda t, z: np.cos((4 + t) * t + z), "time", "z")},
+        parameters={"z": W[0]},
+    ),
+    lambda W, *_: Own(
+        "u",
+        outputs={"y": "state"},
+        rate=(bent, "W", "state", "u"),
+        parameters={"W": W},
+    ),
+    lambda W, delay, period: VariableDelay(
+        profile=DelayProfile(
+            delay=delay, sinusoid=Sinusoid(amplitude=delay / 3, frequency=5.0)
+        ),
+        size=N,
+    ),
     lambda W, delay, period: LinearSystem(W - 2 * I, I, I, ZERO),
     lambda W, delay, period: TransportDelay(delay=delay, size=N),
     lambda W, delay, period: SampledDelay(delay=delay, size=N, sample_period=period),
@@ -155,20 +137,18 @@ HOLDING = [
     lambda W, delay, period: AffineSystem(W, I, W[0], I, ZERO, W[1], period),
 ]
 FEEDING_THROUGH = [
-    *(Nested, Joined, Joined),
+    *(Nested, Nested, Nested),
     lambda W, *_: Adder(2, N),
     lambda W, *_: Gain(2 * W[0]),
     lambda W, *_: MatrixGain(W),
     lambda W, *_: Saturation([-0.5] * N, [0.3] * N),
     lambda W, *_: Sine(W[0], [2, 3, 4], W[1], False),
     lambda W, *_: LinearSystem(W - 2 * I, W, W.T, W),
-    lambda W, *_: Multiplexer([1, 1, 1]),
-    lambda W, *_: ConstantVectorSource(W[0]),
 ]
 
 
 class Random:
-    """Makes one diagram, of a seed."""
+    """Makes one diagram, of a seed. Signals are ports, and whether they are rough."""
 
     def __init__(self, seed):
         self._rng = np.random.default_rng(seed)
@@ -181,48 +161,48 @@ class Random:
             outer: The signals for its inputs. None of them is connected here.
         """
         builder, rng = DiagramBuilder(), self._rng
-        signals = []
-        for i, signal in enumerate(outer):
+        waves = Sine(rng.normal(size=N), [3, 5, 7], rng.normal(size=N), True)
+        signals = [(self._Add(builder, waves).get_output_port(0), False)]
+        for i, (_, is_rough) in enumerate(outer):
             block = self._Add(builder, PassThrough(N))
             builder.ExportInput(block.get_input_port(), f"u{i}")
             if rng.random() < 0.5:  # One input of the diagram, two in it.
                 block = self._Add(builder, Gain(0.8, N))
                 builder.ConnectInput(f"u{i}", block.get_input_port())
-            signals.append(Signal(block.get_output_port(), signal.is_rough))
-        waves = Sine(rng.normal(size=N), [3, 5, 7], rng.normal(size=N), True)
-        signals.append(Signal(self._Add(builder, waves).get_output_port(0), False))
-        waiting = [self._AddOne(builder, HOLDING) for _ in range(num_blocks // 2)]
-        signals += [
-            Signal(block.get_output_port(0), isinstance(block, ROUGH))
-            for block in waiting
-        ]
+            signals.append((block.get_output_port(), is_rough))
+        holding = [self._AddOne(builder, HOLDING) for _ in range(num_blocks // 2)]
+        signals += [(x.get_output_port(0), isinstance(x, ROUGH)) for x in holding]
         for k in range(num_blocks - num_blocks // 2):
             if depth and k % 2:
                 taken = [self._Pick(signals) for _ in range(rng.integers(1, 3))]
                 part = Random(int(rng.integers(2**31)))
                 inner, outputs = part.Make(num_blocks - 2, depth - 1, taken)
                 builder.AddNamedSystem(f"inner_{k}", inner)
-                for i, signal in enumerate(taken):
-                    builder.Connect(signal.port, inner.get_input_port(i))
+                for i, (port, _) in enumerate(taken):
+                    builder.Connect(port, inner.get_input_port(i))
                 signals += [
-                    Signal(inner.get_output_port(i), output.is_rough)
-                    for i, output in enumerate(outputs)
+                    (inner.get_output_port(i), is_rough)
+                    for i, (_, is_rough) in enumerate(outputs)
                 ]
             else:
-                signals.append(self._FeedThrough(builder, signals))
-        for block in waiting:
+                block = self._AddOne(builder, FEEDING_THROUGH)
+                is_rough = isinstance(block, ROUGH)
+                for i in range(block.num_input_ports()):
+                    port, is_too = self._Pick(signals)
+                    is_rough |= is_too
+                    builder.Connect(port, block.get_input_port(i))
+                signals.append((block.get_output_port(0), is_rough))
+        for block in holding:
             smooth = isinstance(block, TAKES_SMOOTH)
-            given = [x for x in signals if not (smooth and x.is_rough)]
+            given = [x for x in signals if not (smooth and x[1])]
             for i in range(block.num_input_ports()):
-                limit = self._Add(
-                    builder,
-                    Own("u", outputs={"y": (lambda u: 2 * np.tanh(u / 2), "u")}),
-                )
-                builder.Connect(self._Pick(given).port, limit.get_input_port())
+                bounded = {"y": (lambda u: 2 * np.tanh(u / 2), "u")}
+                limit = self._Add(builder, Own("u", outputs=bounded))
+                builder.Connect(self._Pick(given)[0], limit.get_input_port())
                 builder.Connect(limit.get_output_port(), block.get_input_port(i))
         outputs = signals[-3:] if outer else signals
-        for i, signal in enumerate(outputs):
-            builder.ExportOutput(signal.port, f"y{i}")
+        for i, (port, _) in enumerate(outputs):
+            builder.ExportOutput(port, f"y{i}")
         return builder.Build(), outputs
 
     def _Pick(self, items):
@@ -239,17 +219,3 @@ class Random:
         period = float(self._Pick([0.1, 0.05, 0.07, self._rng.uniform(0.04, 0.2)]))
         # The channels ask for a period that is no longer than the delay.
         return self._Add(builder, self._Pick(makers)(W, delay, min(period, delay)))
-
-    def _FeedThrough(self, builder, signals):
-        """Adds what takes some of the signals, and returns its output."""
-        block = self._AddOne(builder, FEEDING_THROUGH)
-        is_rough = isinstance(block, ROUGH)
-        for i in range(block.num_input_ports()):
-            port, is_too = self._Pick(signals)
-            is_rough |= is_too
-            if isinstance(block, Multiplexer):
-                parts = self._Add(builder, Demultiplexer(N))
-                builder.Connect(port, parts.get_input_port())
-                port = parts.get_output_port((i + 1) % N)
-            builder.Connect(port, block.get_input_port(i))
-        return Signal(block.get_output_port(0), is_rough)

@@ -9,12 +9,8 @@ import numpy as np
 from independent_solver import solve_thesis_task
 
 FOLDER = Path(__file__).parents[1] / "teleop_drake" / "references"
-DURATIONS = {
-    "one_dof": 18.0,
-    "two_dof_puncture": 5.0,
-    "two_dof_collision": 4.0,
-    "two_dof_combined": 4.0,
-}
+DURATIONS = {"one_dof": 18.0, "two_dof_puncture": 5.0}
+DURATIONS |= {"two_dof_collision": 4.0, "two_dof_combined": 4.0}
 CONTROLLERS = "direct_force", "adaptive_backstepping"
 SIGNALS = {
     "tool_position": "p_WT",
@@ -22,16 +18,11 @@ SIGNALS = {
     "environment_force": "F_e",
     "control_force": "F_c",
 }
-REFERENCES = [f"{task}_{kind}" for task in DURATIONS for kind in CONTROLLERS]
+# The scenario and the controller of each.
+REFERENCES = {f"{x}_{kind}": (x, kind) for x in DURATIONS for kind in CONTROLLERS}
 
 # Of a signal's range; no sample is nearer to a jump, s.
 TUBE, MARGIN, NUM_TIMES = 1e-3, 2e-3, 200
-
-
-def task_and_controller(name):
-    """Returns the scenario and the controller of a reference."""
-    kind = next(kind for kind in CONTROLLERS if name.endswith(kind))
-    return name.removesuffix(f"_{kind}"), kind
 
 
 def write(path, name, columns, tubes=()):
@@ -58,7 +49,7 @@ def split(times, signals):
 
 def solve(name):
     """Returns the columns of a reference, and the half width of each one's tube."""
-    task, kind = task_and_controller(name)
+    task, kind = REFERENCES[name]
     is_adaptive = kind == "adaptive_backstepping"
     result = solve_thesis_task(task, is_adaptive, (0.1, 0.1), DURATIONS[task])
     # The operator's jump at 0, in the force a delay later; and its echo at the events.

@@ -23,10 +23,8 @@ DELAYS = {
 
 
 def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0):
-    overrides = [
-        f"forward_channel.delay={delays[0]}",
-        f"return_channel.delay={delays[1]}",
-    ]
+    ways = zip(("forward", "return"), delays, strict=True)
+    overrides = [f"{way}_channel.delay={delay}" for way, delay in ways]
     if duration is not None:
         overrides.append(f"duration={duration}")
     if engine != "drake":  # Its steps are longer than one can interpolate between.

@@ -5,16 +5,7 @@ import re
 import numpy as np
 import pytest
 from grids import Slow
-from references import (
-    DURATIONS,
-    FOLDER,
-    REFERENCES,
-    SIGNALS,
-    solve,
-    split,
-    task_and_controller,
-    write,
-)
+from references import DURATIONS, FOLDER, REFERENCES, SIGNALS, solve, split, write
 from runs import Run
 
 from teleop_drake.cli.main import main
@@ -38,7 +29,7 @@ def Check(path, capsys):
     ("name", "engine"), Slow(CASES, but=[CASES.index((NAME, "auto"))])
 )
 def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
-    task, kind = task_and_controller(name)
+    task, kind = REFERENCES[name]
     changes = [f"duration={DURATIONS[task]}"]
     if engine == "auto":  # Its steps are longer than one can interpolate between.
         changes.append("simulator.max_step_size=0.002")
@@ -88,7 +79,9 @@ def test_a_file_that_is_not_there(tmp_path, capsys):
     assert code == 2 and "must be a file of text (No such file" in error
 
 
-@pytest.mark.parametrize("name", Slow(REFERENCES, but=[REFERENCES.index(NAME)]))
+@pytest.mark.parametrize(
+    "name", Slow(list(REFERENCES), but=[list(REFERENCES).index(NAME)])
+)
 def test_a_reference_is_what_the_solver_makes(name, tmp_path):
     columns, _ = solve(name)
     for column, values in Reference(name).items():
