@@ -191,7 +191,7 @@ def test_bad_parameters_of_the_blocks():
         ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
         ("C_s={gain: 1}", "controller.four_channel.C_s.gain = 1: unknown key"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_named(override, message):
     with pytest.raises(ScenarioError, match=message):
         Scenario(override)

@@ -254,7 +254,7 @@ def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
         ("one_dof", "network_tracking_linear", "for one_dof, with .* environment"),
         ("network_tracking_linear", "one_dof", "for network_.*, with a system named"),
     ],
-)  # fmt: skip
+)
 def test_diagram_of_another_task_is_refused(name, other, message):
     teleoperator = MakeDiagram(LoadScenario(other))
     with pytest.raises(ValueError, match=message):
