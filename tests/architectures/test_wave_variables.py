@@ -114,6 +114,17 @@ def test_a_growing_delay_makes_energy_unless_the_waves_are_scaled():
     assert config.forward_scaling == pytest.approx(math.sqrt(0.6))
 
 
+def test_lost_and_late_packets_make_no_energy():
+    """Through tissue into free space, and a stop: nothing is left to be stored."""
+    network = "{kind: network, delay: 0.1, jitter: {kind: gamma, std: 0.02}, "
+    network += "sample_period: 0.01, loss: {kind: burst, probability: 0.1}}"
+    ways = [f"{way}_channel={network}" for way in ("forward", "return")]
+    recording = Wave("two_dof_puncture", *GROWING[:2], *ways)
+    energy = ChannelEnergy(recording).sum(axis=1)
+    assert energy.max() > 0
+    assert energy.min() > -1e-6 * energy.max()
+
+
 @pytest.mark.parametrize(
     ("name", "delay"),
     Slow([("two_dof_collision", 0.4), *zip(TASKS, (0.0, 0.4, 0.1, 0.4), strict=True)]),
