@@ -28,7 +28,7 @@ PICTURES = {
     "03_delay_two_dof": 4,
     "04_networks": 2,
     "05_neural_network": 3,
-    "06_architectures": 1,
+    "06_architectures": 2,
     "07_stability": 3,
     "08_drive": 1,
     "09_arm_in_space": 2,
@@ -75,7 +75,7 @@ def MakePicture(path: Path) -> None:
     """Runs a notebook and writes its picture."""
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as temporary:
-        for file in FOLDER.glob("league_table.*"):
+        for file in FOLDER.glob("league.*"):
             Path(temporary, file.name).write_bytes(file.read_bytes())
         resources = {"metadata": {"path": temporary}}
         NotebookClient(notebook, timeout=600, resources=resources).execute()

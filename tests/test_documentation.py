@@ -2,21 +2,12 @@
 
 import re
 
+import league
 import numpy as np
 import pytest
-import tuned_league
 import yaml
 from documentation import PAGES, ROOT, TEXT, Blocks
 from grids import Slow
-from league_table import (
-    ARCHITECTURES,
-    HasBone,
-    IsBounded,
-    Medians,
-    ReadTable,
-    Select,
-    Settles,
-)
 from matplotlib.image import imread
 from runs import Run
 
@@ -120,28 +111,6 @@ def test_delay_margins(task):
                 assert margins[layer] == pytest.approx(float(cell), rel=3e-3)
 
 
-LEAGUE = ReadTable()
-EXACT = Select(LEAGUE, channel="exact")
-
-
-@pytest.mark.parametrize("kind", ARCHITECTURES)
-def test_league_table(kind):
-    (cells,) = re.findall(rf"^\| `{kind}` \|(.*)\|$", TEXT, re.MULTILINE)
-    mine = Select(EXACT, controller=kind)
-    bones = [row for row in mine if HasBone(row["task"])]
-    assert (len(mine), len(bones)) == (35, 30)
-    trips = [row["round_trip"] for row in mine if not IsBounded(row)]
-    medians = Medians(LEAGUE, 0.2)[kind]
-    columns = ("puncture overshoot", "first impact", "settles after", "contact at")
-    values = (medians[name] for name in (*columns, "felt stiffness"))
-    assert [cell.strip() for cell in cells.split("|")] == [
-        str(sum(map(IsBounded, mine))),
-        str(sum(map(Settles, bones))),
-        f"{min(trips):g}" if trips else "never",
-        *("-" if value is None else f"{value:.3g}" for value in values),
-    ]
-
-
 @pytest.mark.parametrize(
     "task", Slow(["one_dof", "two_dof_collision", "two_dof_combined"], but=["one_dof"])
 )
@@ -173,20 +142,35 @@ def test_the_adaptive_controller_taken_apart(task):
     assert [[row[first], row[first + 3]] for row in cells] == expected
 
 
-def test_the_tuned_league():
+def test_the_league_on_the_page():
     """The table is that of the runs, which are those of the study."""
-    rows = tuned_league.ReadTable()
+    rows = league.ReadTable()
     page = (ROOT / "teleop_drake/docs/architectures.md").read_text(encoding="utf-8")
-    assert "\n".join(tuned_league.PageRows(rows)) in page
-    groups: dict[str, int] = {}
-    for name, plan in LoadStudy("tuned_league_held_out").plans.items():
-        group = name.rpartition("-")[2]
-        groups[group] = groups.get(group, 0) + len(plan.points)
+    lines = ["| " + " | ".join(cells) + " |" for cells in league.PageRows(rows)]
+    (table,) = re.findall(r"^\| \| bounded .*\n.*\n((?:\|.*\n)+)", page, re.MULTILINE)
+    assert table.splitlines() == lines
+    sizes = dict.fromkeys(league.GROUPS, 0)
+    for name, plan in LoadStudy("league_held_out").plans.items():
+        for group in (name.rpartition("-")[2], "all"):
+            sizes[group] += len(plan.points)
     for row in rows:
-        assert row["count"] == groups[row["runs"]] >= row["bounded"] >= row["at_rest"]
-    assert list(dict.fromkeys(x["architecture"] for x in rows)) == [
-        *tuned_league.ENTRIES
-    ]
+        assert row["count"] == sizes[row["runs"]] >= row["bounded"] >= row["at_rest"]
+    assert list(dict.fromkeys(row["architecture"] for row in rows)) == [*league.ENTRIES]
+
+
+@pytest.mark.parametrize(
+    ("name", "group"),
+    Slow(
+        [("damped force", "mass"), ("Smith + damper", "network"), ("adaptive", "all")]
+    ),
+)
+def test_the_leagues_rows_are_those_of_the_runs(name, group):
+    """The member that was best in training, or the rule where there is none."""
+    mine = {"architecture": name, "runs": group}
+    rows = [row for row in league.ReadTable() if mine.items() <= row.items()]
+    row = max((row for row in rows if row["member"] < 2), key=lambda row: row["member"])
+    now = league.HeldOut(name, row["gains"], group)
+    assert now == pytest.approx({key: row[key] for key in now}, rel=1e-3)
 
 
 def test_channel_example_is_valid():

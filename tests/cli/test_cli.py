@@ -95,8 +95,8 @@ def test_list(capsys):
     for name in ScenarioNames():
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert len(line.split()) > 5
-    studies = "league, sample_period, sensitivity, tolerance, tuned_league, "
-    studies += "tuned_league_held_out, why_adaptive"
+    studies = "league, league_held_out, sample_period, sensitivity, tolerance, "
+    studies += "why_adaptive"
     assert f"Studies\n  {studies}\n" in out
     kinds = dict(zip(*2 * [iter(out.splitlines()[-12:])], strict=True))
     for title, table in {
