@@ -59,8 +59,7 @@ where the environment has k_e, along x; by analysis. 0: the environment itself i
 
 _MAX_GAINS = 6
 
-# A range that is not given goes from the scenario's own value over this to it times
-# this.
+# A range that is not given: a tenth to ten times the scenario's own value.
 _DECADE = 10.0
 
 # How much more one number weighs than the others, in a goal of a Pareto front.
@@ -125,6 +124,14 @@ class Trial:
     values: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
 
+    def Scores(self, reference: "Trial") -> Array:
+        """Returns the number of each metric (M); see the top of this file."""
+        shares = [
+            self.values[name] / values.mean(axis=0)
+            for name, values in reference.values.items()
+        ]
+        return np.asarray(np.concatenate(shares).mean(axis=0))
+
 
 @dataclass(kw_only=True)
 class TuningResult:
@@ -152,7 +159,7 @@ class TuningResult:
 
     def Scores(self, trial: Trial) -> Array:
         """Returns the number of each metric (M), in multiples of the reference."""
-        return _Scores(trial, self.reference)
+        return trial.Scores(self.reference)
 
     def Table(self) -> list[dict[str, Any]]:
         """Returns the rows of tuning.csv: one for each set of gains and scenario.
@@ -171,11 +178,10 @@ class TuningResult:
                     good = values[np.isfinite(values).all(axis=1)]
                     row |= {"scenario": scenario, "count": len(values)}
                     row |= {"bounded": len(good)}
-                    for k, metric in enumerate(self.plan.weights):
-                        x = good[:, k] if len(good) else np.array([math.nan])
-                        mean, worst = (float(y) for y in (x.mean(), x.max()))
-                        row |= {f"{metric} mean": mean, f"{metric} worst": worst}
-                    rows.append({k: None if x != x else x for k, x in row.items()})
+                    for metric, x in zip(self.plan.weights, good.T, strict=True):
+                        row[f"{metric} mean"] = float(x.mean()) if len(x) else None
+                        row[f"{metric} worst"] = float(x.max()) if len(x) else None
+                    rows.append(dict(row))
         return rows
 
     def Write(self, folder: Path) -> list[Path]:
@@ -184,16 +190,16 @@ class TuningResult:
         `gains.yaml` has the best ones, `front-N.yaml` those of a front: mappings of
         paths to values, which --set and the `overrides` of a study take.
         """
-        files = {"gains": self.best}
+        trials = {"gains": self.best}
         if len(self.front) > 1:
-            files |= {f"front-{i + 1}": trial for i, trial in enumerate(self.front)}
+            trials |= {f"front-{i + 1}": trial for i, trial in enumerate(self.front)}
         kind = next(iter(self.plan.training.values())).scenario.controller.kind
-        paths = [folder / f"{name}.yaml" for name in files]
-        for path, trial in zip(paths, files.values(), strict=True):
-            tree = {"controller.kind": kind} | trial.gains
-            with Replacing(path) as temporary:
-                temporary.write_text(DumpYaml(tree, sort_keys=False), encoding="utf-8")
-        return [*paths, WriteCsv(folder / "tuning.csv", self.Table())]
+        for name, trial in trials.items():
+            text = DumpYaml({"controller.kind": kind} | trial.gains, sort_keys=False)
+            with Replacing(folder / f"{name}.yaml") as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        files = [folder / f"{name}.yaml" for name in trials]
+        return [*files, WriteCsv(folder / "tuning.csv", self.Table())]
 
 
 def Tune(
@@ -222,22 +228,20 @@ def Tune(
             study of these; None: there are none.
         overrides: For all runs.
         out: As RunTuning() takes it, and so are resume and progress.
-        **search: gains, minimize, margin, evaluations and seed, as PlanTuning() takes
-            them.
+        **search: The rest of what PlanTuning() takes.
 
     Raises:
         ScenarioError: If anything is not allowed, or no gains are accepted.
     """
 
     def Plan(values: Mapping[str, Iterable[Any]]) -> Study:
-        values = {"controller": [controller], **values}
         plan = PlanSweep(scenario, values, overrides=overrides)
         return Study(plans={"": plan}, metrics=None)
 
-    grid = dict(grid or {})
     is_study = IsStudy(str(scenario))
     if is_study and (grid or overrides or isinstance(held_out, Mapping)):
         Refuse("scenario", scenario, "a scenario, as a grid or overrides are given")
+    grid = {"controller": [controller], **(grid or {})}
     training = LoadStudy(scenario) if is_study else Plan(grid)
     if isinstance(held_out, Mapping):
         held_out = Plan({**grid, **held_out})
@@ -297,12 +301,11 @@ def PlanTuning(
         allowed = f"{plan.size} or more with {len(ranges)} gains"
         Refuse("evaluations", evaluations, allowed)
     for sweep in sweeps:
-        for path in {*sweep.axes} & {*ranges}:
-            Refuse(f"gains.{path}", ranges[path], "a field that no run varies")
-        for path, bound in ((path, x) for path, xs in ranges.items() for x in xs):
-            point = PointOverrides(sweep.points[0])
-            scenario = sweep.Load([*sweep.overrides, *point, f"{path}={bound}"])
-            TaskOf(scenario).Check(scenario)
+        for path, bounds in ranges.items():
+            if path in sweep.axes:
+                Refuse(f"gains.{path}", bounds, "a field that no run varies")
+            for bound in bounds:
+                _Load(sweep, {**sweep.points[0], path: bound})
         # It says if there is no linear model.
         _Analyze(plan, AsTeleoperation(sweep.scenario))
     return plan
@@ -315,11 +318,15 @@ def _OfController(plan: SweepPlan, controller: str) -> SweepPlan:
         Refuse("controllers", plan.axes["controller"], f"left out, or {controller!r}")
     overrides = [*plan.overrides, *PointOverrides({"controller": controller})]
     points = [{key: x[key] for key in axes} for x in plan.points]
-    scenario = plan.source.Load([*overrides, *PointOverrides(points[0])])
+    plan = replace(plan, overrides=overrides, axes=axes, points=points)
+    return replace(plan, scenario=_Load(plan, points[0]))
+
+
+def _Load(sweep: SweepPlan, point: Mapping[str, Any]) -> Any:
+    """Returns the scenario of a run, after the checks of its task."""
+    scenario = sweep.source.Load([*sweep.overrides, *PointOverrides(point)])
     TaskOf(scenario).Check(scenario)
-    return replace(
-        plan, overrides=overrides, axes=axes, points=points, scenario=scenario
-    )
+    return scenario
 
 
 def _Range(scenario: Scenario, text: str) -> tuple[str, tuple[float, float]]:
@@ -357,14 +364,10 @@ def _Weights(
     except ValueError:
         weights = {}
     for plan, name in itertools.product(sweeps, weights):
-        known = [STIFFNESS_LOSS, *MetricUnits(plan.scenario)]
-        CheckChoice("minimize", name, known)
+        CheckChoice("minimize", name, [STIFFNESS_LOSS, *MetricUnits(plan.scenario)])
     given = [x for x in weights.values() if x is not None]
-    if (
-        len(given) not in (0, len(pairs))
-        or not weights
-        or not all(0 < x < math.inf for x in given)
-    ):
+    is_valid = weights and len(given) in (0, len(pairs))
+    if not (is_valid and all(0 < x < math.inf for x in given)):
         allowed = "METRIC or METRIC:WEIGHT, weights > 0 for all or none"
         Refuse("minimize", ["".join(pair) for pair in pairs], allowed)
     return weights if len(weights) > 1 else dict.fromkeys(weights, 1.0)
@@ -389,32 +392,28 @@ def RunTuning(
         SweepError: If no gains of the first generation are accepted, or the folder
             cannot be used.
     """
-    return _Search(plan, out, progress or (lambda finished, runs: None), options).Run()
+    search = _Search(plan, out, progress or (lambda finished, runs: None), options)
+    return search.Run()
 
 
+@dataclass
 class _Search:
-    """The search, with all that was tried by its gains."""
+    """The search, with all that was tried, and where it lies, by the gains."""
 
-    def __init__(
-        self,
-        plan: TuningPlan,
-        out: str | os.PathLike[str] | None,
-        progress: Callable[[int, int], None],
-        options: dict[str, Any],
-    ):
-        self._plan, self._out = plan, out
-        self._progress, self._options = progress, options
-        self._finished = self._generations = 0
-        # Each with where it lies in its ranges.
-        self._tried: dict[tuple[float, ...], tuple[Array, Trial]] = {}
+    _plan: TuningPlan
+    _out: str | os.PathLike[str] | None
+    _progress: Callable[[int, int], None]
+    _options: dict[str, Any]
+    _finished: int = 0
+    _generations: int = 0
+    _tried: dict[tuple[float, ...], tuple[Array, Trial]] = field(default_factory=dict)
 
     def Run(self) -> TuningResult:
         """Searches, and simulates the held-out runs."""
         plan = self._plan
-        n = len(plan.ranges)
         (own,) = self._Evaluate(plan.training, [{}], "own")
-        sequence = qmc.Sobol(n, scramble=False).random(plan.size) + 0.5 / plan.size
-        first = self._TryAll(sequence)
+        sequence = qmc.Sobol(len(plan.ranges), scramble=False).random(plan.size)
+        first = self._TryAll(sequence + 0.5 / plan.size)
         self._reference = _Reference(plan, [own, *first])
         goals = self._Goals()
         steps = plan.evaluations // plan.size - 1
@@ -424,11 +423,10 @@ class _Search:
                 trials = self._TryAll(shares.T)
                 return np.array([self._Goal(trial, weights) for trial in trials])
 
-            num_steps = (steps + len(goals) - 1 - k) // len(goals)
-            if num_steps:
+            if num_steps := (steps + len(goals) - 1 - k) // len(goals):
                 differential_evolution(
                     Goal,
-                    [(0.0, 1.0)] * n,
+                    [(0.0, 1.0)] * len(plan.ranges),
                     init=self._Best(weights),
                     rng=plan.seed + k,
                     maxiter=num_steps,
@@ -438,11 +436,11 @@ class _Search:
                     updating="deferred",
                 )
         trials = [own, *(trial for _, trial in self._tried.values())]
-        front = _Front(trials, self._reference)
-        if len(goals) == 1:
-            front = [trial for trial in trials if not trial.reason]
+        front = [trial for trial in trials if not trial.reason]
+        if len(goals) > 1:
+            front = _Front(front, self._reference)
         best = min(front, key=lambda trial: self._Goal(trial, goals[0]))
-        front = [best] if len(goals) == 1 else front
+        front = front if len(goals) > 1 else [best]
         held_out = []
         if plan.held_out:
             (own_again,) = self._Evaluate(plan.held_out, [{}], "held_out-own")
@@ -472,7 +470,7 @@ class _Search:
         if trial.reason:
             rows = np.concatenate(list(trial.values.values()))
             return _REJECTED * (1.0 + np.sum(~np.isfinite(rows).all(axis=1)))
-        parts = weights * _Scores(trial, self._reference)
+        parts = weights * trial.Scores(self._reference)
         has_weights = None not in self._plan.weights.values()
         return float(parts.sum() if has_weights else parts.max())
 
@@ -489,10 +487,10 @@ class _Search:
         new = dict(zip(keys, zip(sets, shares, strict=True), strict=True))
         new = {key: x for key, x in new.items() if key not in self._tried}
         if new:
-            folder = f"generation-{self._generations:02d}"
             unknown = [gains for gains, _ in new.values()]
-            trials = self._Evaluate(self._plan.training, unknown, folder)
+            folder = f"generation-{self._generations:02d}"
             self._generations += 1
+            trials = self._Evaluate(self._plan.training, unknown, folder)
             for (key, (_, share)), trial in zip(new.items(), trials, strict=True):
                 self._tried[key] = np.array(share), trial
         return [self._tried[key][1] for key in keys]
@@ -539,39 +537,38 @@ class _Search:
         for point, row in zip(sweep.points, values, strict=True):
             # A seed changes no linear model.
             given = {key: x for key, x in point.items() if key != "seed"}
-            texts = PointOverrides({**trial.gains, **given})
-            if str(texts) not in known:
-                scenario = sweep.source.Load([*sweep.overrides, *texts])
-                known[str(texts)] = _Analyze(self._plan, AsTeleoperation(scenario))
-            loss, reason = known[str(texts)]
+            if (key := str(given)) not in known:
+                scenario = _Load(sweep, {**trial.gains, **given})
+                known[key] = _Analyze(self._plan, AsTeleoperation(scenario))
+            loss, reason = known[key]
             row[[metric == STIFFNESS_LOSS for metric in self._plan.weights]] = loss
             trial.reason = trial.reason or reason
 
 
 def _Values(plan: TuningPlan, result: SweepResult) -> Array:
     """Returns the metrics (runs, M), 0 where an analysis says them."""
-    units = MetricUnits(result.scenario) | {STIFFNESS_LOSS: ""}
+    units = MetricUnits(result.scenario)
     values = np.full((len(result.records), len(plan.weights)), math.inf)
     for i, (record, row) in enumerate(zip(result.records, result.Table(), strict=True)):
         for k, metric in enumerate(plan.weights):
-            if row["status"] == "completed":
-                x = row.get(metric, 0.0)
-                missing = record["duration"] if units[metric] == "s" else math.inf
-                values[i, k] = missing if x is None else x
+            x = 0.0 if metric == STIFFNESS_LOSS else row.get(metric)
+            if x is None and units[metric] == "s":
+                x = record["duration"]
+            if row["status"] == "completed" and x is not None:
+                values[i, k] = x
     return values
 
 
 def _Analyze(plan: TuningPlan, scenario: Scenario) -> tuple[float, str]:
     """Returns the loss of stiffness, and why the margin is too small; each if asked."""
     loss = FeltStiffnessLoss(scenario) if STIFFNESS_LOSS in plan.weights else 0.0
-    if plan.margin is None:
-        return loss, ""
-    trip = scenario.forward_channel.delay + scenario.return_channel.delay
-    found = AnalyzeStability(scenario, max_delay=trip + plan.margin + 1e-3)
-    for loop in found.Loops():
-        end = loop.delay + plan.margin
-        if not any(a <= loop.delay and end <= b for a, b in loop.stable_delays):
-            return loss, f"{loop.label}: a delay margin below {plan.margin:g} s"
+    if plan.margin is not None:
+        trip = scenario.forward_channel.delay + scenario.return_channel.delay
+        found = AnalyzeStability(scenario, max_delay=trip + plan.margin + 1e-3)
+        for loop in found.Loops():
+            ends = loop.delay, loop.delay + plan.margin
+            if not any(a <= ends[0] and ends[1] <= b for a, b in loop.stable_delays):
+                return loss, f"{loop.label}: a delay margin below {plan.margin:g} s"
     return loss, ""
 
 
@@ -588,38 +585,27 @@ def FeltStiffnessLoss(scenario: Scenario) -> float:
 
 def _Reference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:
     """Returns the first trial that is accepted, and whose numbers are a measure."""
-    for trial in trials:
-        if not trial.reason:
-            for name, values in trial.values.items():
-                for metric, x in zip(plan.weights, values.mean(axis=0), strict=True):
-                    if not x > 0:
-                        raise SweepError(
-                            f"minimize = {metric!r}: must be > 0 with the reference "
-                            f"gains for {name}, and is {x:g}"
-                        )
-            return trial
+    for trial in [trial for trial in trials if not trial.reason][:1]:
+        for name, values in trial.values.items():
+            for metric, x in zip(plan.weights, values.mean(axis=0), strict=True):
+                if not x > 0:
+                    raise SweepError(
+                        f"minimize = {metric!r}: must be > 0 with the reference gains "
+                        f"for {name}, and is {x:g}"
+                    )
+        return trial
     raise SweepError(
         f"gains: none of the first {plan.size} within their ranges is accepted "
         f"({trials[-1].reason})"
     )
 
 
-def _Scores(trial: Trial, reference: Trial) -> Array:
-    """Returns the number of each metric (M); see the top of this file."""
-    parts = [
-        trial.values[name] / values.mean(axis=0)
-        for name, values in reference.values.items()
-    ]
-    return np.asarray(np.concatenate(parts).mean(axis=0))
-
-
-def _Front(trials: Sequence[Trial], reference: Trial) -> list[Trial]:
-    """Returns the accepted trials that none is better than, by the first metric.
+def _Front(accepted: Sequence[Trial], reference: Trial) -> list[Trial]:
+    """Returns the trials that none is better than, by the first metric.
 
     Of trials that differ by less than 2 % in every number one is enough.
     """
-    accepted = [trial for trial in trials if not trial.reason]
-    scores = np.array([_Scores(trial, reference) for trial in accepted])
+    scores = np.array([trial.Scores(reference) for trial in accepted])
     kept: list[int] = []
     for i in sorted(range(len(accepted)), key=lambda i: tuple(scores[i])):
         x, rivals = scores[i], scores[kept]

@@ -1,7 +1,6 @@
 """The search for gains: on functions in closed form, and on runs."""
 
 import csv
-import math
 from pathlib import Path
 
 import pytest
@@ -45,26 +44,20 @@ def Contact(settling_time, peak_force):
 TIME, FORCE = "collision.settling_time", "collision.peak_force"
 
 
-def test_the_minimum_of_a_function(fake_runs):
-    fake_runs(lambda x: Contact(1 + math.log(x.get(B, 9.0) / 2.5) ** 2, 1.0))
-    result = Tune(**TASK, gains=["damping=0.1:10"], minimize=[TIME])
-    assert result.best.gains[B] == pytest.approx(2.5, rel=0.02)
-    assert result.front == [result.best]
-    assert len(result.tried) <= 65
-
-
-def test_weights_and_references(fake_runs):
-    """4 (x - 1)^2/4 + 2 (x - 3)^2/2 with the scenario's own numbers 4 and 2."""
+@pytest.mark.parametrize("weights", [(12, 2), (1, 1)])
+def test_the_minimum_of_two_parabolas(weights, fake_runs):
+    """w (x - 1)^2/4 + w' (x - 3)^2/2 with the scenario's own numbers 4 and 2."""
 
     def Metrics(point):
-        if B not in point:
-            return Contact(4.0, 2.0)
-        return Contact(1e-9 + (point[B] - 1) ** 2, 1e-9 + (point[B] - 3) ** 2)
+        x = point.get(B)
+        return Contact(4.0, 2.0) if x is None else Contact((x - 1) ** 2, (x - 3) ** 2)
 
     fake_runs(Metrics)
-    weights = [f"{TIME}:12", f"{FORCE}:2"]  # 3 and 1.
-    result = Tune(**TASK, gains=["damping=0.1:10"], minimize=weights)
-    assert result.best.gains[B] == pytest.approx(1.5, rel=0.02)
+    minimize = [f"{TIME}:{weights[0]}", f"{FORCE}:{weights[1]}"]
+    result = Tune(**TASK, gains=["damping=0.1:10"], minimize=minimize)
+    a, b = weights[0] / 4, weights[1] / 2
+    assert result.best.gains[B] == pytest.approx((a + 3 * b) / (a + b), rel=0.02)
+    assert result.front == [result.best] and len(result.tried) <= 65
     assert result.reference.gains == {}
 
 
@@ -117,13 +110,9 @@ def test_a_margin_holds(fake_runs):
 
 def test_felt_stiffness_is_a_spring_in_series():
     """Waves on bone: k_e = 150 N/m in series with 2 b/T, slowly."""
-    scenario = LoadScenario(
-        "one_dof",
-        {
-            "controller.kind": "wave_variables",
-            "controller.wave_variables.impedance": 2.0,
-        },
-    )
+    waves = "controller.wave_variables.impedance"
+    overrides = {"controller.kind": "wave_variables", waves: 2.0}
+    scenario = LoadScenario("one_dof", overrides)
     line = 2 * 2.0 / 0.2
     assert OperatingPoints(scenario)[-1].name == "bone"
     expected = 1 - line / (150 + line)
@@ -132,10 +121,10 @@ def test_felt_stiffness_is_a_spring_in_series():
 
 def test_the_best_of_real_runs(tmp_path):
     """Better than a grid; interrupted and resumed, the same bytes; usable at once."""
-    grid = {"delay": [0.1]}
-    common = {**TASK, "gains": ["damping=0.5:8"], "minimize": [TIME], "grid": grid}
-    common |= {"evaluations": 16, "held_out": {"delay": [0.15]}}
-    common |= {"overrides": {"simulator.accuracy": 1e-5, "duration": 6}}
+    overrides = {"simulator.accuracy": 1e-5, "duration": 6}
+    common = {**TASK, "gains": ["damping=0.5:8"], "minimize": [TIME]}
+    common |= {"grid": {"delay": [0.1]}, "held_out": {"delay": [0.15]}}
+    common |= {"evaluations": 16, "overrides": overrides}
     result = Tune(**common, out=tmp_path / "once")
     files = result.Write(tmp_path / "once")
 
@@ -155,29 +144,21 @@ def test_the_best_of_real_runs(tmp_path):
 
     best = result.best.gains[B]
     values = [0.5 * 16 ** (i / 8) for i in range(9)]
-    overrides = {
-        "controller.kind": "damped_force",
-        "delay": 0.1,
-        "simulator.accuracy": 1e-5,
-        "duration": 6,
-    }
+    overrides |= {"controller.kind": "damped_force", "delay": 0.1}
     sweep = Sweep("two_dof_combined", {B: [*values, best]}, overrides=overrides)
     times = sweep.Values(TIME)
     assert times[-1] <= 1.02 * min(times[:-1])
     with open(again / "tuning.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [(row["gains"], row["runs"]) for row in rows] == [
-        ("own", "training"), ("best", "training"), ("own", "held out"),
-        ("best", "held out"),
-    ]  # fmt: skip
+    runs = [(gains, x) for x in ("training", "held out") for gains in ("own", "best")]
+    assert [(row["gains"], row["runs"]) for row in rows] == runs
     assert float(rows[1][f"{TIME} mean"]) == pytest.approx(times[-1], rel=1e-9)
 
     file = str(again / "gains.yaml")
     scenario = LoadScenario("two_dof_combined", OverridesOfFile(Path(file)))
     assert scenario.controller.damped_force.damping == best
-    (tmp_path / "study.yaml").write_text(
-        f"scenarios: [two_dof_combined]\noverrides: {file}\n", encoding="utf-8"
-    )
+    study = f"scenarios: [two_dof_combined]\noverrides: {file}\n"
+    (tmp_path / "study.yaml").write_text(study, encoding="utf-8")
     (plan,) = LoadStudy(tmp_path / "study.yaml").plans.values()
     assert plan.scenario.controller.damped_force.damping == best
     assert main(["show", "two_dof_combined", "--set", file]) == 0

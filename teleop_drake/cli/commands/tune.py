@@ -29,7 +29,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     options.AddScenarioOptions(parser, is_sweep=True)
     options.AddGridOptions(parser, has_controllers=False)
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "--gains",
         required=True,
         metavar="A,B,...",
@@ -37,7 +38,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "controller.four_channel.C2; without a range a tenth to ten times the "
         "scenario's own value",
     )
-    parser.add_argument(
+    add(
         "--minimize",
         action="append",
         required=True,
@@ -46,7 +47,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "environment's stiffness that is not felt at 1 rad/s; repeatable; without "
         "weights: a Pareto front",
     )
-    parser.add_argument(
+    add(
         "--held-out",
         action="append",
         default=[],
@@ -54,27 +55,14 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="runs that the search does not see: other values of delay, seed or any "
         "field, or a study; repeatable",
     )
-    parser.add_argument(
-        "--margin",
-        type=float,
-        metavar="S",
-        help="by analysis, every loop has to stay stable with a round trip that is "
-        "longer by this, s",
-    )
-    parser.add_argument(
-        "--evaluations",
-        type=int,
-        default=64,
-        metavar="N",
-        help="how many sets of gains to try (default: 64)",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of the search (default: 0)"
-    )
-    parser.add_argument("--jobs", type=int, metavar="N", help="as for `sweep`")
-    parser.add_argument(
-        "--resume", action="store_true", help="go on with the search in --out"
-    )
+    help_ = "longer round trip with which every loop has to be stable by analysis, s"
+    add("--margin", type=float, metavar="S", help=help_)
+    help_ = "how many sets of gains to try (default: 64)"
+    add("--evaluations", type=int, default=64, metavar="N", help=help_)
+    help_ = "of the search (default: 0)"
+    add("--seed", type=int, default=0, metavar="N", help=help_)
+    add("--jobs", type=int, metavar="N", help="as for `sweep`")
+    add("--resume", action="store_true", help="go on with the search in --out")
     options.AddRunOptions(
         parser,
         json_help="write the rows of tuning.csv as JSON; `-`: to stdout, and nothing "
