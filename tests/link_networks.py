@@ -38,7 +38,7 @@ class Network:
     """
 
     def __init__(self, *fates, offsets=(1, 1)):
-        self.now, self._fates, self._offsets = 0, fates, offsets
+        self.now, self._fates, self._offsets = 0, fates, list(offsets)
         self._queues, self._counts = ([], []), [0, 0]
         self.log, self.lines = ([], []), ([], [])
 
@@ -77,6 +77,10 @@ class Network:
             sides[i].Tick()
             if sides[i].reason is not None:
                 sides[i].Close()
+
+    def Skip(self, sides, i, seconds):
+        """Sets a clock ahead."""
+        self._offsets[i] += round(seconds * 1e9)
 
     def Send(self, i, data):
         self.log[i].append(data)

@@ -48,8 +48,8 @@ class Half:
         builder = DiagramBuilder()
         architecture = AddTeleoperator(builder, scenario, side=side, **own)
         self.initial = {
-            "forward": np.array(architecture.initial_forward_packet, float),
-            "return": np.array(architecture.initial_return_packet, float),
+            way: np.array(getattr(architecture, f"initial_{way}_packet"), float)
+            for way in WAYS[side]
         }
         channel = builder.GetSubsystemByName(f"{heard}_channel")
         builder.ExportInput(channel.get_input_port(), "packet")
@@ -59,13 +59,13 @@ class Half:
         diagram.get_input_port(0).FixValue(context, self.initial[heard])
         diagram.ExecuteInitializationEvents(context)
         evaluator = Evaluator(diagram, context, as_machine_code=True)
-        longest_step = LongestStep(diagram, of_delays=False)
+        config = scenario.simulator
         self._run = CompiledRun(
             evaluator,
             context,
             end=scenario.duration,
-            accuracy=scenario.simulator.accuracy,
-            max_step=min(scenario.simulator.max_step_size, longest_step),
+            accuracy=config.accuracy,
+            max_step=min(config.max_step_size, LongestStep(diagram, of_delays=False)),
         )
         CheckVisited(evaluator, diagram, context, [self._run.start])
         program, blocks = evaluator.program, evaluator.blocks

@@ -29,13 +29,14 @@ NUM_USED = 32
 """A packet says what was in use at so many ticks: so many in a row may be lost."""
 
 _START, _HASH_SIZE = b"TDL\x01", 16
-_NONE = [-1] * NUM_USED
 _HEADER = struct.Struct(f"<4sBBHQQQqqqqqq{NUM_USED}i")
-_Packet = namedtuple(
-    "_Packet",
+Packet = namedtuple(
+    "Packet",
     "magic role state num_values session peer sequence sent heard held start agreement "
     "tick used values",
 )
+NOTHING = Packet._make([_START, *[0] * 11, -1, (-1,) * NUM_USED, None])
+"""The newest packet as long as there is none."""
 
 # Most datagrams that are read in a period: a flood takes no longer.
 _MAX_DATAGRAMS = 256
@@ -73,18 +74,13 @@ class Session:
     ) -> bytes:
         """Returns the next packet; `used` has the packets in use at all ticks."""
         self._sequence += 1
-        data = (
-            _HEADER.pack(
-                *(_START, self._role, state, len(values), self._session, self._peer),
-                *(self._sequence, now, self._heard, now - self._arrived, start),
-                *(
-                    self._agreement,
-                    len(used) - 1,
-                    *(used[: -NUM_USED - 1 : -1] + _NONE)[:NUM_USED],
-                ),
-            )
-            + values.astype("<f8").tobytes()
+        header = _HEADER.pack(
+            *(_START, self._role, state, len(values), self._session, self._peer),
+            *(self._sequence, now, self._heard, now - self._arrived, start),
+            *(self._agreement, len(used) - 1),
+            *(*used[: -NUM_USED - 1 : -1], *NOTHING.used)[:NUM_USED],
         )
+        data = header + values.astype("<f8").tobytes()
         return data + self._Hash(data)
 
     def _Hash(self, data: bytes) -> bytes:
@@ -92,22 +88,14 @@ class Session:
 
     def Open(self, data: bytes, now: int, address: Any) -> Any:
         """Returns a packet that came now; None if it does not count, see `refused`."""
-        packet, reason = None, self._WhyNotRead(data)
-        if not reason:
-            values = np.frombuffer(data[_HEADER.size : -_HASH_SIZE], "<f8")
-            fields = _HEADER.unpack_from(data)
-            packet = _Packet._make([*fields[:13], fields[13:], values.astype(float)])
-            reason = self._WhyNotHeard(packet)
+        packet, reason = self._Read(data)
+        # A hello proves nothing, but is answered with its number.
+        if not reason or (reason == "session" and not self._last):
+            self._peer, self._heard, self._arrived = packet.session, packet.sent, now
+            if self._role == 1:
+                self.address = address
         if reason:
             self.refused[reason] += 1
-        is_hello = reason == "session" and not self._last
-        if packet is None or (reason and not is_hello):
-            return None
-        # A hello proves nothing, but is answered with its number.
-        self._peer, self._heard, self._arrived = packet.session, packet.sent, now
-        if self._role == 1:
-            self.address = address
-        if is_hello:
             return None
         self._last = packet.sequence
         round_trip = now - packet.heard - packet.held
@@ -117,26 +105,28 @@ class Session:
             self.offset = packet.sent + round_trip / 2 - now
         return packet
 
-    def _WhyNotRead(self, data: bytes) -> str:
-        """Returns why bytes are no packet for this side; empty: they are."""
+    def _Read(self, data: bytes) -> tuple[Any, str]:
+        """Returns the packet that bytes are, if any, and why it does not count."""
         if data[:4] != _START:
-            return "version" if data[:3] == _START[:3] else "foreign"
-        if not hmac.compare_digest(data[-_HASH_SIZE:], self._Hash(data[:-_HASH_SIZE])):
-            return "hash"
+            return None, "version" if data[:3] == _START[:3] else "foreign"
+        body = data[:-_HASH_SIZE]
+        if not hmac.compare_digest(data[-_HASH_SIZE:], self._Hash(body)):
+            return None, "hash"
         if data[4] == self._role:
-            return "own"
-        agrees = len(data) == self._length
-        agrees = agrees and _HEADER.unpack_from(data)[11] == self._agreement
-        return "" if agrees else "scenario"
-
-    def _WhyNotHeard(self, packet: Any) -> str:
-        """Returns why a packet does not count; empty: it does."""
+            return None, "own"
+        if len(data) != self._length:
+            return None, "scenario"
+        fields = _HEADER.unpack_from(data)
+        values = np.frombuffer(body[_HEADER.size :], "<f8").astype(float)
+        packet = Packet._make([*fields[:13], fields[13:], values])
         is_other = self._last and packet.session != self._peer
+        if packet.agreement != self._agreement:
+            return None, "scenario"
         if packet.peer != self._session or is_other:
-            return "session"
+            return packet, "session"
         if packet.sequence <= self._last:
-            return "old"
-        return "" if np.isfinite(packet.values).all() else "values"
+            return packet, "old"
+        return packet, "" if np.isfinite(values).all() else "values"
 
 
 def NewKey(file: str) -> None:

@@ -1,28 +1,23 @@
 """One side of the loop over a real network: hears, computes, speaks once a period."""
 
 import gc
+import math
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
+from teleop_drake.link import packets
 from teleop_drake.link.halves import WAYS, Half
-from teleop_drake.link.packets import (
-    ENDED,
-    RUNNING,
-    WAITING,
-    Array,
-    ReadKey,
-    Session,
-    Udp,
-)
+from teleop_drake.link.packets import Array, ReadKey, Session, Udp
 from teleop_drake.recording import Recording, SolverStatistics
-from teleop_drake.scenario import AsTeleoperation, CheckSteps, ScenarioLike
+from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
 from teleop_drake.scenario.tree import ToTree
+from teleop_drake.signals import AxesOf
 from teleop_drake.validation import CheckNumber, Refuse
 
 # Round trips that are measured before the start, and farewells.
@@ -38,6 +33,12 @@ def Say(line: str) -> None:
     print(f"teleop-drake: {line}", file=sys.stderr, flush=True)
 
 
+def Parts(scenario: Scenario, way: str) -> list[tuple[str, str]]:
+    """Returns the name and the axis of each number that a packet may have."""
+    parts = getattr(scenario.controller.Chosen(), f"{way}_parts")
+    return [(part, axis) for part in parts for axis in AxesOf(scenario.num_axes)]
+
+
 class Side:
     """One side; its tick k is at k periods.
 
@@ -48,7 +49,6 @@ class Side:
     Args:
         scenario: Of the whole loop.
         side: `operator`, which calls, or `robot`, which answers.
-        key: The secret of both sides.
         transport: As Udp.
         clock: A monotonic clock, ns.
         step: In the place of a simulation: takes the time in s and the packet that is
@@ -57,9 +57,9 @@ class Side:
         period: Time between packets, s; the same on both sides.
         limit: Most age of what is in use, s: since that was sent which the other side
             had in use then. The round trip has to be less. If it is more, forces fall
-            to zero within `fade`, and so they come back.
+            to zero within `fade`, and so they come back; periods that were missed do
+            not count.
         patience: After which silence it ends, s.
-        say: Takes lines for the user.
         own: Systems of one's own, as MakeTeleoperator() takes them; no channels.
 
     Attributes:
@@ -93,30 +93,32 @@ class Side:
         self.side, (self._heard, self._spoken) = side, WAYS[side]
         self._half = Half(scenario, side, own)
         self._step, self.initial = step or self._half, self._half.initial
-        self._in_use = self._fed = self._safe = self.initial[self._heard]
-        parts = getattr(scenario.controller.Chosen(), f"{self._heard}_parts")
-        falls = [not part.startswith(_HELD) for part in parts]
-        self._falls = np.repeat(falls, scenario.num_axes)[: self._fed.size]
-        if self._falls.size < self._fed.size:
+        self._fed = self.initial[self._heard]
+        size = self._fed.size
+        names = [name for name, _ in Parts(scenario, self._heard)[:size]]
+        if len(names) < size:
             allowed = f"one that has {self._heard}_parts, so that its forces can fall"
             Refuse("controller.kind", scenario.controller.kind, allowed)
-        role, self._transport, self._clock = int(side == "robot"), transport, clock
-        agreement = _Agreement(scenario, period)
+        self._falls = np.array([not name.startswith(_HELD) for name in names])
+        role, agreement = int(side == "robot"), _Agreement(scenario, period)
         address = None if role else transport.address
-        self._session = Session(key, role, agreement, self._fed.size, address)
-        self.Say, self.period, self._limit, self._fade = say, period, limit, fade
-        self._patience, self._last_tick = patience, round(scenario.duration / period)
+        self._session = Session(key, role, agreement, size, address)
+        self.Say, self._transport, self._clock = say, transport, clock
+        self.period, self._period_ns = period, round(period * 1e9)
+        self._limit, self._patience = limit, patience
+        self._num_fading = math.ceil(fade / period)
+        self._last_tick = round(scenario.duration / period)
         self.next_time = self._heard_at = clock()
         self.reason: str | None = None
-        self._termination, self._start, self._tick = "completed", 0, -1
-        # Of what was heard: its tick, what the other side had in use, its tick 0.
-        self._heard_tick, self._echo, self._peer_start = -1, 0, 0
-        self._share, self._is_stale, self._peer_has_ended = 1.0, False, False
+        self._termination, self._start = "completed", 0
+        self._newest = packets.NOTHING._replace(values=self._fed)
+        # `_fading` periods are left until it is followed, or forces are zero.
+        self._fading, self._is_stale, self._peer_has_ended = 0, False, False
+        # The ticks of what was in use at all ticks, here and there.
         self._used: list[int] = []
         self._peer_used: dict[int, int] = {}
         self._rows: list[tuple[int, ...]] = []
         self._packets: list[tuple[Array, Array]] = []
-        self._outages: list[list[float]] = []
 
     def Run(self) -> "Side":
         """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.
@@ -147,7 +149,7 @@ class Side:
     def Close(self) -> None:
         """Says farewell."""
         for _ in range(_NUM_FAREWELLS):
-            self._Speak(self.initial[self._spoken], ENDED)
+            self._Speak(self.initial[self._spoken], packets.ENDED)
         self._transport.Close()
 
     def Tick(self) -> None:
@@ -157,13 +159,14 @@ class Side:
         if self._start or self._Meets(now):
             self._GoOn(now)
         else:
-            self._Speak(self.initial[self._spoken], WAITING)
-            self.next_time = now + round(self.period * 1e9)
+            self._Speak(self.initial[self._spoken], packets.WAITING)
+            self.next_time = now + self._period_ns
             if self.side == "robot":  # It waits for as long as it takes.
                 self._heard_at = now
-        if self._peer_has_ended and (self._share == 0 or not self._start):
+        has_let_go = self._is_stale and not self._fading
+        if self._peer_has_ended and (has_let_go or not self._start):
             self._End("the other side has ended", "interrupted")
-        elif self._tick == self._last_tick:
+        elif len(self._used) > self._last_tick:
             self._End("", "completed")
         elif (now - self._heard_at) * 1e-9 > self._patience:
             self._End(f"nothing was heard for {self._patience:g} s", "interrupted")
@@ -180,20 +183,19 @@ class Side:
             self._heard_at = now
             # One that is complete is no loss.
             is_early = packet.tick < self._last_tick
-            self._peer_has_ended |= packet.state == ENDED and is_early
-            if packet.tick > self._heard_tick and packet.state == RUNNING:
-                self._heard_tick, self._in_use = packet.tick, packet.values
-                self._peer_start, self._echo = packet.start, max(packet.used[0], 0)
-                for i, used in enumerate(packet.used):
-                    self._peer_used.setdefault(packet.tick - i, used)
+            self._peer_has_ended |= packet.state == packets.ENDED and is_early
+            if packet.tick > self._newest.tick and packet.state == packets.RUNNING:
+                self._newest = packet
+                ticks = range(packet.tick, -1, -1)
+                self._peer_used.update(zip(ticks, packet.used, strict=False))
         if not told and any(refused[x] for x in strange):
             self.Say("not heard: the other side's version, scenario or period differ")
 
     def _Meets(self, now: int) -> bool:
         """Returns whether both sides hear each other, and sets tick 0."""
         session = self._session
-        if self.side == "robot" and self._heard_tick >= 0:
-            self._start = max(round(self._peer_start - session.offset), 1)
+        if self.side == "robot" and self._newest.tick >= 0:
+            self._start = max(round(self._newest.start - session.offset), 1)
         elif self.side == "operator" and session.num_exchanges >= _NUM_EXCHANGES:
             self._start = now
         if self._start:
@@ -203,20 +205,12 @@ class Side:
 
     def _GoOn(self, now: int) -> None:
         """Goes on to the tick that is due; those that were missed send nothing."""
-        before, period_ns = self._tick, round(self.period * 1e9)
-        due = max(before + 1, (now - self._start) // period_ns)
-        tick = self._tick = min(due, self._last_tick)
-        t, passed = tick * self.period, (tick - before) * self.period
-        in_use = self._used[-1] if self._used else -1
-        self._used += [in_use] * (tick - before - 1) + [self._heard_tick]
-        self._Judge(t, t - self._echo * self.period)
-        change = passed / self._fade * (-1 if self._is_stale else 1)
-        self._share = min(max(self._share + change, 0.0), 1.0)
-        if self._share == 1:
-            self._fed, self._safe = self._in_use, self._in_use * ~self._falls
-        else:
-            self._fed = self._safe + self._share * (self._in_use - self._safe)
-        size = self.initial[self._spoken].size
+        due = min((now - self._start) // self._period_ns, self._last_tick)
+        missed = due - len(self._used)
+        self._used += (self._used[-1:] or [-1]) * missed + [self._newest.tick]
+        tick, echo = len(self._used) - 1, max(self._newest.used[0], 0)
+        t, size = tick * self.period, self.initial[self._spoken].size
+        self._Follow(t, (tick - echo) * self.period)
         try:
             values = np.array(self._step(t, self._fed), float)
             if values.shape != (size,) or not np.isfinite(values).all():
@@ -224,24 +218,28 @@ class Side:
         except Exception as error:
             self._End(f"{type(error).__name__}: {error}", "diverged")
             return
-        late, ages = now - self.next_time, (tick - self._heard_tick, tick - self._echo)
-        self._rows.append((tick, now, late, *ages))
+        ages = tick - self._newest.tick, tick - echo
+        self._rows.append((tick, now, now - self.next_time, *ages, self._is_stale))
         self._packets.append((self._fed, values))
-        self._Speak(values, RUNNING)
-        self.next_time = self._start + (tick + 1) * period_ns
+        self._Speak(values, packets.RUNNING)
+        self.next_time = self._start + (tick + 1) * self._period_ns
 
-    def _Judge(self, t: float, age: float) -> None:
-        """Notes whether what is in use is too old."""
-        was_stale, limit = self._is_stale, self._limit
-        self._is_stale = age > limit or self._peer_has_ended
-        if self._is_stale and not was_stale:
-            self._outages.append([t, t])
-            line = f"what is heard is {age:.3g} s old, more than {limit:g} s"
-            self.Say(f"t = {t:.3f} s: {line}: forces fall to zero")
-        elif was_stale:
-            self._outages[-1][1] = t
-            if not self._is_stale:
-                self.Say(f"t = {t:.3f} s: it is heard again: forces come back")
+    def _Follow(self, t: float, age: float) -> None:
+        """Takes the newest packet, or lets forces fall if what is in use is too old."""
+        is_stale = age > self._limit or self._peer_has_ended
+        if is_stale != self._is_stale:
+            self._is_stale, self._fading = is_stale, self._num_fading
+            line = "it is heard again: forces come back"
+            if is_stale:
+                why = f"what is heard is {age:.3g} s old, more than {self._limit:g} s"
+                why = "the other side has ended" if self._peer_has_ended else why
+                line = f"{why}: forces fall to zero"
+            self.Say(f"t = {t:.3f} s: {line}")
+        held = np.where(self._falls, 0.0, self._fed)
+        target = held if is_stale else self._newest.values
+        self._fading = max(self._fading - 1, 0)
+        part = (target - self._fed) / (self._fading + 1)
+        self._fed = self._fed + part if self._fading else target
 
     def _Speak(self, values: Array, state: int) -> None:
         """Sends a packet, if it is known where to."""
@@ -261,32 +259,31 @@ class Side:
         They include the age in s of what was in use (`packet_age`), and of the echo in
         it (`round_trip`).
         """
-        ticks, woken, _, ages, trips = np.array(self._rows).T
+        ticks, woken, _, ages, trips, _ = np.array(self._rows).T
         fed, sent = map(np.array, zip(*self._packets, strict=True))
-        signals = {f"{self._heard}_packet_received": fed}
-        signals[f"{self._spoken}_packet_sent"] = sent
         is_simulated = self._step is self._half
-        signals |= self._half.Signals() if is_simulated else {}
-        signals["packet_age"] = ages[:, np.newaxis] * self.period
-        signals["round_trip"] = trips[:, np.newaxis] * self.period
-        config = self.scenario.simulator
         steps, evaluations = self._half.Counts()
         seconds = max(float(woken[-1] - woken[0]) * 1e-9, self.period)
-        solver = SolverStatistics(
-            engine="compiled" if is_simulated else "step",
-            scheme=config.integration_scheme,
-            accuracy=config.accuracy,
-            steps=steps,
-            derivative_evaluations=evaluations,
-            wall_time_s=seconds,
-            real_time_factor=float(ticks[-1]) * self.period / seconds,
-        )
         return Recording(
             scenario=self.scenario,
             time=ticks * self.period,
-            signals=signals,
+            signals={
+                f"{self._heard}_packet_received": fed,
+                f"{self._spoken}_packet_sent": sent,
+                **(self._half.Signals() if is_simulated else {}),
+                "packet_age": ages[:, np.newaxis] * self.period,
+                "round_trip": trips[:, np.newaxis] * self.period,
+            },
             events=[],
-            solver=solver,
+            solver=SolverStatistics(
+                engine="compiled" if is_simulated else "step",
+                scheme=self.scenario.simulator.integration_scheme,
+                accuracy=self.scenario.simulator.accuracy,
+                steps=steps,
+                derivative_evaluations=evaluations,
+                wall_time_s=seconds,
+                real_time_factor=float(ticks[-1]) * self.period / seconds,
+            ),
             termination=self._termination,
             reason=self.reason or "",
         )
@@ -295,20 +292,27 @@ class Side:
         """Returns how long each packet took until it was in use, s; NaN: it never was.
 
         Returns:
-            By `forward` and `return`; entry k is of the packet of tick k.
+            By `forward` and `return`; entry k is of the packet of tick k. It is less
+            than 0 if clocks have drifted so far that it was in use before its tick.
         """
-        heard_of = range(max(self._peer_used, default=-1) + 1)
-        peer_used = [self._peer_used.get(tick, -1) for tick in heard_of]
-        used = {self._heard: self._used, self._spoken: peer_used}
-        num = self._tick + 1
-        return {way: self.period * _Delays(x, num) for way, x in used.items()}
+        used = {self._heard: dict(enumerate(self._used)), self._spoken: self._peer_used}
+        num = len(self._used)
+        delays = {way: np.full(num, np.nan) for way in ("forward", "return")}
+        for way, values in delays.items():
+            for tick, packet in sorted(used[way].items(), reverse=True):
+                if 0 <= packet < num:  # The first tick counts.
+                    values[packet] = self.period * (tick - packet)
+        return delays
 
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""
-        ticks, woken, late, _, trips = np.array(self._rows).T
-        periods = np.diff(woken, append=woken[-1] + round(self.period * 1e9)) * 1e-9
-        known = [tick for tick in self._peer_used if tick >= 0]
+        ticks, woken, late, _, trips, stale = np.array(self._rows).T
+        periods = np.diff(woken, append=woken[-1] + self._period_ns) * 1e-9
+        known = self._peer_used
         span = max(known, default=-1) + 1 - min(known, default=0)
+        changes = np.flatnonzero(np.diff(stale, prepend=0, append=0))
+        changes = ticks[np.minimum(changes, len(ticks) - 1)].reshape(-1, 2)
+        delays = self.Delays().items()
         return {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
@@ -326,23 +330,12 @@ class Side:
                 "median": float(np.median(trips)) * self.period,
                 "longest": float(trips.max()) * self.period,
             },
-            "unused_packets": {
-                way: int(np.isnan(x).sum()) for way, x in self.Delays().items()
-            },
+            "unused_packets": {way: int(np.isnan(x).sum()) for way, x in delays},
+            "early_packets": {way: int((x < 0).sum()) for way, x in delays},
             "unknown_periods": span - len(known),
             "refused_packets": dict(self._session.refused),
-            "outages": self._outages,
+            "outages": (changes * self.period).tolist(),
         }
-
-
-def _Delays(used: Sequence[int], num: int) -> Array:
-    """Returns after how many ticks each of `num` packets came into use, NaN: never."""
-    delays = np.full(num, np.nan)
-    for tick in range(len(used) - 1, -1, -1):
-        if 0 <= used[tick] < num:
-            # It is less than 0 where the clocks have drifted apart.
-            delays[used[tick]] = max(tick - used[tick], 0)
-    return delays
 
 
 def _Agreement(scenario: Any, period: float) -> int:
