@@ -44,10 +44,8 @@ class Arm:
         Parser(plant).AddModels(str(MODEL))
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
         plant.Finalize()
-        self.context, self.tool = (
-            plant.CreateDefaultContext(),
-            plant.GetBodyByName("tool"),
-        )
+        self.context = plant.CreateDefaultContext()
+        self.tool = plant.GetBodyByName("tool")
         self.R_PW = self.motion(np.append(posture, np.zeros(6)))[1].inv()
 
     def motion(self, x):
@@ -120,11 +118,8 @@ class Adaptive:
         Phi, G1, nu = self.basis(p, turn), c.G1, c.leakage
         ends = [self.basis(p + s * v[:3], turn_by(s * v[3:]) * turn) for s in (h, -h)]
         Phi_dot = (ends[0] - ends[1]) / (2 * h)
-        s, inverse, y1 = (
-            v - v_dd + c.Lambda @ (F_e - F_hd),
-            np.linalg.inv(psi),
-            W1 @ Phi,
-        )
+        s, inverse = v - v_dd + c.Lambda @ (F_e - F_hd), np.linalg.inv(psi)
+        y1 = W1 @ Phi
         z = F_c - F_e + inverse @ (y1 + G1 * s)
         g = c.P @ s + G1 * inverse.T @ z
         W1_dot = c.beta1 * (np.outer(g, Phi) - nu * W1)
@@ -163,9 +158,8 @@ def solve_by_hand(scenario, law):
     x = np.append(x, law.start if law else [])
     for k in range(round(scenario.duration / DELAY)):
         span = k * DELAY, (k + 1) * DELAY
-        part = solve_ivp(
-            rate, span, x, "DOP853", rtol=1e-7, atol=1e-9, dense_output=True
-        )
+        options = {"rtol": 1e-7, "atol": 1e-9, "dense_output": True}
+        part = solve_ivp(rate, span, x, "DOP853", **options)
         pieces.append(part.sol)
         x = part.y[:, -1]
 
@@ -236,15 +230,10 @@ def test_rotation_vectors():
 def test_the_tissue_has_an_energy():
     """The wrench is the slope of an energy, and a drag, wherever the needle is."""
     scenario, rng = short("direct_force"), np.random.default_rng(1)
-    dut, tissue = (
-        NeedleInTissue(scenario.environment, START),
-        Tissue(scenario.environment),
-    )
+    tissue = Tissue(scenario.environment)
+    dut = NeedleInTissue(scenario.environment, START)
     for depth in (-0.01, 0.02, 0.1):
-        r, v = (
-            np.append(tissue.entry, rng.normal(scale=0.2, size=3)),
-            rng.normal(size=6),
-        )
+        r, v = np.append(tissue.entry, 0.2 * rng.normal(size=3)), rng.normal(size=6)
         r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
         expected = tissue.wrench(r[:3], turn_by(r[3:]), v, h=1e-4)
         np.testing.assert_allclose(ForceAt(dut, r, v), expected, rtol=1e-5, atol=1e-6)
@@ -266,9 +255,8 @@ def test_the_linear_model_knows_that_a_rotation_vector_is_no_integral():
     point = OperatingPoint(name="x", position=np.array(START), velocity=np.array(TWIST))
     A = Linearizer(short("direct_force")).Loop(point).system.A
     x, h = np.append(START, TWIST), 1e-6
-    ends = [
-        [position_rate(*np.split(x + s * e, 2)) for s in (h, -h)] for e in np.eye(12)
-    ]
+    steps = [(h * e, -h * e) for e in np.eye(12)]
+    ends = [[position_rate(*np.split(x + dx, 2)) for dx in pair] for pair in steps]
     expected = -np.diff(ends, axis=1)[:, 0].T / (2 * h)
     np.testing.assert_allclose(A[:6, :12], expected, atol=1e-8)
     assert np.abs(A[3:6, 3:6]).max() > 0.05

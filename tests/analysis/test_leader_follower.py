@@ -31,10 +31,8 @@ def bus(T, *, M=M, K=K, hand=1.0):
     A, B = np.zeros((6, 6)), np.zeros((6, 3))
     A[0, 1] = A[2, 3] = A[4, 5] = 1
     A[1, :2] = A[3, 2:4] = -K / M, -b / M
-    A[1, 4:] = (
-        10 * hand / M,
-        2 * hand / M,
-    )  # The hand: (2 s + 10)/(s^2 + 20 s), fed by v_d - v_m.
+    # The hand: (2 s + 10)/(s^2 + 20 s), fed by v_d - v_m.
+    A[1, 4:] = 10 * hand / M, 2 * hand / M
     A[5, 1], A[5, 5], B[5, 2] = -1, -20, 1
     B[1, 0] = B[3, 1] = K / M
     A, B, *_ = cont2discrete((A, B, np.eye(6), np.zeros((6, 3))), T, "zoh")
@@ -91,10 +89,8 @@ def test_it_shakes_beyond_the_longest_cycle(share):
     recording = simulate(on_bus(T, duration=5.1))
     states = {"felt_velocity": 1, "tool_position": 2, "tool_velocity": 3}
     assert_same(recording, *bus(T), v_d, states)
-    swing = [
-        np.ptp(recording.Interpolate("tool_velocity", at + np.linspace(0, 0.1)))
-        for at in (3, 4, 5)
-    ]
+    times = [at + np.linspace(0, 0.1) for at in (3, 4, 5)]
+    swing = [np.ptp(recording.Interpolate("tool_velocity", x)) for x in times]
     assert (swing[0] > swing[1] > swing[2]) == (share < 1)
     assert (swing[0] < swing[1] < swing[2]) == (share > 1)
 
@@ -131,21 +127,20 @@ def test_the_encoder_samples_as_theirs_does(share):
     """A leader that is held fast is a wall to the follower."""
     B, k_e = 0.05, 50.0
     T = share * brentq(lambda T: radius(wall(T, B, m=M, k_e=k_e)[0]) - 1, 1e-4, 0.1)
+    spring = {"name": "spring", "start": -np.inf, "stiffness": k_e, "reference": 0.01}
     overrides = {
         "sensor.encoder.sample_period": T,
         "controller.proportional_damping.master_mass": 1e9,
         "controller.proportional_damping.slave_damping": B,
-        "environment.layers": [
-            {"name": "spring", "start": -np.inf, "stiffness": k_e, "reference": 0.01}
-        ],
+        "environment.layers": [spring],
         "duration": 0.5,
         "divergence_speed_ratio": 1000,
     }
     recording = simulate(on_bus(T, **overrides))
     cycle = wall(T, B, m=M, k_e=k_e)
     assert_same(recording, *cycle, k_e * 0.01, {"tool_position": 0, "tool_velocity": 1})
-    swing = [np.ptp(recording["tool_velocity"][part]) for part in
-             (recording.time < 0.1, recording.time > 0.4)]  # fmt: skip
+    parts = recording.time < 0.1, recording.time > 0.4
+    swing = [np.ptp(recording["tool_velocity"][part]) for part in parts]
     assert (swing[1] > swing[0]) == (share > 1)
 
 
