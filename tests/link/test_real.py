@@ -33,7 +33,7 @@ def test_over_loopback(tmp_path, unrendered):
     listening = Udp("127.0.0.1:0", listens=True)
     calling = Udp(f"127.0.0.1:{listening.address[1]}", listens=False)
     sides = [
-        Side(scenario, name, KEY, end, period=0.002, say=lines.append)
+        Side(scenario, name, KEY, end, period=0.002, limit=60, say=lines.append)
         for name, end in (("operator", calling), ("robot", listening))
     ]
     while running := [side for side in sides if side.reason is None]:
