@@ -5,7 +5,7 @@ velocity back, the channels themselves have a power at each end (ChannelEnergyBa
 Other architectures send waves, positions or more. For every one
 there is the two-port between the operator's hand and the tool, channels and both sides
 of the architecture together: F_h . v_felt goes in and F_c . v comes out
-(TwoPortEnergyBalance, AddTwoPortEnergy). What the sides dissipate or store, such as
+(TwoPortEnergyBalance). What the sides dissipate or store, such as
 the handle of P+d, is then part of the balance. With direct force the two are the same.
 """
 
@@ -14,12 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer
 
 from teleop_drake.numerics.step_polynomials import integrate_product
 from teleop_drake.recording import Recording
-from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
@@ -79,9 +76,7 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
 
         power_in = F_h . v_felt,    power_out = F_c . v
 
-    It works for every architecture. AddTwoPortEnergy computes the same energy in the
-    diagram, during the run. Both agree to 0.1 % of the range of the energy, even where
-    forces jump or are not smooth.
+    It works for every architecture.
 
     Raises:
         ValueError: If it is the recording of something else.
@@ -120,57 +115,3 @@ def _Balance(
         power_out=np.sum(F_s * v_s, axis=1),
         energy=np.cumsum(work),
     )
-
-
-def AddTwoPortEnergy(builder: DiagramBuilder) -> ChannelEnergy:
-    """Adds a ChannelEnergy between the operator's hand and the tool.
-
-        builder = DiagramBuilder()
-        AddTeleoperator(builder, scenario)
-        AddTwoPortEnergy(builder)
-        recording = simulate(scenario, teleoperator=builder.Build())
-        recording["energy"], recording["power_in"], recording["power_out"]
-
-    For every architecture, the systems having the names that AddTeleoperator gives.
-
-    Args:
-        builder: Of a diagram with a teleoperator, not built yet.
-
-    Returns:
-        The system, named `two_port_energy`; see ChannelEnergy for its outputs.
-
-    Raises:
-        RuntimeError: If there is no teleoperator.
-    """
-    master, controller, robot, back = (
-        builder.GetSubsystemByName(name)
-        for name in ("master", "controller", "robot", "return_channel")
-    )
-    F_c = controller.GetOutputPort("control_force")
-    n = F_c.size()
-    meter = ChannelEnergy(num_axes=n)
-    builder.AddNamedSystem("two_port_energy", meter)
-    if master.HasOutputPort("felt_velocity"):
-        F_h, v_felt = map(master.GetOutputPort, ("force_command", "felt_velocity"))
-    else:
-        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
-        halves = []
-        for i, packet in enumerate(
-            (
-                master.GetOutputPort("forward_packet"),
-                back.GetOutputPort("delayed_signal"),
-            )
-        ):
-            unpack = builder.AddSystem(Demultiplexer([n, n]))
-            unpack.set_name(f"unpack_{packet.get_name()}")
-            builder.Connect(packet, unpack.get_input_port())
-            halves.append(unpack.get_output_port(i))
-        F_h, v_felt = halves
-    for port, name in (
-        (F_h, "master_force"),
-        (v_felt, "master_velocity"),
-        (F_c, "slave_force"),
-        (robot.GetOutputPort("tool_velocity"), "slave_velocity"),
-    ):
-        builder.Connect(port, meter.GetInputPort(name))
-    return meter

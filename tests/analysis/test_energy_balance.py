@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 from grids import Slow
-from pydrake.systems.framework import DiagramBuilder
 
-from teleop_drake.analysis.energy import (
-    AddTwoPortEnergy,
-    ChannelEnergyBalance,
-    TwoPortEnergyBalance,
-)
+from teleop_drake.analysis.energy import ChannelEnergyBalance, TwoPortEnergyBalance
+from teleop_drake.numerics.step_polynomials import DEGREE
+from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import AddTeleoperator
 
 NETWORK = {
     "kind": "network",
@@ -26,42 +22,58 @@ NETWORK = {
 }
 
 
-def RunWithTwoPortMeter(name, kind, **overrides):
-    scenario = LoadScenario(name, {"controller.kind": kind} | overrides)
-    builder = DiagramBuilder()
-    AddTeleoperator(builder, scenario)
-    meter = AddTwoPortEnergy(builder)
-    assert meter.get_name() == "two_port_energy"
-    return simulate(scenario, teleoperator=builder.Build(), engine="auto")
+def Run(name, kind, **overrides):
+    return simulate(LoadScenario(name, {"controller.kind": kind} | overrides))
 
 
-@pytest.mark.parametrize(
-    ("name", "overrides"),
-    [
-        ("one_dof", {"duration": 9.0, "return_channel.delay": 0.17}),
-        ("two_dof_collision", {"duration": 3.0}),
-    ],
-)
-def test_system_and_recording_agree(name, overrides):
-    """Also across the puncture, the contact and the operator's switch."""
-    recording = RunWithTwoPortMeter(name, "direct_force", **overrides)
-    balance = TwoPortEnergyBalance(recording)
-    # The law passes the force on as it is received.
-    of_channels = ChannelEnergyBalance(recording).energy
-    np.testing.assert_allclose(of_channels, balance.energy, atol=1e-12)
-    in_diagram = recording["energy"][:, 0]
-    scale = np.abs(in_diagram).max()
-    assert scale > 1e-8
-    np.testing.assert_allclose(balance.energy, in_diagram, atol=5e-5 * scale)
-    np.testing.assert_allclose(
-        balance.power_in - balance.power_out, recording["power"][:, 0], atol=1e-15
+def Sinusoids(phi, forward, back, w):
+    """A recording of sinusoids behind a raw delay, on two axes."""
+    t = np.linspace(0, 12, 2401)
+    F, v = (lambda t: 2 * np.sin(w * t)), (lambda t: 0.7 * np.sin(w * t + phi))
+
+    def Pack(first, second):
+        return np.stack([first, 0 * t, second, 0 * t], axis=1)
+
+    signals = {
+        "tool_velocity": Pack(v(t), 0 * t)[:, :2],
+        "control_force": Pack(F(t - forward), 0 * t)[:, :2],
+        "forward_packet_sent": Pack(F(t), 9 + 0 * t),
+        "forward_packet_received": Pack(F(t - forward), 9 + 0 * t),
+        "return_packet_sent": Pack(7 + 0 * t, v(t)),
+        "return_packet_received": Pack(7 + 0 * t, v(t - back)),
+    }
+    numbers = ("accuracy", "steps", "derivative_evaluations", "wall_time_s")
+    solver = dict.fromkeys((*numbers, "real_time_factor"), 0)
+    return Recording(
+        scenario=None,
+        time=t,
+        steps=np.arange(0, len(t) - 1, DEGREE)[:, None] + np.arange(DEGREE + 1),
+        signals=signals,
+        events=[],
+        solver=SolverStatistics(engine="drake", scheme="", **solver),
     )
-    assert np.all(np.diff(balance.violation) >= 0)
+
+
+@pytest.mark.parametrize("Balance", [ChannelEnergyBalance, TwoPortEnergyBalance])
+@pytest.mark.parametrize("phi", [-1.2, 0.4])
+def test_sinusoids_in_closed_form(Balance, phi):
+    """A raw delay makes energy at some phases. The law here passes the force on."""
+    w, forward, back = 3.0, 0.3, 0.1
+    balance = Balance(Sinusoids(phi, forward, back, w))
+    t = balance.time
+    # sin a sin b = (cos(a - b) - cos(a + b))/2, integrated from 0.
+    expected = 0.7 * (
+        (np.cos(phi - w * back) - np.cos(phi + w * forward)) * t
+        - (np.sin(2 * w * t + phi - w * back) - np.sin(phi - w * back)) / (2 * w)
+        + (np.sin(2 * w * t + phi - w * forward) - np.sin(phi - w * forward)) / (2 * w)
+    )
+    np.testing.assert_allclose(balance.energy, expected, atol=1e-8)
+    assert (balance.violation[-1] > 1) == (phi < 0)
     assert balance.violation[-1] == pytest.approx(max(0, -balance.energy.min()))
 
 
 def test_other_recordings():
-    recording = RunWithTwoPortMeter("one_dof", "direct_force", duration=0.05)
+    recording = Sinusoids(0.4, 0.3, 0.1, 3.0)
     recording.signals["forward_packet_sent"] = np.zeros((len(recording.time), 3))
     with pytest.raises(ValueError, match="entries of forward_packet = 3"):
         ChannelEnergyBalance(recording)
@@ -71,20 +83,25 @@ def test_other_recordings():
             Balance(recording)
 
 
+def BySamples(recording):
+    """Returns the energy of the two-port at the recording's times, by the trapezoid."""
+    t = np.linspace(0.0, recording.time[-1], 200_001)
+    names = ("force_command", "felt_velocity", "control_force", "tool_velocity")
+    if "felt_velocity" not in recording.signals:
+        names = ("forward_packet_sent", "return_packet_received", *names[2:])
+    F_h, v_felt, F_c, v = (recording.Interpolate(name, t) for name in names)
+    n = v.shape[1]
+    power = np.sum(F_h[:, :n] * v_felt[:, -n:] - F_c * v, axis=1)
+    energy = np.append(0, np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t)))
+    return np.interp(recording.time, t, energy)
+
+
 def test_force_that_is_let_go_and_caught_between_packets():
-    """Jumps, and corners close behind them: balance, meter and metrics agree."""
+    """Jumps, and corners close behind them: metrics are those of the samples."""
     channel = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
-    recording = RunWithTwoPortMeter(
-        "two_dof_combined",
-        "time_domain_passivity",
-        duration=4.0,
-        forward_channel=channel,
-        return_channel=channel,
-    )
-    balance = TwoPortEnergyBalance(recording).energy
-    meter = recording["energy"][:, 0]
-    assert np.sign(balance[-1]) == np.sign(meter[-1])
-    np.testing.assert_allclose(balance, meter, rtol=0, atol=1e-3 * np.ptp(meter))
+    channels = {"forward_channel": channel, "return_channel": channel}
+    kind = "time_domain_passivity"
+    recording = Run("two_dof_combined", kind, duration=4.0, **channels)
     # What the samples themselves are with steps of 0.0002 s.
     metrics = RunMetrics(recording)
     assert metrics["control_force_peak"] == pytest.approx([0.2, 0.0492862], rel=1e-3)
@@ -96,25 +113,18 @@ def test_force_that_is_let_go_and_caught_between_packets():
 @pytest.mark.parametrize("channel", Slow(["transport", "network"]))
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_every_architecture_has_a_balance(kind, channel):
-    """The meter in the diagram and the recording agree."""
+    """That of dense samples."""
     overrides = {"duration": 1.5}
     if channel == "network":
         overrides |= {"forward_channel": NETWORK, "return_channel": NETWORK}
-    recording = RunWithTwoPortMeter("two_dof_collision", kind, **overrides)
-    balance = TwoPortEnergyBalance(recording)
-    energy = recording["energy"][:, 0]
-    scale = np.abs(recording["energy_in"]).max() + np.abs(recording["energy_out"]).max()
-    assert scale > 1e-4
-    # Passivity control bends the power between the samples of the recording.
-    tolerance = 5e-3 if kind == "time_domain_passivity" else 1e-3
-    np.testing.assert_allclose(balance.energy, energy, atol=tolerance * scale)
+    recording = Run("two_dof_collision", kind, **overrides)
+    balance, energy = TwoPortEnergyBalance(recording), BySamples(recording)
+    scale = max(np.ptp(energy), 1e-4)
+    np.testing.assert_allclose(balance.energy, energy, rtol=0, atol=1e-3 * scale)
     np.testing.assert_allclose(
-        energy, (recording["energy_in"] - recording["energy_out"])[:, 0], atol=1e-15
+        balance.power_out,
+        np.sum(recording["control_force"] * recording["tool_velocity"], axis=1),
     )
-    power = (recording["power_in"] - recording["power_out"])[:, 0]
-    np.testing.assert_allclose(recording["power"][:, 0], power, atol=1e-15)
-    np.testing.assert_allclose(balance.power_in, recording["power_in"][:, 0])
-    np.testing.assert_allclose(balance.power_out, recording["power_out"][:, 0])
 
 
 @pytest.mark.parametrize("delays", [(0.1, 0.1), (0.25, 0.05)])
@@ -122,15 +132,8 @@ def test_a_wave_line_stores_its_waves(delays):
     """E = integral over what is under way of u^T u/2 and w^T w/2, and what the damper
     at the master has dissipated: closed form, from the waves alone."""
     forward, back = delays
-    recording = RunWithTwoPortMeter(
-        "two_dof_collision",
-        "wave_variables",
-        **{
-            "duration": 2.4,
-            "forward_channel.delay": forward,
-            "return_channel.delay": back,
-        },
-    )
+    overrides = {"forward_channel.delay": forward, "return_channel.delay": back}
+    recording = Run("two_dof_collision", "wave_variables", duration=2.4, **overrides)
     D = ResolveController(recording.scenario).master_damping
     fine = np.linspace(0.0, recording.time[-1], 48001)
 
@@ -149,13 +152,8 @@ def test_a_wave_line_stores_its_waves(delays):
     )
     dissipated = Integral(np.einsum("ki,ij,kj->k", v, D, v))
     expected = np.interp(recording.time, fine, stored + dissipated)
-    energy = recording["energy"][:, 0]
-    scale = energy.max()
+    balance = TwoPortEnergyBalance(recording)
+    energy, scale = balance.energy, balance.energy.max()
     assert scale > 1e-3 and stored.max() > 0.02 * scale
     np.testing.assert_allclose(energy, expected, atol=1e-3 * scale)
-    assert TwoPortEnergyBalance(recording).violation[-1] == 0
-
-
-def test_no_teleoperator_no_meter():
-    with pytest.raises(RuntimeError, match="master"):
-        AddTwoPortEnergy(DiagramBuilder())
+    assert balance.violation[-1] == 0

@@ -39,7 +39,6 @@ from teleop_drake.operators.modes import past_surface, with_stop
 from teleop_drake.operators.planned import TrapezoidConfig
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram
-from teleop_drake.systems.channel_energy import ChannelEnergy
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 
 
@@ -82,7 +81,6 @@ MATCHED = replace(WAVES, master_damping=2.0, return_scaling=0.9)
         FourChannelMaster(FOUR, start=[1, 0]),
         FourChannelSlave(FOUR, start=[1, 0]),
         TransportDelay(delay=0, size=2),
-        ChannelEnergy(num_axes=2),
         DisturbanceForce(kind="linear", gain=I),
         DisturbanceForce(kind="coupled", gain=I),
     ],
