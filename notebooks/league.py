@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.style import COLORS
 from teleop_drake.scenario import Scenario
@@ -134,7 +135,7 @@ def _Numbers(scenario: Scenario, run: Row) -> tuple[float, ...]:
         scenario.duration if rest is None else rest,
         (run["collision.peak_force"] or np.inf) / free,
         (run["collision.time"] or np.inf) / direct,
-        tuning.FeltStiffnessLoss(scenario),
+        FeltStiffnessLoss(scenario),
         run["coordination_rms_error.x"] / speed,
         run["control_force_variation.x"] / scenario.surgeon.contact_force[0],
     )

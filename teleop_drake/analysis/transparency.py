@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.laws.two_port import llewellyn
 from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoint
+from teleop_drake.linear_model.operating_point import OperatingPoint, OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 Array = NDArray[np.float64]
@@ -196,3 +196,18 @@ def FeltStiffness(
     felt = AnalyzeTransparency(scenario, point, frequencies=frequencies)
     admittance = np.linalg.inv(felt.transmitted)[:, 0, 0]
     return np.asarray((1j * felt.frequencies / admittance).real)
+
+
+def FeltStiffnessLoss(scenario: Scenario) -> float:
+    """Returns |1 - k/k_e|, k being the stiffness that is felt at 1 rad/s along x.
+
+    That is at the last operating point, where the environment has k_e. 0: the
+    environment itself is felt; 1: nothing, or twice as much; more: the tool seems to
+    pull.
+
+    Raises:
+        ValueError: If there is no linear model.
+    """
+    point, w = OperatingPoints(scenario)[-1], 1.0
+    stiffness = -w * EnvironmentImpedance(scenario, point, [w])[0, 0, 0].imag
+    return abs(1.0 - float(FeltStiffness(scenario, point, [w])[0] / stiffness))

@@ -35,9 +35,8 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.analysis.transparency import EnvironmentImpedance, FeltStiffness
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.files import Replacing
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.scenario.tree import DumpYaml, GetPath, ToTree
 from teleop_drake.stations import ResolveController
@@ -53,9 +52,7 @@ from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 Array = NDArray[np.float64]
 
 STIFFNESS_LOSS = "felt_stiffness_loss"
-"""|1 - k/k_e| with the stiffness k that is felt at 1 rad/s at the last operating point,
-where the environment has k_e, along x; by analysis. 0: the environment itself is felt;
-1: nothing, or twice as much; more than 1: the tool seems to pull."""
+"""What FeltStiffnessLoss() returns of a scenario, among the metrics."""
 
 _MAX_GAINS = 6
 
@@ -570,17 +567,6 @@ def _Analyze(plan: TuningPlan, scenario: Scenario) -> tuple[float, str]:
             if not any(a <= ends[0] and ends[1] <= b for a, b in loop.stable_delays):
                 return loss, f"{loop.label}: a delay margin below {plan.margin:g} s"
     return loss, ""
-
-
-def FeltStiffnessLoss(scenario: Scenario) -> float:
-    """Returns STIFFNESS_LOSS of a scenario.
-
-    Raises:
-        ValueError: If there is no linear model.
-    """
-    point, w = OperatingPoints(scenario)[-1], 1.0
-    stiffness = -w * EnvironmentImpedance(scenario, point, [w])[0, 0, 0].imag
-    return abs(1.0 - float(FeltStiffness(scenario, point, [w])[0] / stiffness))
 
 
 def _Reference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:

@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.tree import OverridesOfFile
 from teleop_drake.sweep import Sweep, SweepResult, tuning
 from teleop_drake.sweep.study import LoadStudy
-from teleop_drake.sweep.tuning import STIFFNESS_LOSS, FeltStiffnessLoss, Tune
+from teleop_drake.sweep.tuning import STIFFNESS_LOSS, Tune
 
 TASK = {"scenario": "two_dof_combined", "controller": "damped_force"}
 B = "controller.damped_force.damping"
