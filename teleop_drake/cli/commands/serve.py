@@ -86,4 +86,6 @@ def _Lines(report: dict[str, Any]) -> list[str]:
     ]
     for name, apart in report.get("prediction", {}).items():
         lines.append(f"Predicted {name}: at most {1e3 * apart:g} ms early or late")
+    if "prediction" in report and report["outages"]:
+        lines.append("The prediction knows nothing of forces that fade.")
     return lines
