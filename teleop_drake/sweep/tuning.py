@@ -457,8 +457,7 @@ class _Search:
 
     def _Goals(self) -> list[Array]:
         """Returns the weights of the metrics in each of the goals."""
-        given = [x for x in self._plan.weights.values() if x is not None]
-        if given:
+        if given := [x for x in self._plan.weights.values() if x is not None]:
             return [np.array(given)]
         M = len(self._plan.weights)
         return [np.ones(M), *(np.ones(M) + (_EMPHASIS - 1) * np.eye(M))]
