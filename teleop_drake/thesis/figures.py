@@ -8,11 +8,13 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib
 import numpy as np
+import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -182,25 +184,6 @@ def _DrawStiffness(
         )
 
 
-_CHAPTER_2 = [
-    ThesisFigure(
-        number="2.1",
-        title="The loop",
-        caption="Surgeon and haptic device, the two channels, controller, robot "
-        "and environment, drawn from the very diagram that is simulated.",
-        make=_MakeLoop,
-    ),
-    ThesisFigure(
-        number="2.4",
-        title="Stiffness profile",
-        caption="Force of the environment's springs against the position of the "
-        "tool: on the left at the scale of the tissue, on the right at that of the "
-        "bone. Damping is left out.",
-        make=_PlotStiffness,
-    ),
-]
-
-
 # Chapter 3: tracking, and the disturbance with its estimate.
 
 
@@ -218,55 +201,6 @@ def _PlotAgainstReference(
         ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
     _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
     return figure
-
-
-def _TrackingFigures(
-    task: str, kind: str, numbers: Sequence[str]
-) -> list[ThesisFigure]:
-    """Returns the two figures of a case of chapter 3."""
-    tracking, disturbance = numbers
-    described = f"Planar arm under gravity, disturbed by a force that is {kind}."
-    return [
-        ThesisFigure(
-            number=tracking,
-            title="Tracking",
-            caption=f"{described} Position of the tool and the trajectory that it is "
-            "to follow.",
-            make=lambda runs: _PlotAgainstReference(
-                runs,
-                task,
-                {"actual": "tool_position", "desired": "desired_position"},
-                "position",
-                "m",
-            ),
-        ),
-        ThesisFigure(
-            number=disturbance,
-            title="Disturbance and its estimate",
-            caption=f"{described} The force and what the network makes of it.",
-            make=lambda runs: _PlotAgainstReference(
-                runs,
-                task,
-                {"actual": "environment_force", "estimated": "disturbance_estimate"},
-                "disturbance",
-                "N",
-            ),
-        ),
-    ]
-
-
-_CHAPTER_3 = [
-    *_TrackingFigures(
-        "network_tracking_linear",
-        "proportional to the position on each axis (case I)",
-        ("3.2", "3.3"),
-    ),
-    *_TrackingFigures(
-        "network_tracking_coupled",
-        "nonlinear and couples the axes (case II)",
-        ("3.4", "3.5"),
-    ),
-]
 
 
 # Chapters 4 and 5: both controllers together, and what the adaptive one learns.
@@ -362,129 +296,32 @@ def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     return figure
 
 
-_BOTH = (
-    " Left against time, right against the position along x; dotted lines mark the end "
-    "of the tissue and the surface of the bone. A cross is where a run that diverges "
-    "is ended."
-)
-
-
-class _Quantity(NamedTuple):
-    """What a figure of a task shows, and what makes it of the runs and the task."""
-
-    title: str
-    caption: str
-    make: Callable[..., Figure]
-
-
-_QUANTITIES = {
-    "velocity": _Quantity(
-        "Velocity of the tool",
-        "Velocity of the tool with either controller, and in grey what the surgeon "
-        "commands." + _BOTH,
-        partial(
-            _Compare, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
-        ),
-    ),
-    "sensed_force": _Quantity(
-        "Sensed force",
-        "Force of the robot on its environment, as the sensor at the tool reads it."
-        + _BOTH,
-        partial(
-            _Compare,
-            signal="environment_force",
-            label="sensed force $F_{{e,{axis}}}$",
-            unit="N",
-        ),
-    ),
-    "position": _Quantity(
-        "Position of the tool",
-        "Position of the tool with either controller against time; dotted lines mark "
-        "the end of the tissue and the surface of the bone.",
-        partial(_Compare, signal="tool_position", label="position ${axis}$", unit="m"),
-    ),
-    "control_force": _Quantity(
-        "Control force",
-        "Force that the controller asks of the robot: the delayed haptic force under "
-        "direct force, the state of the backstepping law otherwise." + _BOTH,
-        partial(
-            _Compare,
-            signal="control_force",
-            label="control force $F_{{c,{axis}}}$",
-            unit="N",
-        ),
-    ),
-    "weights_1": _Quantity(
-        "Weights of the first network",
-        "Weights for the unknown dynamics of the robot and its environment, a curve "
-        "for each Gaussian; colour and line style tell where its centre is.",
-        partial(_PlotWeights, signal="weights_1"),
-    ),
-    "psi": _Quantity(
-        "Estimate of the inverse inertia",
-        "Entries of the matrix that stands for the inverse inertia, and below how far "
-        "each is from its initial value.",
-        _PlotPsi,
-    ),
-    "weights_3": _Quantity(
-        "Weights of the third network",
-        "Weights for the rate of change of the environment's force, a curve for each "
-        "Gaussian; colour and line style tell where its centre is.",
-        partial(_PlotWeights, signal="weights_3"),
-    ),
+_MAKE: dict[str, Callable[..., Figure | Diagram]] = {
+    "loop": _MakeLoop,
+    "stiffness": _PlotStiffness,
+    "reference": _PlotAgainstReference,
+    "both": _Compare,
+    "psi": _PlotPsi,
+    "weights": _PlotWeights,
 }
-"""In the order of the thesis's figures."""
+"""What makes a figure, by the name in figures.yaml."""
 
 
-# By the number of the first figure of a task of chapters 4 and 5: its name, and what
-# happens in it.
-_TASKS = {
-    "4.1": (
-        "one_dof",
-        "The slider of chapter 4 goes through tissue into free space and on to bone.",
-    ),
-    "5.1": (
-        "two_dof_puncture",
-        "Planar arm, case I: through tissue into free space.",
-    ),
-    "5.7": (
-        "two_dof_collision",
-        "Planar arm, case II: through free space on to bone.",
-    ),
-    "5.14": (
-        "two_dof_combined",
-        "Planar arm, case III: through tissue into free space and on to bone.",
-    ),
-}
+def _LoadFigures() -> dict[str, ThesisFigure]:
+    """Returns the figures of figures.yaml by their number, in the thesis's order."""
+    text = resources.files(__package__).joinpath("figures.yaml").read_text("utf-8")
+    figures = {}
+    for group in yaml.safe_load(text):
+        for number, entry in zip(group["numbers"], group["figures"], strict=True):
+            options = group.get("of", {}) | entry.get("with", {})
+            figures[number] = ThesisFigure(
+                number=number,
+                title=entry["title"],
+                caption=f"{group.get('about', '')} {entry['caption']}".strip(),
+                make=partial(_MAKE[entry["make"]], **options),
+            )
+    return figures
 
 
-def _TaskFigures(first: str) -> list[ThesisFigure]:
-    """Returns the figures of a task, whose numbers follow one another."""
-    task, about = _TASKS[first]
-    chapter, start = map(int, first.split("."))
-    # The position is shown of the tasks of the arm with a collision.
-    shown = [
-        quantity
-        for name, quantity in _QUANTITIES.items()
-        if name != "position" or first in ("5.7", "5.14")
-    ]
-    return [
-        ThesisFigure(
-            number=f"{chapter}.{start + i}",
-            title=quantity.title,
-            caption=f"{about} {quantity.caption}",
-            make=partial(quantity.make, task=task),
-        )
-        for i, quantity in enumerate(shown)
-    ]
-
-
-FIGURES: dict[str, ThesisFigure] = {
-    figure.number: figure
-    for figure in [
-        *_CHAPTER_2,
-        *_CHAPTER_3,
-        *(figure for first in _TASKS for figure in _TaskFigures(first)),
-    ]
-}
+FIGURES = _LoadFigures()
 """All figures by their number, in the thesis's order."""
