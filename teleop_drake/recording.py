@@ -24,12 +24,11 @@ from teleop_drake.scenario import (
     ScenarioFromYaml,
     ScenarioToYaml,
 )
-from teleop_drake.signals import AxesOf, UnitOf
+from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Choices, Refuse, Show
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
     from matplotlib.figure import Figure
     from pydrake.geometry import Meshcat
 
@@ -102,7 +101,7 @@ class Recording:
 
     Attributes:
         scenario: What was simulated, a Scenario or a TrackingScenario; None for a
-            Diagram of one's own, of which Save(), to_xarray() and Animate() want more.
+            Diagram of one's own, of which Save() and Animate() want more.
         time: (N,) in s: the ends of the integrator's steps, and instants in between. A
             time that stands twice marks a jump: the first row is before it, the second
             one after.
@@ -218,7 +217,11 @@ class Recording:
         Raises:
             ImportError: If pandas is not installed.
         """
-        pandas = _Extra("pandas")
+        try:
+            import pandas
+        except ImportError as e:
+            message = "pandas is not installed: pip install 'teleop-drake[data]'"
+            raise ImportError(message, name="pandas") from e
         return pandas.DataFrame(
             np.hstack(list(self.signals.values())),
             index=pandas.Index(self.time, name="time"),
@@ -244,40 +247,6 @@ class Recording:
             if len(names) == size:
                 return names
         return list(range(size))
-
-    def to_xarray(self) -> "xarray.Dataset":
-        """Returns the signals as a Dataset, which needs xarray (the extra `data`).
-
-        A signal with a value for each task axis has the dimensions `time` and `axis`,
-        any other one `time` and a dimension of its own. `attrs` have units, and of the
-        Dataset the scenario as YAML, the events as JSON, and how the run ended.
-
-        Raises:
-            ImportError: If xarray is not installed.
-        """
-        self._CheckScenario("to_xarray")
-        axes = AxesOf(self["tool_position"].shape[1])
-        variables: dict[str, Any] = {}
-        for name, samples in self.signals.items():
-            width = samples.shape[1]
-            unit = UnitOf(name, width)
-            if unit is not None and width == len(axes):
-                variables[name] = ("time", "axis"), samples, {"units": unit}
-            elif width == 1:
-                variables[name] = ("time",), samples[:, 0]
-            else:
-                variables[name] = ("time", f"{name}_component"), samples
-        dataset: xarray.Dataset = _Extra("xarray").Dataset(
-            variables,
-            coords={"time": ("time", self.time, {"units": "s"}), "axis": list(axes)},
-            attrs={
-                "scenario": ScenarioToYaml(self.scenario),
-                "events": json.dumps([asdict(event) for event in self.events]),
-                "termination": self.termination,
-                "reason": self.reason,
-            },
-        )
-        return dataset
 
     @property
     def teleoperation(self) -> Scenario:
@@ -355,20 +324,6 @@ class Recording:
         arrays["description"] = np.array(json.dumps(description))
         with Replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, time=self.time, steps=self.steps, **arrays)  # type: ignore[arg-type]
-
-
-def _Extra(name: str) -> Any:
-    """Imports a package of the extra `data`.
-
-    Raises:
-        ImportError: That says how to get it.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as e:
-        raise ImportError(
-            f"{name} is not installed: pip install 'teleop-drake[data]'", name=name
-        ) from e
 
 
 def LoadRecording(path: str | Path) -> Recording:

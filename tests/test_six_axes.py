@@ -25,6 +25,7 @@ from teleop_drake.laws.task_space import position_rate, rotated, rotation_vector
 from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.signals import UnitOf
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import ScenarioError
@@ -209,7 +210,7 @@ def test_the_loop_by_hand(kind, duration, engine):
     if duration > 0.5:  # It has turned, and tissue turns it.
         assert np.linalg.norm(expected[-1, 3:6] - START[3:]) > 0.03
         assert np.abs(expected[-1, 15:]).max() > 1e-4
-    assert recording.to_xarray()["tool_position"].attrs["units"] == "m, rad"
+    assert UnitOf("tool_position", 6) == "m, rad"
 
 
 def test_rotation_vectors():

@@ -119,8 +119,7 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path):
     with pytest.raises(UnknownSignal, match="signal 'y': must be"):
         recording.plot(signals=["y"])
     for refused in (
-        partial(recording.Save, tmp_path / "a.npz"),
-        *(recording.to_xarray, recording.Animate),
+        *(partial(recording.Save, tmp_path / "a.npz"), recording.Animate),
         *(partial(RunMetrics, recording), partial(RunSummary, recording)),
     ):
         with pytest.raises(ScenarioError, match=r"^recording.scenario = null: must be"):
