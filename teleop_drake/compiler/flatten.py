@@ -51,13 +51,14 @@ class Block:
     inputs: dict[str, Source]
 
 
-def Flatten(system: System) -> list[Block]:
+def Flatten(system: System, path: str = "") -> list[Block]:
     """Returns the blocks of a Diagram, in the order of its state.
 
     Args:
         system: The Diagram, or a block by itself.
+        path: Its own place.
     """
-    blocks = _Blocks(system, "")
+    blocks = _Blocks(system, path)
     places = {block.GetSystemPathname(): i for i, (block, _) in enumerate(blocks)}
     inputs: list[dict[str, Source]] = [{} for _ in blocks]
 

@@ -9,6 +9,7 @@ delivers, such as what comes out of a delay or what a diagram is fed with from o
 is in y beforehand.
 """
 
+import copy
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -107,6 +108,7 @@ class Program:
         kernels: One for each block.
 
     Attributes:
+        kernels: The same.
         text: The source. It depends on the structure of the diagram alone.
         functions: What the source calls, as f0, f1, ...
         names: The same and helpers, by their names there.
@@ -125,7 +127,7 @@ class Program:
     """
 
     def __init__(self, blocks: Sequence[Block], kernels: Sequence[Kernel]):
-        self._blocks, self._kernels = blocks, kernels
+        self._blocks, self.kernels = blocks, kernels
         self._parameters = Parameters()
         self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
         self.functions: list[Law] = []
@@ -180,6 +182,30 @@ class Program:
         self.parameters = self._parameters.as_arrays()
         self.sizes = self._num_y, num_x, num_m
 
+    def With(self, kernels: Sequence[Kernel]) -> "Program | None":
+        """Returns the program of kernels with other parameters and delays.
+
+        Args:
+            kernels: Otherwise the same; None is returned if the source would not be.
+        """
+        program = copy.copy(self)
+        program.kernels = kernels
+        changed = (a for a, b in zip(kernels, self.kernels, strict=True) if a is not b)
+        if any(kernel.parameters for kernel in changed):
+            parameters = Parameters()
+            for (i, name), (text, _) in self._parameter_texts.items():
+                if parameters.Add(kernels[i].parameters[name]) != text:
+                    return None
+            if parameters.types != self._parameters.types:
+                return None
+            program.parameters = parameters.as_arrays()
+        delays = [delay for kernel in kernels for delay in kernel.delays]
+        program.delays = [
+            (delay, signal, output)
+            for delay, (_, signal, output) in zip(delays, self.delays, strict=True)
+        ]
+        return program
+
     def OwnerOf(self, function: Callable[..., Any]) -> System | None:
         """Returns the first block whose kernel has a function."""
         for output, (_, _, term) in self._terms.items():
@@ -226,7 +252,7 @@ class Program:
 
     def _CheckInputs(self, i: int) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
-        block, kernel = self._blocks[i], self._kernels[i]
+        block, kernel = self._blocks[i], self.kernels[i]
         taken = {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:
             if name not in taken | self._readers[i].names:
@@ -263,7 +289,7 @@ class Program:
 
     def Slot(self, i: int, name: str) -> slice:
         """Returns where in y a port of a block is, after what fills it in."""
-        block, kernel = self._blocks[i], self._kernels[i]
+        block, kernel = self._blocks[i], self.kernels[i]
         source = block.inputs.get(name, Source(i, name))
         if source in self.signals:
             self.Write(source)

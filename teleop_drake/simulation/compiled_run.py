@@ -36,7 +36,7 @@ def RunCompiled(
 
     Args:
         structure: Keeps the program for others; None: it is not kept.
-        loop: What was kept of the diagram, with the channels for this run.
+        loop: What was kept of the diagram, with the blocks for this run.
 
     Raises:
         CannotCompile: If a block, or the solver that is asked for, has no machine code.
@@ -67,8 +67,7 @@ def RunCompiled(
     )
     outcome = _Run(run, job, loop.places)
     if context is None:
-        channels = loop.channels or {}
-        outcome.TakeStatistics(channel for channel, _ in channels.values())
+        outcome.TakeStatistics(loop.parts.values())
         return outcome
     program = loop.evaluator.program.text
     is_known = program in _checked

@@ -158,7 +158,7 @@ def simulate(
     _EndAtJointLimit(diagram, run)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run)
-    recording = _MakeRecording(scenario, job, run, notes)
+    recording = _MakeRecording(scenario, job, run, notes, loop)
     with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
     return recording
@@ -203,7 +203,7 @@ def _Run(
             with Interpreted():  # There are too few calls to pay compiling.
                 run = RunCompiled(job, structure, loop)
         except CannotCompile as error:
-            assert loop is None, "the diagram of a loop has other channels"
+            assert loop is None, "the diagram of a loop has other blocks"
             notes = [f"Run in Drake's Simulator: {error}."]
     run = run or RunInDrake(job)
     if run.termination == "diverged":
@@ -228,12 +228,20 @@ def _CheckTeleoperator(
 
 
 def _MakeRecording(
-    scenario: AnyScenario | None, job: Job, run: Outcome, notes: list[str]
+    scenario: AnyScenario | None,
+    job: Job,
+    run: Outcome,
+    notes: list[str],
+    loop: Loop | None = None,
 ) -> Recording:
     """Makes the recording of a run, without its events."""
     diagram, config = job.diagram, job.config
+    systems = list(SystemsIn(diagram))
     surfaces: tuple[Surface, ...] | None = ()
-    if scenario is not None and diagram.HasSubsystemNamed("environment"):
+    if loop is not None:
+        systems = [block.system for block in loop.evaluator.blocks]
+        surfaces = SurfacesOf(loop.environment)
+    elif scenario is not None and diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
     return Recording(
         scenario=cast(AnyScenario, scenario),
@@ -256,17 +264,16 @@ def _MakeRecording(
         reason=run.reason,
         notes=[
             *([_NO_SURFACES] if surfaces is None else []),
-            *_NotesOfBlocks(diagram, run),
+            *(
+                note
+                for system in systems
+                if hasattr(system, "RunNotes")
+                for note in system.RunNotes(*run.series[:2])
+            ),
             *notes,
         ],
         has_constant_command=scenario is None or HasConstantCommand(diagram),
     )
-
-
-def _NotesOfBlocks(diagram: Diagram, run: Outcome) -> list[str]:
-    """Returns what the blocks have to say about a run, each by a member RunNotes()."""
-    systems = [x for x in SystemsIn(diagram) if hasattr(x, "RunNotes")]
-    return [note for x in systems for note in x.RunNotes(*run.series[:2])]
 
 
 def HasConstantCommand(diagram: Diagram) -> bool:

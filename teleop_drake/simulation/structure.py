@@ -1,15 +1,19 @@
-"""A loop that was compiled once, and runs again with other channels.
+"""A loop that was compiled once, and runs again with other channels, gains, layers.
 
 To make, check and compile a teleoperator takes several times as long as to run it. Of
-two scenarios that differ in their channels, in the duration and in the solver alone,
-the second run takes over the program of the first one, and sets its delays. It gives
-the same numbers to the last bit. Whatever differs otherwise is made anew, and so is a
-loop whose architecture derives anything from the channels. Machine code is made anew
-only for another structure: no number is in it.
+two scenarios that differ in their channels, their environment, the parameters of their
+controller, the duration and the solver alone, the second run takes over the program of
+the first one: only the blocks are made anew that differ, and the program gets their
+numbers. It gives the same numbers to the last bit. A loop that differs otherwise is
+made anew, and so is one of another structure. Machine code is made anew only for
+another structure: no number is in it.
 """
 
 import copy
 import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from pydrake.systems.analysis import SimulatorConfig
@@ -17,9 +21,11 @@ from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.compiler.engine import Visited
-from teleop_drake.compiler.evaluator import CompileEvaluate, Evaluator
-from teleop_drake.compiler.flatten import Source
-from teleop_drake.kernel import Delay, Kernel
+from teleop_drake.compiler.evaluator import CompileEvaluate, Evaluator, KernelOf
+from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSystem
+from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.kernel import Kernel
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.scenario.tree import ToTree
@@ -28,23 +34,24 @@ from teleop_drake.tasks import Task
 
 _CHANNELS = ("forward_channel", "return_channel")
 
+# Of these only the kind decides which program there is; see _Key.
+_NUMBERS = ("environment", "controller")
+
 # What does not decide which diagram there is, nor a number in it.
-_FREE = {"name", "description", "duration", "simulator", *_CHANNELS}
+_FREE = {"name", "description", "duration", "simulator", "divergence_speed_ratio"}
 
 # So many loops are kept: the architectures of a comparison.
 _MAX_LOOPS = 8
 
 
-class _IsDerived(Exception):
-    """Something is derived from the channels."""
-
-
 class _Facts(Facts):
-    """Facts that raise where anything is derived from the channels."""
+    """Facts that note whether anything is derived from the channels."""
+
+    is_free = True
 
     def __getattribute__(self, name: str) -> Any:
         if name in ("duration", *_CHANNELS):
-            raise _IsDerived
+            vars(self)["is_free"] = False
         return super().__getattribute__(name)
 
 
@@ -52,13 +59,16 @@ class Loop(NamedTuple):
     """A compiled loop.
 
     Attributes:
-        diagram: What was compiled; its channels are those of the first scenario.
-        evaluator: Of the diagram, with the delays of the channels.
+        diagram: What was compiled, with the blocks of the first scenario.
+        evaluator: Of the diagram, with the blocks of the last one.
         places: Where in a row its signals are, by their names.
         start: Where a run starts; None: where the diagram does.
         longest_step: That the blocks allow, s.
-        channels: The block of each and its place among the delays, by name; none if
-            others cannot take their place; None: nobody has asked yet.
+        numbers: Of the last scenario; see _Key.
+        packets: What comes out of each channel at first; none: nobody has asked yet.
+        is_free: Whether the architecture derives nothing from channels and duration.
+        tool: The inputs of the environment at the start.
+        parts: The systems in the place of those in the diagram, by their paths.
     """
 
     diagram: Diagram
@@ -66,11 +76,21 @@ class Loop(NamedTuple):
     places: dict[str, slice]
     start: Visited | None
     longest_step: float
-    channels: dict[str, tuple[System, int]] | None = None
+    numbers: tuple[str, str] = ("", "")
+    packets: Sequence[Sequence[float]] = ()
+    is_free: bool = False
+    tool: Mapping[str, Any] = MappingProxyType({})
+    parts: Mapping[str, System] = MappingProxyType({})
+
+    @property
+    def environment(self) -> System:
+        """The environment of the last scenario."""
+        own: System = self.diagram.GetSubsystemByName("environment")
+        return self.parts.get("environment", own)
 
 
 class Structure:
-    """What scenarios have in common that differ in nothing but channels and times.
+    """What scenarios have in common that differ in their numbers.
 
     Args:
         scenario: A valid one.
@@ -80,47 +100,60 @@ class Structure:
     def __init__(self, scenario: AnyScenario, task: Task[Any]):
         self._scenario: Any = scenario
         self._channels = task.Channels(scenario)
-        self._key = _Key(scenario, task) if self._channels else ""
+        self._key, self._numbers = "", ("", "")
+        if self._channels:
+            self._key, self._numbers = _Key(scenario, task)
 
     def Find(self) -> Loop | None:
-        """Returns the loop with the channels of the scenario, if one was kept."""
+        """Returns the loop with the numbers of the scenario, if one was kept."""
         loop = _loops.get(self._key)
         if loop is None or WhyNotSolved(self._scenario.simulator):
             return None
-        if loop.channels is None:
-            loop = loop._replace(channels=_ChannelsIn(loop, self._scenario))
-            _loops[self._key] = loop
-        if not loop.channels:
-            return None
-        evaluator, channels = copy.copy(loop.evaluator), {}
-        evaluator.program = program = copy.copy(evaluator.program)
-        program.delays = list(program.delays)
-        for name, (_, place) in loop.channels.items():
-            before, signal, output = program.delays[place]
-            channel = self._channels[name].MakeChannel(
-                size=len(before.initial_value),
-                initial_value=before.initial_value,
-                duration=self._scenario.duration,
+        scenario, parts = self._scenario, dict[str, System]()
+        if not loop.is_free or loop.numbers != self._numbers:
+            environment = loop.environment
+            if loop.numbers[0] != self._numbers[0]:
+                start = scenario.robot.start
+                environment = scenario.environment.MakeEnvironment(start)
+                contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+                parts["environment"] = environment
+                parts["master/surgeon"] = scenario.surgeon.MakeOperator(
+                    start=start, contact_surface=contact
+                )
+            facts = _Facts(**vars(scenario.Facts(environment=environment)))
+            made = MakeArchitecture(scenario, facts=facts)
+            is_ideal = scenario.actuator.is_ideal and scenario.sensor.is_ideal
+            parts["controller" if is_ideal else "controller/law"] = made.slave_side
+            if (side := made.master_side) is not None:
+                parts[f"master/{side.get_name() or 'master_side'}"] = side
+            packets = made.initial_forward_packet, made.initial_return_packet
+            loop = loop._replace(packets=packets, is_free=facts.is_free)
+        for name, packet in zip(_CHANNELS, loop.packets, strict=True):
+            parts[name] = channel = self._channels[name].MakeChannel(
+                size=len(packet),
+                initial_value=packet,
+                duration=scenario.duration,
                 stream=name,
             )
-            delay = _DelayOf(channel)
-            if delay is None or _WithoutTimes(delay) != _WithoutTimes(before):
-                return None
             channel.set_name(name)
-            channels[name] = channel, place
-            program.delays[place] = delay, signal, output
-        # A function of it may have been changed.
-        evaluator.function = CompileEvaluate(program)
-        return loop._replace(evaluator=evaluator, channels=channels)
+        found = _With(loop._replace(numbers=self._numbers), parts)
+        if found is not None:
+            _loops[self._key] = found
+        return found
 
     def Keep(self, loop: Loop) -> None:
         """Keeps a loop that was checked, perhaps for others to take over."""
-        channels = map(loop.diagram.GetSubsystemByName, _CHANNELS)
-        if not self._key or not all(map(_DelayOf, channels)):
+        if not self._key:
             return
         if len(_loops) >= _MAX_LOOPS:
             del _loops[next(iter(_loops))]
-        _loops[self._key] = loop
+        robot = loop.diagram.GetSubsystemByName("robot")
+        at_start = robot.CreateDefaultContext()
+        tool = {
+            name: robot.GetOutputPort(name).Eval(at_start)
+            for name in ("tool_position", "tool_velocity")
+        }
+        _loops[self._key] = loop._replace(numbers=self._numbers, tool=tool)
 
 
 _loops: dict[str, Loop] = {}
@@ -134,55 +167,108 @@ def WhyNotSolved(config: SimulatorConfig) -> str:
     return f"compiled runs use runge_kutta5 with error control, not {scheme}"
 
 
-def _Key(scenario: Any, task: Task[Any]) -> str:
-    """Returns what decides of a loop but for its channels; empty: it is not known.
+def _Key(scenario: Any, task: Task[Any]) -> tuple[str, tuple[str, str]]:
+    """Returns what decides of a loop, and the numbers that can be set in it.
 
-    A user's own kind, and a file, may be another one in the next run.
+    The first is empty if it is not known: a user's own kind, and a file, may be another
+    one in the next run.
     """
     fields = [x.name for x in dataclasses.fields(scenario) if x.name not in _FREE]
-    kinds = [task, *(getattr(scenario, name) for name in (*fields, *_CHANNELS))]
+    kinds = [task, *(getattr(scenario, name) for name in fields)]
     kinds.append(scenario.controller.Chosen())
     if any(
         not type(kind).__module__.startswith(("teleop_drake.", "builtins"))
         for kind in kinds
     ) or any(not name.startswith(_CHANNELS) for name in ScenarioFiles(scenario)):
-        return ""
-    return repr([type(task), *(ToTree(getattr(scenario, name)) for name in fields)])
+        return "", ("", "")
+    decisive = [
+        *(type(task), type(scenario.environment), scenario.controller.kind),
+        *(getattr(scenario, name).IsPassThrough() for name in _CHANNELS),
+        *(
+            ToTree(getattr(scenario, name))
+            for name in fields
+            if name not in (*_NUMBERS, *_CHANNELS)
+        ),
+    ]
+    environment, controller = (getattr(scenario, name) for name in _NUMBERS)
+    return repr(decisive), (repr(ToTree(environment)), repr(ToTree(controller)))
 
 
-def _ChannelsIn(loop: Loop, scenario: Any) -> dict[str, tuple[System, int]]:
-    """Returns the channels of a loop if others can take their place; see Loop."""
-    blocks = [block.system for block in loop.evaluator.blocks]
-    program = loop.evaluator.program
-    outputs = [part for _, _, part in program.delays]
-    channels = {}
-    for name in _CHANNELS:
-        channel = loop.diagram.GetSubsystemByName(name)
-        delay = _DelayOf(channel)
-        assert delay is not None
-        part = program.signals[Source(blocks.index(channel), delay.output)]
-        channels[name] = channel, outputs.index(part)
-    return channels if _IsFree(scenario, loop.diagram) else {}
-
-
-def _IsFree(scenario: Any, diagram: Diagram) -> bool:
-    """Returns whether an architecture derives nothing from channels and duration."""
-    told = scenario.Facts(*map(diagram.GetSubsystemByName, ("robot", "environment")))
-    facts = _Facts(**{x.name: getattr(told, x.name) for x in dataclasses.fields(told)})
-    try:
-        MakeArchitecture(scenario, facts=facts)
-    except _IsDerived:
-        return False
-    return True
-
-
-def _DelayOf(channel: System) -> Delay | None:
-    """Returns what a channel does if it is a delay and nothing else."""
-    kernel = channel.Kernel() if hasattr(channel, "Kernel") else None
-    if kernel is None or kernel != Kernel(delays=kernel.delays[:1]):
+def _With(loop: Loop, parts: dict[str, System]) -> Loop | None:
+    """Returns a loop with other systems in their places, None if they do not fit."""
+    evaluator, start = copy.copy(loop.evaluator), loop.start
+    assert start is not None
+    blocks, program = list(evaluator.blocks), evaluator.program
+    kernels, x, m, y = list(program.kernels), *(a.copy() for a in start[1:])
+    for path, system in parts.items():
+        context = system.CreateDefaultContext()
+        if path == "environment":
+            for name, value in loop.tool.items():
+                system.GetInputPort(name).FixValue(context, value)
+            system.ExecuteInitializationEvents(context)
+        contexts, others = ContextsIn(system, context), Flatten(system, path)
+        inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
+        if len(others) != sum(inside):
+            return None
+        for i, other in enumerate(others, first := inside.index(True)):
+            own, block = contexts[other.system], blocks[i]
+            state, mode = own.get_continuous_state_vector(), DiscreteState(own)
+            try:
+                kernel = KernelOf(other.system, own)
+            except UnsupportedSystem:
+                return None
+            inputs = {
+                port: Source(source.block + first, source.port)
+                for port, source in other.inputs.items()
+            }
+            if kernel.delays:  # What they remember is for Drake alone.
+                mode = m[program.modes[i]]
+            if (
+                not _Fits(other, kernel, block, kernels[i])
+                or not inputs.items() <= block.inputs.items()
+                or x[program.states[i]].size != state.size()
+                or m[program.modes[i]].size != mode.size
+                or (kernel.initial_mode is not None and path != "environment")
+            ):
+                return None
+            blocks[i] = dataclasses.replace(block, system=other.system)
+            kernels[i] = kernel
+            x[program.states[i]], m[program.modes[i]] = state.CopyToVector(), mode
+    other_program = program.With(kernels)
+    if other_program is None:
         return None
-    return next(iter(kernel.delays), None)
+    for delay, _, part in other_program.delays:
+        y[part] = delay.initial_value
+    evaluator.blocks, evaluator.program = blocks, other_program
+    # A function of it may have been changed.
+    evaluator.function = CompileEvaluate(other_program)
+    return loop._replace(
+        evaluator=evaluator,
+        start=Visited(start.t, x, m, y),
+        parts={**loop.parts, **parts},
+    )
 
 
-def _WithoutTimes(delay: Delay) -> tuple[str, str, list[float]]:
-    return delay.signal, delay.output, list(delay.initial_value)
+def _Fits(block: Block, kernel: Kernel, other: Block, old: Kernel) -> bool:
+    """Returns whether a block can take the place of another one, with its numbers."""
+    return (
+        block.path == other.path
+        and _Outline(block.system, kernel) == _Outline(other.system, old)
+        and all(
+            getattr(kernel, x.name) == getattr(old, x.name)
+            for x in dataclasses.fields(kernel)
+            if x.name not in ("parameters", "delays")
+        )
+    )
+
+
+def _Outline(system: System, kernel: Kernel) -> list[Any]:
+    """Returns what is in a program of a block, beside the terms of its kernel."""
+    outputs = map(system.get_output_port, range(system.num_output_ports()))
+    return [
+        [port.size() for port in outputs],
+        kernel.parameters.keys(),
+        [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
+        # That of delays is Drake's alone.
+        None if kernel.delays else getattr(system, "longest_step", math.inf),
+    ]

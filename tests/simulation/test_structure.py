@@ -30,6 +30,17 @@ CHANNELS = [
 ]
 
 
+# Between these, a run takes over the program of another one. The tool starts in the
+# second layer where that begins behind it.
+NUMBERS = {
+    "controller.G1": (1.5, 9.0),
+    "controller.leakage": (0.0, 0.1),
+    "environment.layers.tissue.stiffness": (0.0, 0.4),
+    "environment.layers.free.start": (-0.002, 0.002),
+    "environment.layers.bone.start": (0.004, 0.02),
+}
+
+
 @pytest.fixture(autouse=True)
 def loops(monkeypatch):
     """What is kept, nothing at first."""
@@ -72,24 +83,28 @@ def Load(task, kind, forward, back, **others):
 @pytest.mark.parametrize(
     ("task", "kind", "num"),
     [
-        ("one_dof", "adaptive_backstepping", 8),
+        ("one_dof", "adaptive_backstepping", 12),
         ("two_dof_collision", "direct_force", 4),
-        # Its defaults derive from the delays.
-        ("one_dof", "smith_predictor", 3),
+        # Their defaults derive from the delays.
+        ("one_dof", "smith_predictor", 4),
+        ("one_dof", "wave_variables", 4),
     ],
 )
-def test_runs_with_other_channels_are_those_of_a_fresh_process(
+def test_runs_with_other_numbers_are_those_of_a_fresh_process(
     task, kind, num, loops, made
 ):
     rng = np.random.default_rng(num)
-    pairs = rng.integers(len(CHANNELS), size=(num, 2))
-    times = rng.uniform(0.3, 0.9, size=num)
-    runs = [
-        Load(task, kind, CHANNELS[i], CHANNELS[j], duration=time)
-        for (i, j), time in zip(pairs, times, strict=True)
-    ]
+    numbers = NUMBERS if task == "one_dof" else {"divergence_speed_ratio": (5.0, 9.0)}
+    runs, others = [], {}
+    for i in range(num):
+        if i % 3:  # Every third run has other channels alone.
+            others = {key: rng.uniform(*ends) for key, ends in numbers.items()}
+        channels = (CHANNELS[k] for k in rng.integers(len(CHANNELS), size=2))
+        runs.append(
+            Load(task, kind, *channels, duration=rng.uniform(0.3, 0.9), **others)
+        )
     taken_over = [Numbers(simulate(scenario)) for scenario in runs]
-    assert len(made) == (num if kind == "smith_predictor" else 1)
+    assert len(made) == 1
     for scenario, numbers in zip(runs, taken_over, strict=True):
         loops.clear()
         assert Numbers(simulate(scenario)) == numbers
@@ -99,8 +114,9 @@ def test_runs_with_other_channels_are_those_of_a_fresh_process(
     "other",
     [
         {"forward_channel.delay": 0.0},
-        {"controller.G1": 3.0},
-        {"environment.layers.tissue.stiffness": 0.02},
+        {"controller.network.count": 4},
+        {"environment.layers": [{"name": "wall", "start": 0.01, "stiffness": 9.0}]},
+        {"environment.layers.bone.stiffness": 0.0},
         {"robot.mass": 1.5},
         {"surgeon.velocity": [0.002]},
         {"actuator.bandwidth": 100.0},
