@@ -497,9 +497,9 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
 def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:
     """Returns the file to read."""
     text = os.fspath(name_or_path)
-    if text in ScenarioNames():
-        return _SCENARIO_DIR / f"{text}.yaml"
-    path = Path(text)
+    built_in, path = _SCENARIO_DIR / f"{text}.yaml", Path(text)
+    if text.isidentifier() and built_in.is_file():
+        return built_in
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
         return path
     allowed = Choices(text, ScenarioNames())

@@ -249,11 +249,14 @@ def _FindKey(tree: Any, part: str, shown: str) -> str | int:
 # Types.
 
 
-def FieldTypes(schema: Any) -> dict[str, Any]:
+def _FieldTypes(schema: Any) -> dict[str, Any]:
     """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
+
+
+FieldTypes: Callable[[Any], dict[str, Any]] = functools.cache(_FieldTypes)
 
 
 _PLAIN = {str, float, int, bool, type(None)}
@@ -421,6 +424,8 @@ def _BuildBool(value: Any, path: str) -> bool:
 
 
 def _BuildNumber(value: Any, path: str, allowed: str = "a number") -> float:
+    if type(value) is float:  # Most are.
+        return value
     # Text as well: a number in quotes is one.
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         with contextlib.suppress(ValueError, OverflowError):

@@ -309,8 +309,10 @@ def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     lower = plant.GetPositionLowerLimits() - _TOLERANCE
     upper = plant.GetPositionUpperLimits() + _TOLERANCE
     turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1) - MAX_ROTATION
-    beyond = np.column_stack([np.maximum(lower - q, q - upper), turned])[steps]
-    ends = [first_crossing(times, y, steps) for y in np.moveaxis(beyond, 2, 0)]
+    beyond = np.column_stack([np.maximum(lower - q, q - upper), turned])
+    if not (beyond >= 0).any():
+        return
+    ends = [first_crossing(times, y[steps], steps) for y in beyond.T]
     joint = int(np.argmin(ends))
     if ends[joint] == math.inf:
         return
