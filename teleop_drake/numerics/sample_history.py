@@ -18,6 +18,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from operator import sub, truediv
 from typing import Any
 
 import numpy as np
@@ -183,28 +184,10 @@ class EnoPolynomial:
 
     def __init__(self, times: Sequence[float], values: Array, i: int):
         window = stencil_window(times, i)
-        t, columns = np.array([times[j] for j in window]), np.arange(values.shape[1])
-        left = np.full(len(columns), window.index(i))
-        nodes, coefficients = [t[left]], [values[i]]
-        differences = values[window]
-        for order in range(1, min(len(window), _NUM_POINTS)):
-            gaps = (t[order:] - t[:-order])[:, np.newaxis]
-            differences = (differences[1:] - differences[:-1]) / gaps
-            last = len(differences) - 1
-            # The first one makes the line through both samples.
-            grows = np.zeros(len(columns), bool)
-            if order > 1:
-                on_left = np.abs(differences[np.maximum(left - 1, 0), columns])
-                on_right = np.abs(differences[np.minimum(left, last), columns])
-                grows = (left > 0) & ((left > last) | (on_left < on_right))
-                left = left - grows
-            nodes.append(t[np.where(grows, left, left + order)])
-            coefficients.append(differences[left, columns])
-        self._nodes, self._coefficients = nodes, np.array(coefficients)
-        self._limit(times[i], times[i + 1], np.abs(values[i + 1] - values[i]))
-        # Python is faster with lists: nodes and coefficients of each, the last first.
-        pairs = np.stack([np.array(nodes), self._coefficients], axis=2)[::-1]
-        self._series: list[list[list[float]]] = pairs.swapaxes(0, 1).tolist()
+        t, left = [times[j] for j in window], window.index(i)
+        # Of so few numbers, Python's own are faster than arrays.
+        columns = values[window].T.tolist()
+        self._series = [_newton_series(t, column, left) for column in columns]
 
     def eval(self, t: float) -> Array:
         """Returns the signal (k) at a time."""
@@ -216,31 +199,61 @@ class EnoPolynomial:
             result.append(value)
         return np.array(result)
 
-    def _limit(self, begin: float, end: float, change: Array) -> None:
-        """Leaves of the series as much as can be trusted.
 
-        With T_m a bound of the m-th term, the series ends with M where
-        max(T_(M-1), T_M) falls no longer (two terms, because one may vanish by
-        symmetry). Unless that is small against the largest term, the terms from the
-        second order on are scaled by change / (4 sum T_m) where that is less than 1.
-        """
-        terms = np.zeros((max(len(self._nodes), 4), len(change)))
-        # |(t - begin) (t - end)| and each further factor are largest at an end or in
-        # the middle.
-        factor: Array | float = (end - begin) ** 2 / 4
-        for m in range(2, len(self._nodes)):
-            terms[m] = np.abs(self._coefficients[m]) * factor
-            node = self._nodes[m]
-            factor = factor * np.maximum(np.abs(begin - node), np.abs(end - node))
-        pairs = np.maximum(terms[2:-1], terms[3:])
-        falls = np.minimum.accumulate(pairs[1:] <= pairs[:-1], axis=0)
-        remainder = np.take_along_axis(pairs, falls.sum(axis=0)[None], axis=0)[0]
-        terms[4:] *= falls
-        self._coefficients[4:] *= falls
-        deviation = 4 * terms.sum(axis=0)
-        is_unsure = (remainder > _CONVERGED * terms.max(axis=0)) & (change < deviation)
-        share = change[is_unsure] / deviation[is_unsure]
-        self._coefficients[2:, is_unsure] *= share
+def _newton_series(
+    t: list[float], y: list[float], left: int
+) -> list[tuple[float, float]]:
+    """Returns the nodes and coefficients of an ENO polynomial, the last ones first.
+
+    Args:
+        t: The times of the samples y that it may be built from.
+        left: The first of the two samples between which it is.
+    """
+    begin, end, change = t[left], t[left + 1], abs(y[left + 1] - y[left])
+    nodes, coefficients = [begin], [y[left]]
+    for order in range(1, min(len(t), _NUM_POINTS)):
+        rises, gaps = map(sub, y[1:], y), map(sub, t[order:], t)
+        y = list(map(truediv, rises, gaps))
+        # The first one makes the line through both samples.
+        grows = order > 1 and left > 0
+        if grows and left < len(y):
+            grows = abs(y[left - 1]) < abs(y[left])
+        left -= grows
+        nodes.append(t[left if grows else left + order])
+        coefficients.append(y[left])
+    num_terms, share = _trusted(nodes, coefficients, begin, end, change)
+    coefficients[2:] = [share * c for c in coefficients[2:]]
+    return list(zip(nodes, coefficients, strict=True))[:num_terms][::-1]
+
+
+def _trusted(
+    nodes: list[float],
+    coefficients: list[float],
+    begin: float,
+    end: float,
+    change: float,
+) -> tuple[int, float]:
+    """Returns how many terms of a series can be trusted, and how much of the curved.
+
+    With T_m a bound of the m-th term, the series ends with M where
+    max(T_(M-1), T_M) falls no longer (two terms, because one may vanish by
+    symmetry). Unless that is small against the largest term, the terms from the second
+    order on are scaled by change / (4 sum T_m) where that is less than 1.
+    """
+    # |(t - begin) (t - end)| and each further factor are largest at an end or in the
+    # middle.
+    factor, terms = (end - begin) ** 2 / 4, [0.0, 0.0]
+    for node, coefficient in zip(nodes[2:], coefficients[2:], strict=True):
+        terms.append(abs(coefficient) * factor)
+        factor *= max(abs(begin - node), abs(end - node))
+    terms += [0.0] * (4 - len(terms))
+    pairs = list(map(max, terms[2:], terms[3:]))
+    last = 0
+    while last + 1 < len(pairs) and pairs[last + 1] <= pairs[last]:
+        last += 1
+    deviation = 4 * sum(terms[: last + 4])
+    is_unsure = pairs[last] > _CONVERGED * max(terms[: last + 4])
+    return last + 4, change / deviation if is_unsure and change < deviation else 1.0
 
 
 def stencil_window(times: Sequence[float], i: int) -> list[int]:
