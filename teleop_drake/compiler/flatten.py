@@ -58,40 +58,23 @@ def Flatten(system: System, path: str = "") -> list[Block]:
         system: The Diagram, or a block by itself.
         path: Its own place.
     """
-    blocks = _Blocks(system, path)
-    places = {block.GetSystemPathname(): i for i, (block, _) in enumerate(blocks)}
-    inputs: list[dict[str, Source]] = [{} for _ in blocks]
+    found = _Blocks(system, path)
+    blocks = [Block(system=block, path=path, inputs={}) for block, path in found]
+    places = {block.GetSystemPathname(): i for i, (block, _) in enumerate(found)}
 
-    def Connect(system: System, sources: dict[int, Source]) -> None:
-        """Follows the connections inside of a system.
-
-        Args:
-            sources: What its own input ports are connected to, by their indices.
-        """
-        if not isinstance(system, Diagram):
-            inputs[places[system.GetSystemPathname()]].update(
-                (system.get_input_port(i).get_name(), source)
-                for i, source in sources.items()
-            )
+    def Connect(diagram: System) -> None:
+        if not isinstance(diagram, Diagram):
             return
-        # By the subsystem's pathname and the index of its input port.
-        inner: dict[str, dict[int, Source]] = {}
-        for (target, i), (source, o) in system.connection_map().items():
-            name, port = _OutputPort(source, int(o))
-            inner.setdefault(target.GetSystemPathname(), {})[int(i)] = Source(
-                places[name], port
-            )
-        for i, outer in sources.items():
-            for target, j in system.GetInputPortLocators(InputPortIndex(i)):
-                inner.setdefault(target.GetSystemPathname(), {})[int(j)] = outer
-        for subsystem in system.GetSystems():
-            Connect(subsystem, inner.get(subsystem.GetSystemPathname(), {}))
+        for (target, i), (system, o) in diagram.connection_map().items():
+            pathname, output = _OutputPort(system, int(o))
+            for block, name in _InputPorts(target, int(i)):
+                inputs = blocks[places[block.GetSystemPathname()]].inputs
+                inputs[name] = Source(places[pathname], output)
+        for part in diagram.GetSystems():
+            Connect(part)
 
-    Connect(system, {})
-    return [
-        Block(system=block, path=path, inputs=inputs[i])
-        for i, (block, path) in enumerate(blocks)
-    ]
+    Connect(system)
+    return blocks
 
 
 def _Blocks(system: System, path: str) -> list[tuple[System, str]]:
@@ -124,3 +107,11 @@ def _OutputPort(system: System, index: int) -> tuple[str, str]:
         return system.GetSystemPathname(), name
     inner, i = system.get_output_port_locator(OutputPortIndex(index))
     return _OutputPort(inner, int(i))
+
+
+def _InputPorts(system: System, index: int) -> list[tuple[System, str]]:
+    """Returns the blocks that an input leads to, and their ports."""
+    if not isinstance(system, Diagram):
+        return [(system, system.get_input_port(index).get_name())]
+    inner = system.GetInputPortLocators(InputPortIndex(index))
+    return [found for part, i in inner for found in _InputPorts(part, int(i))]

@@ -240,7 +240,7 @@ def _MakeRecording(
     surfaces: tuple[Surface, ...] | None = ()
     if loop is not None:
         systems = [block.system for block in loop.evaluator.blocks]
-        surfaces = SurfacesOf(loop.environment)
+        surfaces = SurfacesOf(loop.parts["environment"])
     elif scenario is not None and diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
     return Recording(

@@ -11,11 +11,12 @@ another structure: no number is in it.
 
 import copy
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
@@ -26,11 +27,14 @@ from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSys
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.kernel import Kernel
+from teleop_drake.robots.facts import FactsOfConfig
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task
+
+Array = NDArray[np.float64]
 
 _CHANNELS = ("forward_channel", "return_channel")
 
@@ -67,8 +71,7 @@ class Loop(NamedTuple):
         numbers: Of the last scenario; see _Key.
         packets: What comes out of each channel at first; none: nobody has asked yet.
         is_free: Whether the architecture derives nothing from channels and duration.
-        tool: The inputs of the environment at the start.
-        parts: The systems in the place of those in the diagram, by their paths.
+        parts: Systems of the last scenario by their paths, the environment among them.
     """
 
     diagram: Diagram
@@ -79,14 +82,7 @@ class Loop(NamedTuple):
     numbers: tuple[str, str] = ("", "")
     packets: Sequence[Sequence[float]] = ()
     is_free: bool = False
-    tool: Mapping[str, Any] = MappingProxyType({})
     parts: Mapping[str, System] = MappingProxyType({})
-
-    @property
-    def environment(self) -> System:
-        """The environment of the last scenario."""
-        own: System = self.diagram.GetSubsystemByName("environment")
-        return self.parts.get("environment", own)
 
 
 class Structure:
@@ -111,7 +107,7 @@ class Structure:
             return None
         scenario, parts = self._scenario, dict[str, System]()
         if not loop.is_free or loop.numbers != self._numbers:
-            environment = loop.environment
+            environment = loop.parts["environment"]
             if loop.numbers[0] != self._numbers[0]:
                 start = scenario.robot.start
                 environment = scenario.environment.MakeEnvironment(start)
@@ -136,7 +132,8 @@ class Structure:
                 stream=name,
             )
             channel.set_name(name)
-        found = _With(loop._replace(numbers=self._numbers), parts)
+        place = FactsOfConfig(scenario.robot).start
+        found = _With(loop._replace(numbers=self._numbers), parts, place)
         if found is not None:
             _loops[self._key] = found
         return found
@@ -147,13 +144,8 @@ class Structure:
             return
         if len(_loops) >= _MAX_LOOPS:
             del _loops[next(iter(_loops))]
-        robot = loop.diagram.GetSubsystemByName("robot")
-        at_start = robot.CreateDefaultContext()
-        tool = {
-            name: robot.GetOutputPort(name).Eval(at_start)
-            for name in ("tool_position", "tool_velocity")
-        }
-        _loops[self._key] = loop._replace(numbers=self._numbers, tool=tool)
+        parts = {"environment": loop.diagram.GetSubsystemByName("environment")}
+        _loops[self._key] = loop._replace(numbers=self._numbers, parts=parts)
 
 
 _loops: dict[str, Loop] = {}
@@ -194,8 +186,12 @@ def _Key(scenario: Any, task: Task[Any]) -> tuple[str, tuple[str, str]]:
     return repr(decisive), (repr(ToTree(environment)), repr(ToTree(controller)))
 
 
-def _With(loop: Loop, parts: dict[str, System]) -> Loop | None:
-    """Returns a loop with other systems in their places, None if they do not fit."""
+def _With(loop: Loop, parts: dict[str, System], place: Array) -> Loop | None:
+    """Returns a loop with other systems in their places, None if they do not fit.
+
+    Args:
+        place: Where the tool starts, m.
+    """
     evaluator, start = copy.copy(loop.evaluator), loop.start
     assert start is not None
     blocks, program = list(evaluator.blocks), evaluator.program
@@ -203,7 +199,7 @@ def _With(loop: Loop, parts: dict[str, System]) -> Loop | None:
     for path, system in parts.items():
         context = system.CreateDefaultContext()
         if path == "environment":
-            for name, value in loop.tool.items():
+            for name, value in (("tool_position", place), ("tool_velocity", 0 * place)):
                 system.GetInputPort(name).FixValue(context, value)
             system.ExecuteInitializationEvents(context)
         contexts, others = ContextsIn(system, context), Flatten(system, path)
@@ -217,14 +213,14 @@ def _With(loop: Loop, parts: dict[str, System]) -> Loop | None:
                 kernel = KernelOf(other.system, own)
             except UnsupportedSystem:
                 return None
+            if kernel.delays:  # What they remember is for Drake alone.
+                mode = m[program.modes[i]]
             inputs = {
                 port: Source(source.block + first, source.port)
                 for port, source in other.inputs.items()
             }
-            if kernel.delays:  # What they remember is for Drake alone.
-                mode = m[program.modes[i]]
             if (
-                not _Fits(other, kernel, block, kernels[i])
+                _Outline(other, kernel) != _Outline(block, kernels[i])
                 or not inputs.items() <= block.inputs.items()
                 or x[program.states[i]].size != state.size()
                 or m[program.modes[i]].size != mode.size
@@ -249,26 +245,15 @@ def _With(loop: Loop, parts: dict[str, System]) -> Loop | None:
     )
 
 
-def _Fits(block: Block, kernel: Kernel, other: Block, old: Kernel) -> bool:
-    """Returns whether a block can take the place of another one, with its numbers."""
-    return (
-        block.path == other.path
-        and _Outline(block.system, kernel) == _Outline(other.system, old)
-        and all(
-            getattr(kernel, x.name) == getattr(old, x.name)
-            for x in dataclasses.fields(kernel)
-            if x.name not in ("parameters", "delays")
-        )
-    )
-
-
-def _Outline(system: System, kernel: Kernel) -> list[Any]:
-    """Returns what is in a program of a block, beside the terms of its kernel."""
+def _Outline(block: Block, kernel: Kernel) -> list[Any]:
+    """Returns what is in a program of a block, without its numbers."""
+    system, names = block.system, dict.fromkeys(kernel.parameters)
     outputs = map(system.get_output_port, range(system.num_output_ports()))
     return [
+        block.path,
         [port.size() for port in outputs],
-        kernel.parameters.keys(),
+        dataclasses.replace(kernel, parameters=names, delays=()),
         [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
         # That of delays is Drake's alone.
-        None if kernel.delays else getattr(system, "longest_step", math.inf),
+        None if kernel.delays else getattr(system, "longest_step", None),
     ]
