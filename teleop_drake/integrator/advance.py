@@ -202,17 +202,15 @@ def _evaluate(
 
 def _interpolate(theta: float, h: float, memory: Memory) -> None:
     """Puts the dense output of the step into x_stage."""
-    x, stages, result = memory.x, memory.stages, memory.x_stage
-    for i in range(len(x)):
-        result[i] = x[i]
+    stages, result = memory.stages, memory.x_stage
+    _copy(memory.x, result)
     for s in range(NUM_STAGES):
         power, weight = theta, 0.0
         for k in range(4):
             weight += P[s, k] * power
             power *= theta
         if weight != 0.0:
-            for i in range(len(x)):
-                result[i] += h * weight * stages[s, i]
+            _add(h * weight, stages[s], result)
 
 
 def _keep_node(node: int, delays: Delays, memory: Memory) -> None:
@@ -252,6 +250,19 @@ def _record_step(
         num = memory.counts[POLYNOMIALS]
         memory.steps[num, 0], memory.steps[num, 1] = t, t + length
         memory.counts[POLYNOMIALS] = num + 1
+
+
+def _add(weight: float, source: Array, target: Array) -> None:
+    for i in range(len(target)):
+        target[i] += weight * source[i]
+
+
+def _combine(weights: Array, num: int, stages: Array, result: Array) -> None:
+    """Adds up the first stages, row by row: the processor adds several at once."""
+    for i in range(len(result)):
+        result[i] = 0.0
+    for s in range(num):
+        _add(weights[s], stages[s], result)
 
 
 def _copy(source: Array, target: Array) -> None:
@@ -378,22 +389,18 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     t, x, stages = memory.clock[0], memory.x, memory.stages
     n = len(x)
     for s in range(1, NUM_STAGES):
-        target = memory.x_next if s == NUM_STAGES - 1 else memory.x_stage
-        for i in range(n):
-            total = 0.0
-            for r in range(s):
-                total += A[s, r] * stages[r, i]
-            target[i] = x[i] + h * total
         is_last = s == NUM_STAGES - 1
+        target = memory.x_next if is_last else memory.x_stage
+        _combine(A[s], s, stages, target)
+        for i in range(n):
+            target[i] = x[i] + h * target[i]
         _evaluate(is_last, evaluate, t + C[s] * h, target, problem, memory, stages[s])
-    error = 0.0
+    error, errors = 0.0, memory.dx
+    _combine(E, NUM_STAGES, stages, errors)
     for i in range(n):
-        total = 0.0
-        for s in range(NUM_STAGES):
-            total += E[s] * stages[s, i]
         # Not a number is larger than any.
-        if not abs(h * total) <= error:
-            error = abs(h * total)
+        if not abs(h * errors[i]) <= error:
+            error = abs(h * errors[i])
     return error
 
 

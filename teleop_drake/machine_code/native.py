@@ -15,8 +15,8 @@ from teleop_drake.machine_code.typed_expressions import Header
 
 Array = NDArray[np.float64]
 
-# Optimisation: more than this takes longer and gains nothing.
-_LEVEL = 1
+# Optimisation: from loops, less than this leaves the checks of indices inside.
+_LEVEL = 3
 
 # Lines of code from which on LLVM gets less time for each: what it takes grows faster
 # than the code does.

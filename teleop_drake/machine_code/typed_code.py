@@ -7,7 +7,7 @@ is outside of that is refused when it is compiled, by its line.
 
 import ast
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from types import FunctionType
 from typing import Any
 
@@ -17,10 +17,8 @@ from teleop_drake.machine_code.typed_expressions import (
     EVALUATE,
     INTEGER,
     NOTHING,
-    ArrayType,
     ConstantText,
     ExpressionWriter,
-    IndicesOf,
     NotTyped,
     PartsOf,
     Type,
@@ -279,8 +277,6 @@ class _Function(ExpressionWriter):
         # As in Python, the body does not decide what comes next.
         counter = self._Slot(INTEGER)
         self._Put(INTEGER, counter, Value(INTEGER, (first,)))
-        if array is None and step == "1":
-            self._CheckBefore(node, first, last)
         head, inner, following, end = self._Names(4)
         self._Label(head)
         i = self._Take(INTEGER, counter)
@@ -296,60 +292,3 @@ class _Function(ExpressionWriter):
         self._Put(INTEGER, counter, self._Is(INTEGER, f"add i64 {i.operand}, {step}"))
         self._Jump(head)
         self._Label(end)
-
-    def _CheckBefore(self, node: ast.For, first: str, last: str) -> None:
-        """Checks indices before a loop, so that nothing is left of that inside of it.
-
-        Those are the counter, and variables that stay, where they are used in each
-        round.
-        """
-        inside = [x for statement in node.body for x in ast.walk(statement)]
-        if any(isinstance(x, (ast.Break, ast.Continue, ast.Return)) for x in inside):
-            return
-        names = [x for x in inside if isinstance(x, ast.Name)]
-        assigned = {x.id for x in names if isinstance(x.ctx, ast.Store)}
-        assert isinstance(node.target, ast.Name)
-        counter = node.target.id
-        checks = [
-            (element, axis, index.id)
-            for element in _Unconditional(node.body)
-            if not assigned & _NamesIn(element.value)
-            for axis, index in enumerate(IndicesOf(element))
-            if isinstance(index, ast.Name)
-            and index.id not in assigned
-            and index.id in {counter, *self._variables}
-        ]
-        if not checks or counter in assigned:
-            return
-        begin, end = self._Names(2)
-        self._Branch(self._Do(f"icmp slt i64 {first}, {last}"), begin, end)
-        self._Label(begin)
-        for element, axis, name in checks:
-            array = self._Expression(element.value)
-            if not isinstance(array.type, ArrayType):
-                continue
-            low, high, test = first, last, "sle"
-            if name != counter:
-                kind, slots = self._variables[name]
-                if kind != INTEGER:
-                    continue
-                low = high = self._Take(kind, slots).operand
-                test = "slt"
-            self._Demand(self._Do(f"icmp sge i64 {low}, 0"), element)
-            dimension = array.operands[1 + axis]
-            self._Demand(self._Do(f"icmp {test} i64 {high}, {dimension}"), element)
-            self._checked.add((id(element), axis))
-        self._Label(end)
-
-
-def _NamesIn(node: ast.AST) -> set[str]:
-    return {x.id for x in ast.walk(node) if isinstance(x, ast.Name)}
-
-
-def _Unconditional(body: Sequence[ast.stmt]) -> Iterator[ast.Subscript]:
-    """Yields the elements of arrays that are used in each round of a loop."""
-    for statement in body:
-        if isinstance(statement, (ast.Assign, ast.AugAssign, ast.AnnAssign)):
-            inside = list(ast.walk(statement))
-            if not any(isinstance(x, (ast.IfExp, ast.BoolOp)) for x in inside):
-                yield from (x for x in inside if isinstance(x, ast.Subscript))

@@ -106,11 +106,6 @@ def PartsOf(kind: Type) -> tuple[str, ...]:
     return ("ptr",) if isinstance(kind, TupleType) or kind == EVALUATE else (kind,)
 
 
-def IndicesOf(node: ast.Subscript) -> list[ast.expr]:
-    """Returns the indices of an element."""
-    return node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-
-
 def _NumSlots(kind: Type) -> int:
     """Returns how many numbers a type has in a Header()."""
     if isinstance(kind, TupleType):
@@ -136,8 +131,6 @@ class ExpressionWriter:
         self._num_names = 0
         self._variables: dict[str, tuple[Type, list[str]]] = {}
         self._is_open = True
-        # Elements of arrays, and places of indices there, that have been checked.
-        self._checked: set[tuple[int, int]] = set()
 
     # Writing.
 
@@ -321,11 +314,11 @@ class ExpressionWriter:
         if isinstance(node.slice, ast.Slice):
             return self._Slice(array, node.slice)
         indices = []
-        for axis, item in enumerate(IndicesOf(node)):
+        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        for axis, item in enumerate(items):
             index = self._As(INTEGER, self._Expression(item)).operand
-            if (id(node), axis) not in self._checked:
-                dimension = array.operands[1 + axis]
-                self._Demand(self._Do(f"icmp ult i64 {index}, {dimension}"), node)
+            dimension = array.operands[1 + axis]
+            self._Demand(self._Do(f"icmp ult i64 {index}, {dimension}"), node)
             indices.append(index)
         return self._At(array, indices)
 

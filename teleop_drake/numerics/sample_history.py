@@ -221,18 +221,18 @@ def _newton_series(
         left -= grows
         nodes.append(t[left if grows else left + order])
         coefficients.append(y[left])
-    num_terms, share = _trusted(nodes, coefficients, begin, end, change)
+    # |(t - begin) (t - end)| and each further factor are largest at an end or in the
+    # middle.
+    factor, terms = (end - begin) ** 2 / 4, [0.0, 0.0]
+    for node, coefficient in zip(nodes[2:], coefficients[2:], strict=True):
+        terms.append(abs(coefficient) * factor)
+        factor *= max(abs(begin - node), abs(end - node))
+    num_terms, share = _trusted(terms, change)
     coefficients[2:] = [share * c for c in coefficients[2:]]
     return list(zip(nodes, coefficients, strict=True))[:num_terms][::-1]
 
 
-def _trusted(
-    nodes: list[float],
-    coefficients: list[float],
-    begin: float,
-    end: float,
-    change: float,
-) -> tuple[int, float]:
+def _trusted(terms: list[float], change: float) -> tuple[int, float]:
     """Returns how many terms of a series can be trusted, and how much of the curved.
 
     With T_m a bound of the m-th term, the series ends with M where
@@ -240,12 +240,6 @@ def _trusted(
     symmetry). Unless that is small against the largest term, the terms from the second
     order on are scaled by change / (4 sum T_m) where that is less than 1.
     """
-    # |(t - begin) (t - end)| and each further factor are largest at an end or in the
-    # middle.
-    factor, terms = (end - begin) ** 2 / 4, [0.0, 0.0]
-    for node, coefficient in zip(nodes[2:], coefficients[2:], strict=True):
-        terms.append(abs(coefficient) * factor)
-        factor *= max(abs(begin - node), abs(end - node))
     terms += [0.0] * (4 - len(terms))
     pairs = list(map(max, terms[2:], terms[3:]))
     last = 0
