@@ -177,7 +177,7 @@ class DelayLine:
         times = history.times
         i = bisect_left(times, key)
         if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-            return history.eval_interval(i - 1, key)
+            return history.polynomial(i - 1).eval(key)
         if not times or key < times[0]:
             return None
         if key > times[-1] + _STRETCH * self.longest_step:

@@ -124,7 +124,7 @@ class SampleHistory:
         polynomials = {}
         i = self._interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
-            polynomials[i - first] = self._polynomial(i)
+            polynomials[i - first] = self.polynomial(i)
         values = np.empty((keep - first + 1, len(value)))
         values[:-1] = self.values[first:keep]
         values[-1] = value
@@ -147,19 +147,10 @@ class SampleHistory:
         i = min(max(self._interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
             return np.asarray(self.values[i + 1])  # Just behind a jump.
-        return self.eval_interval(i, time)
+        return self.polynomial(i).eval(time)
 
-    def eval_interval(self, i: int, time: float) -> NDArray[np.float64]:
-        """Returns what eval() does in the interval between the samples i and i + 1.
-
-        Args:
-            i: Index of a sample that is older than the next.
-            time: In s.
-        """
-        return self._polynomial(i).eval(time)
-
-    def _polynomial(self, i: int) -> "EnoPolynomial":
-        """Returns the polynomial between the samples i and i + 1."""
+    def polynomial(self, i: int) -> "EnoPolynomial":
+        """Returns the polynomial between the samples i and i + 1, no jump."""
         polynomial = self.polynomials.get(i)
         if polynomial is None:
             polynomial = EnoPolynomial(self.times, self.values, i)

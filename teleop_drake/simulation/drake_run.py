@@ -121,25 +121,23 @@ class Recorder:
 
     def _SampleBeginning(self) -> None:
         """Takes a sample at the beginning of the step, after what happened there."""
-        inner, begin = self._inner_context, self._rows[-1][0]
-        inner.SetTime(begin)
-        inner.SetContinuousState(self._state)
-        self._rate = self._RateIn(inner)
-        values = [evaluate(context) for evaluate, context in self._inside]
-        self._rows.append((begin, values))
+        self._SampleAt(self._rows[-1][0], self._state)
+        self._rate = self._RateIn(self._inner_context)
 
     def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
         """Takes the samples between the last one and a time."""
-        inner, begin = self._inner_context, self._rows[-1][0]
+        begin = self._rows[-1][0]
         h = end - begin
         for s in shares(DEGREE)[1:-1].tolist():
-            inner.SetTime(begin + s * h)
-            inner.SetContinuousState(
-                (1 - s) ** 2 * ((1 + 2 * s) * self._state + s * h * self._rate)
-                + s**2 * ((3 - 2 * s) * state - (1 - s) * h * rate)
-            )
-            values = [evaluate(context) for evaluate, context in self._inside]
-            self._rows.append((begin + s * h, values))
+            first = (1 + 2 * s) * self._state + s * h * self._rate
+            last = (3 - 2 * s) * state - (1 - s) * h * rate
+            self._SampleAt(begin + s * h, (1 - s) ** 2 * first + s**2 * last)
+
+    def _SampleAt(self, time: float, state: np.ndarray) -> None:
+        self._inner_context.SetTime(time)
+        self._inner_context.SetContinuousState(state)
+        values = [evaluate(context) for evaluate, context in self._inside]
+        self._rows.append((time, values))
 
     def Finish(self) -> Series:
         """Returns the times (N,), the signals (N, k) and the steps."""
