@@ -156,21 +156,6 @@ def _Overrides(plan: SweepPlan, run: int) -> list[str]:
     return [*plan.overrides, *PointOverrides(plan.points[run])]
 
 
-def _Simulate(
-    plan: SweepPlan, runs: Iterable[int], pool: ProcessPoolExecutor
-) -> Iterator[dict[str, Any]]:
-    """Simulates runs of a plan and yields each record as it comes."""
-    # Why it is not machine code was said once for all.
-    engine = "drake" if plan.engine == "drake" else "auto"
-    futures = {
-        pool.submit(_SimulateOne, plan.source, _Overrides(plan, run), engine): run
-        for run in runs
-    }
-    for future in as_completed(futures):
-        run = futures[future]
-        yield {"run": run, "varied": plan.points[run], **future.result()}
-
-
 def _SimulateInProcesses(
     plan: SweepPlan, runs: Iterable[int], jobs: int
 ) -> Iterator[dict[str, Any]]:
@@ -179,6 +164,8 @@ def _SimulateInProcesses(
     The death of a process breaks its pool. The runs that may have been under way are
     done again, each alone, so that only a run that ends its process fails.
     """
+    # Why it is not machine code was said once for all.
+    engine = "drake" if plan.engine == "drake" else "auto"
     waiting, suspects = list(runs), list[int]()
     while waiting or suspects:
         is_alone = bool(suspects)
@@ -188,9 +175,16 @@ def _SimulateInProcesses(
         del queue[:size]
         try:
             with _Processes(min(len(unfinished), jobs)) as pool:
-                for record in _Simulate(plan, list(unfinished), pool):
-                    del unfinished[record["run"]]
-                    yield record
+                futures = {
+                    pool.submit(
+                        _SimulateOne, plan.source, _Overrides(plan, run), engine
+                    ): run
+                    for run in unfinished
+                }
+                for future in as_completed(futures):
+                    run, record = futures[future], future.result()
+                    del unfinished[run]
+                    yield {"run": run, "varied": plan.points[run], **record}
         except BrokenProcessPool:
             if is_alone:
                 for run in unfinished:
