@@ -141,14 +141,12 @@ def simulate(
     task = task or TaskOf(scenario)
     scenario.Validate()
     structure = loop = None
-    if teleoperator is None:
-        if engine != "drake":
-            structure = Structure(scenario, task)
-            loop = structure.Find()
-        diagram = task.MakeDiagram(scenario) if loop is None else loop.diagram
-    else:
-        diagram = teleoperator
-        _CheckTeleoperator(scenario, task, diagram)
+    if teleoperator is not None:
+        _CheckTeleoperator(scenario, task, teleoperator)
+    elif engine != "drake":
+        structure = Structure(scenario, task)
+        loop = structure.Find()
+    diagram = loop.diagram if loop else teleoperator or task.MakeDiagram(scenario)
     CheckSteps(scenario)
 
     speed_limit = task.MakeSpeedLimit(scenario)
@@ -278,13 +276,8 @@ def _MakeRecording(
 
 def HasConstantCommand(diagram: Diagram) -> bool:
     """Returns whether the operator in a diagram, if there is one, tells so."""
-    if not diagram.HasSubsystemNamed("master"):
-        return True
-    master = diagram.GetSubsystemByName("master")
-    if not (isinstance(master, Diagram) and master.HasSubsystemNamed("surgeon")):
-        return True
-    operator = master.GetSubsystemByName("surgeon")
-    return bool(getattr(operator, "has_constant_command", False))
+    operators = [x for x in SystemsIn(diagram) if x.get_name() == "surgeon"]
+    return all(getattr(x, "has_constant_command", False) for x in operators)
 
 
 # How far a joint may be past its limit, rad or m: rounding errors of a pose at it.

@@ -165,25 +165,19 @@ def _Key(scenario: Any, task: Task[Any]) -> tuple[str, tuple[str, str]]:
     The first is empty if it is not known: a user's own kind, and a file, may be another
     one in the next run.
     """
-    fields = [x.name for x in dataclasses.fields(scenario) if x.name not in _FREE]
-    kinds = [task, *(getattr(scenario, name) for name in fields)]
-    kinds.append(scenario.controller.Chosen())
+    tree = {key: x for key, x in ToTree(scenario).items() if key not in _FREE}
+    kinds = [task, scenario.controller.Chosen()]
+    kinds += [getattr(scenario, name) for name in tree]
     if any(
         not type(kind).__module__.startswith(("teleop_drake.", "builtins"))
         for kind in kinds
     ) or any(not name.startswith(_CHANNELS) for name in ScenarioFiles(scenario)):
         return "", ("", "")
-    decisive = [
-        *(type(task), type(scenario.environment), scenario.controller.kind),
-        *(getattr(scenario, name).IsPassThrough() for name in _CHANNELS),
-        *(
-            ToTree(getattr(scenario, name))
-            for name in fields
-            if name not in (*_NUMBERS, *_CHANNELS)
-        ),
-    ]
-    environment, controller = (getattr(scenario, name) for name in _NUMBERS)
-    return repr(decisive), (repr(ToTree(environment)), repr(ToTree(controller)))
+    decisive = [type(task), type(scenario.environment), scenario.controller.kind]
+    for name in _CHANNELS:
+        tree[name] = getattr(scenario, name).IsPassThrough()
+    environment, controller = (repr(tree.pop(name)) for name in _NUMBERS)
+    return repr([decisive, tree]), (environment, controller)
 
 
 def _With(loop: Loop, parts: dict[str, System], place: Array) -> Loop | None:
