@@ -15,8 +15,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
@@ -27,14 +25,13 @@ from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSys
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.kernel import Kernel
+from teleop_drake.robots import RobotConfig
 from teleop_drake.robots.facts import FactsOfConfig
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task
-
-Array = NDArray[np.float64]
 
 _CHANNELS = ("forward_channel", "return_channel")
 
@@ -132,8 +129,7 @@ class Structure:
                 stream=name,
             )
             channel.set_name(name)
-        place = FactsOfConfig(scenario.robot).start
-        found = _With(loop._replace(numbers=self._numbers), parts, place)
+        found = _With(loop._replace(numbers=self._numbers), parts, scenario.robot)
         if found is not None:
             _loops[self._key] = found
         return found
@@ -180,12 +176,8 @@ def _Key(scenario: Any, task: Task[Any]) -> tuple[str, tuple[str, str]]:
     return repr([decisive, tree]), (environment, controller)
 
 
-def _With(loop: Loop, parts: dict[str, System], place: Array) -> Loop | None:
-    """Returns a loop with other systems in their places, None if they do not fit.
-
-    Args:
-        place: Where the tool starts, m.
-    """
+def _With(loop: Loop, parts: dict[str, System], robot: RobotConfig) -> Loop | None:
+    """Returns a loop with other systems in their places, None if they do not fit."""
     evaluator, start = copy.copy(loop.evaluator), loop.start
     assert start is not None
     blocks, program = list(evaluator.blocks), evaluator.program
@@ -193,8 +185,9 @@ def _With(loop: Loop, parts: dict[str, System], place: Array) -> Loop | None:
     for path, system in parts.items():
         context = system.CreateDefaultContext()
         if path == "environment":
-            for name, value in (("tool_position", place), ("tool_velocity", 0 * place)):
-                system.GetInputPort(name).FixValue(context, value)
+            place = FactsOfConfig(robot).start  # As Drake's numbers have it.
+            system.GetInputPort("tool_position").FixValue(context, place)
+            system.GetInputPort("tool_velocity").FixValue(context, 0 * place)
             system.ExecuteInitializationEvents(context)
         contexts, others = ContextsIn(system, context), Flatten(system, path)
         inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
