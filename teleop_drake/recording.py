@@ -229,18 +229,18 @@ class Recording:
                 [
                     (name, component)
                     for name, x in self.signals.items()
-                    for component in self._Components(name, x.shape[1])
+                    for component in self.Components(name, x.shape[1])
                 ],
                 names=["signal", "component"],
             ),
         )
 
-    def _Components(self, name: str, size: int) -> list[Any]:
+    def Components(self, name: str, size: int) -> list[Any]:
         """Returns what the components of a signal are called."""
         direction, _, kind = name.partition("_")
         if kind.startswith("packet_"):
             architecture = self.teleoperation.controller.Chosen()
-            axes = AxesOf(self["tool_position"].shape[1])
+            axes = AxesOf(self.teleoperation.num_axes)
             # A packet may lack the last parts.
             parts = getattr(architecture, f"{direction}_parts")[: size // len(axes)]
             names = [f"{part} {axis}" for part in parts for axis in axes]

@@ -13,6 +13,7 @@ _NAMES = {
     ("controller", "return_packet"): "return_packet_sent",
     ("return_channel", "delayed_signal"): "return_packet_received",
     ("environment", "layer"): "environment_layer",
+    ("hold", "sum"): "applied_force",
 }
 
 # Signals that a loop may lack. Whoever looks at them takes them for those of these
@@ -84,17 +85,17 @@ _LOOP = (
 def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
     """Returns what is recorded of a diagram, by the names of the signals.
 
-    A loop, with a `robot` that has a tool, has those of NamedSignals(). Of any other
-    diagram they are the vector outputs that it exports or, if it exports none,
-    `system.port` for those of its systems.
+    A loop, or a side of it, with a `robot` that has a tool or with a `master` that has
+    an operator, has those of NamedSignals(). Of any other diagram they are the vector
+    outputs that it exports or, if it exports none, `system.port` for those of its
+    systems.
 
     Raises:
         ValueError: If there are none.
     """
     systems = diagram.GetSystems()
-    if any(
-        x.get_name() == "robot" and x.HasOutputPort("tool_velocity") for x in systems
-    ):
+    marks = {"robot": "tool_velocity", "master": "surgeon_mode"}
+    if any(x.HasOutputPort(marks.get(x.get_name(), "")) for x in systems):
         return NamedSignals(systems)
     signals = {port.get_name(): port for port in _VectorOutputs(diagram)} or {
         f"{system.get_name()}.{port.get_name()}": port

@@ -4,7 +4,8 @@ import time as clock
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Context, Diagram
 
 from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
@@ -19,13 +20,14 @@ from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.simulation.structure import Loop, Structure, WhyNotSolved
 from teleop_drake.tasks import TaskOf
+from teleop_drake.validation import ScenarioError
 
 # Programs that have agreed with their diagrams. Later runs of a structure differ in
 # their parameters alone.
 _checked: set[str] = set()
 
 
-class CannotCompile(Exception):
+class CannotCompile(ScenarioError):
     """A run that has to be Drake's; the message says why."""
 
 
@@ -42,29 +44,10 @@ def RunCompiled(
         CannotCompile: If a block, or the solver that is asked for, has no machine code.
         KernelDisagrees: If the machine code does not compute what the diagram does.
     """
-    diagram, config = job.diagram, job.config
-    if why := WhyNotSolved(config):
-        raise CannotCompile(why)
-    context = None
+    diagram, context = job.diagram, None
     if loop is None:
-        context = diagram.CreateDefaultContext()
-        context.SetAccuracy(EVENT_ACCURACY)
-        diagram.ExecuteInitializationEvents(context)
-        try:
-            evaluator = Evaluator(diagram, context, as_machine_code=True)
-        except UnsupportedSystem as error:
-            raise CannotCompile(str(error)) from error
-        longest_step = LongestStep(diagram, of_delays=False)
-        places = SignalPlaces(evaluator, diagram)
-        loop = Loop(diagram, evaluator, places, None, longest_step)
-    run = CompiledRun(
-        loop.evaluator,
-        context,
-        start=loop.start,
-        end=job.duration,
-        accuracy=config.accuracy,
-        max_step=min(config.max_step_size, loop.longest_step),
-    )
+        loop, context = CompileLoop(diagram, job.config)
+    run = StartRun(loop, context, job.config, job.duration)
     outcome = _Run(run, job, loop.places)
     if context is None:
         outcome.TakeStatistics(loop.parts.values())
@@ -78,6 +61,44 @@ def RunCompiled(
     if structure is not None:
         structure.Keep(loop._replace(start=run.start))
     return outcome
+
+
+def CompileLoop(
+    diagram: Diagram, config: SimulatorConfig, **inputs: NDArray[np.float64]
+) -> tuple[Loop, Context]:
+    """Compiles a diagram, and returns where it starts; see RunCompiled().
+
+    Args:
+        inputs: What the inputs of the diagram are fed with at first, by their names.
+    """
+    if why := WhyNotSolved(config):
+        raise CannotCompile(why)
+    context = diagram.CreateDefaultContext()
+    context.SetAccuracy(EVENT_ACCURACY)
+    for name, values in inputs.items():
+        diagram.GetInputPort(name).FixValue(context, values)
+    diagram.ExecuteInitializationEvents(context)
+    try:
+        evaluator = Evaluator(diagram, context, as_machine_code=True)
+    except UnsupportedSystem as error:
+        raise CannotCompile(str(error)) from error
+    longest_step = LongestStep(diagram, of_delays=False)
+    places = SignalPlaces(evaluator, diagram)
+    return Loop(diagram, evaluator, places, None, longest_step), context
+
+
+def StartRun(
+    loop: Loop, context: Context | None, config: SimulatorConfig, end: float
+) -> CompiledRun:
+    """Returns the run of a loop until a time in s; it has not begun."""
+    return CompiledRun(
+        loop.evaluator,
+        context,
+        start=loop.start,
+        end=end,
+        accuracy=config.accuracy,
+        max_step=min(config.max_step_size, loop.longest_step),
+    )
 
 
 def WhyNotCompiled(scenario: AnyScenario) -> str:

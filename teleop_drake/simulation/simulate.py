@@ -132,7 +132,7 @@ def simulate(
         config = simulator or DefaultSimulator()
         job = Job(scenario, config, duration, _Finite(), progress)
         run, notes = _Run(job, engine)
-        return _MakeRecording(None, job, run, notes)
+        return MakeRecording(None, job.diagram, config, run, notes)
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -156,7 +156,7 @@ def simulate(
     _EndAtJointLimit(diagram, run)
     if run.is_too_fast:
         _EndAtSpeed(speed_limit.speed, run)
-    recording = _MakeRecording(scenario, job, run, notes, loop)
+    recording = MakeRecording(scenario, diagram, config, run, notes, loop)
     with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
     return recording
@@ -225,15 +225,15 @@ def _CheckTeleoperator(
         Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
-def _MakeRecording(
+def MakeRecording(
     scenario: AnyScenario | None,
-    job: Job,
+    diagram: Diagram,
+    config: SimulatorConfig,
     run: Outcome,
     notes: list[str],
     loop: Loop | None = None,
 ) -> Recording:
     """Makes the recording of a run, without its events."""
-    diagram, config = job.diagram, job.config
     systems = list(SystemsIn(diagram))
     surfaces: tuple[Surface, ...] | None = ()
     if loop is not None:
