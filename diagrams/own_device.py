@@ -80,11 +80,11 @@ def main(picture: Path) -> None:
             server.communicate()
     recording = side.Recording()
     felt, sent = recording["return_packet_received"], recording["forward_packet_sent"]
-    trip = side.Report()["round_trip"]
+    trip = side.Report()["median_round_trip"]
     print(
         f"the tool was felt to move {1000 * felt[-1, 0]:.2f} mm, "
         f"with up to {sent[:, 0].max():.3f} N; "
-        f"round trip {1000 * trip['median']:.1f} ms"
+        f"round trip {1000 * trip:.1f} ms"
     )
 
 

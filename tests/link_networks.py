@@ -49,6 +49,7 @@ class Network:
                 ("operator", "robot")[i],
                 KEY,
                 _End(self, i),
+                *["there"][i:],
                 clock=lambda i=i: self.now + self._offsets[i],
                 say=self.lines[i].append,
                 **options[i] | both,
@@ -75,8 +76,6 @@ class Network:
             assert due, "nothing would ever happen"
             self.now = max(self.now, time)
             sides[i].Tick()
-            if sides[i].reason is not None:
-                sides[i].Close()
 
     def Skip(self, sides, i, seconds):
         """Sets a clock ahead."""
@@ -90,18 +89,21 @@ class Network:
         self._counts[i] += 1
 
     def Receive(self, i):
-        queue, came = self._queues[i], []
-        while queue and queue[0][0] <= self.now:
-            came.append((heapq.heappop(queue)[3], "there"))
-        return came
+        queue = self._queues[i]
+        if not queue or queue[0][0] > self.now:
+            raise BlockingIOError
+        return heapq.heappop(queue)[3], "there"
 
 
 class _End:
-    address = "there"
+    """Of a socket what a side uses."""
 
     def __init__(self, network, i):
-        self.Send = lambda data, address: network.Send(i, data)
-        self.Receive = lambda: network.Receive(i)
+        self.sendto = lambda data, address: network.Send(i, data)
+        self.recvfrom = lambda size: network.Receive(i)
 
-    def Close(self):
-        pass
+    def close(self):
+        def Refuse(data, address):
+            raise OSError("the socket is closed")
+
+        self.sendto = Refuse

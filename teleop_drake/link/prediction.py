@@ -5,26 +5,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from teleop_drake.channels.network import NetworkChannelConfig
 from teleop_drake.figures.runs import PlotRows, SaveFigure
 from teleop_drake.files import Replacing
-from teleop_drake.link.packets import Array
-from teleop_drake.link.side import Parts, Side
+from teleop_drake.link.halves import WAYS, Half
+from teleop_drake.link.packets import NUM_USED
+from teleop_drake.link.side import Side
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import LoadScenario, ScenarioToYaml
+from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.signals import AxisUnit
-from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.panels import SignalRow
-from teleop_drake.teleoperator import MakeTeleoperator
-
-# Share of a signal's range, and how much at least, within which values are the same.
-_SAME, _LEAST = 1e-3, 1e-9
-
-# What arrives at an instant is not in its row yet, s.
-_INSTANT = 1e-9
 
 # Units of the parts of packets, by their first letters; u and w are waves.
 _UNITS = {"p": "m", "x": "m", "v": "m/s", "a": "m/s^2", "F": "N", "E": "J"}
@@ -39,88 +31,84 @@ def SaveRun(side: Side, folder: Path) -> list[Path]:
     In the traces no delay is negative.
     """
     recording, controller = side.Recording(), side.scenario.controller
-    recording.Save(folder / f"{side.side}.npz")
-    files = [folder / f"{side.side}.npz"]
+    names = (".npz", "_forward.csv", "_return.csv", "_predicted.yaml")
+    files = [folder / f"{side.side}{name}" for name in names]
+    recording.Save(files[0])
     changes: dict[str, Any] = {"duration": float(recording.time[-1])}
     for way, delays in side.Delays().items():
-        files.append(folder / f"{side.side}_{way}.csv")
-        delays = np.maximum(delays, 0)
-        rows = [f"{k * side.period:.9g},{x:.9g}\n" for k, x in enumerate(delays)]
-        _Write(files[-1], "time,delay\n" + "".join(rows))
-        changes[f"{way}_channel"] = NetworkChannelConfig(
-            delay=0.0,
-            sample_period=side.period,
-            trace=files[-1].name,
-            trace_end="hold",
-        )
+        trace = files[1 + (way == "return")]
+        rows = np.column_stack((np.arange(len(delays)) * side.period, delays.clip(0)))
+        with Replacing(trace) as file:
+            np.savetxt(file, rows, "%.9g", ",", header="time,delay", comments="")
+        fields: Any = {"delay": 0.0, "sample_period": side.period, "trace_end": "hold"}
+        changes[f"{way}_channel"] = NetworkChannelConfig(trace=trace.name, **fields)
     if hasattr(controller, kind := controller.kind):
         # Gains are those of the run, not what these channels would give.
         gains = {kind: ResolveController(side.scenario)}
         changes["controller"] = dataclasses.replace(controller, **gains)
-    files.append(folder / f"{side.side}_predicted.yaml")
-    _Write(files[-1], ScenarioToYaml(dataclasses.replace(side.scenario, **changes)))
+    with Replacing(files[-1]) as file:
+        text = ScenarioToYaml(dataclasses.replace(side.scenario, **changes))
+        file.write_text(text, encoding="utf-8")
     return files
 
 
-def _Write(file: Path, text: str) -> None:
-    with Replacing(file) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def Predict(side: Side, folder: Path, **own: Any) -> Recording:
-    """Simulates the whole loop as SaveRun() has written it.
+def Predict(side: Side, **own: Any) -> Recording:
+    """Simulates both sides at each tick, from what they had in use.
 
     Args:
         own: Systems of one's own, such as the sides had.
     """
-    scenario = LoadScenario(folder / f"{side.side}_predicted.yaml")
-    return simulate(scenario, teleoperator=MakeTeleoperator(scenario, **own))
+    ticks, period, sent = np.arange(side.tick + 1), side.period, {}
+    halves, used = {}, {}
+    for name, (heard, spoken) in WAYS.items():
+        halves[name] = Half(side.scenario, name, period, side.num_fading, own)
+        sent[spoken] = [halves[name].initial[spoken]]
+        # In between of what is known, packets are taken in steady steps.
+        rows = side.used[heard][NUM_USED:][: ticks.size]
+        known = np.append(-1, np.flatnonzero(rows >= 0))
+        between = np.interp(ticks, known, np.append(-1, rows[known[1:]]))
+        used[heard] = np.minimum(np.floor(between).astype(int), ticks)
+    # The other side's turns follow from these, but for those that it missed.
+    rows = side.used[side.spoken][NUM_USED:][: ticks.size]
+    known = np.append(np.flatnonzero(rows > -2), ticks[-1])
+    is_missed = rows[known[np.searchsorted(known, ticks)]] == -1
+    echoes = used[side.heard][used[side.spoken].clip(0)].clip(0)
+    is_stale = (ticks - echoes) * period > side.limit
+    turns = dict.fromkeys(WAYS, np.where(is_stale, 1, -1) * ~is_missed)
+    turns[side.side] = side.log["turn"][NUM_USED:]
+    for k in ticks:
+        for name, (_, spoken) in WAYS.items():
+            sent[spoken].append(halves[name].Advance(k * period))
+        for name, (heard, _) in WAYS.items():
+            if turn := turns[name][k]:
+                halves[name].Follow(sent[heard][used[heard][k] + 1], turn)
+                halves[name].Feed()
+    parts: Any = (ticks * period, {}, "completed", "")
+    master, robot = (half.Recording(*parts) for half in halves.values())
+    return dataclasses.replace(robot, signals=master.signals | robot.signals)
 
 
 def Compare(side: Side, predicted: Recording, picture: Path) -> dict[str, float]:
     """Draws the packets of a run and their prediction; returns how far they differ.
 
     Returns:
-        By the signal a time in s: each value is among those that were predicted within
-        it, to a thousandth of the signal's range.
+        By the signal, the largest difference as a share of the largest value.
     """
     recording, differences, rows = side.Recording(), {}, []
+    ticks = np.flatnonzero(side.log["turn"]) - NUM_USED
     for name in [x for x in recording if "_packet_" in x]:
-        values = predicted.Interpolate(name, recording.time - _INSTANT)
-        # At the very start nobody has heard anything.
-        apart = _SamplesApart(recording[name][1:], values[1:])
-        differences[name] = side.period * apart
-        way, _, event = name.partition("_packet_")
-        rows += [
-            SignalRow(
-                label=f"{part} {axis}\n{event}",
-                unit=AxisUnit(_UNITS.get(part[0], ""), axis),
-                signal=name,
-                components=[k],
-            )
-            for k, (part, axis) in enumerate(Parts(side.scenario, way))
-            if k < values.shape[1]
-        ]
+        expected = predicted[name][ticks]
+        apart = np.abs(recording[name] - expected)
+        size = np.maximum(np.abs(expected).max(axis=0), 1e-9)
+        differences[name] = float((apart / size).max())
+        for k, part in enumerate(recording.Components(name, size.size)):
+            unit = AxisUnit(_UNITS.get(part[0], ""), part.rpartition(" ")[2])
+            label = f"{part}\n{name.rpartition('_')[2]}"
+            row = SignalRow(label=label, unit=unit, signal=name, components=[k])
+            rows.append(row)
     # A figure wants to know where the tool is.
-    tool = predicted.Interpolate("tool_position", recording.time)
-    signals = {"tool_position": tool} | recording.signals
-    measured = dataclasses.replace(recording, signals=signals)
+    tool = {"tool_position": predicted["tool_position"][ticks]}
+    measured = dataclasses.replace(recording, signals=tool | recording.signals)
     runs = {"measured": measured, "predicted": predicted}
     SaveFigure(PlotRows(runs, rows, columns=1), picture)
     return differences
-
-
-def _SamplesApart(measured: Array, predicted: Array) -> int:
-    """Returns a power of 2: among so many samples around its own each value is found.
-
-    0: at its own.
-    """
-    slack, num = _SAME * np.ptp(predicted, axis=0) + _LEAST, 0
-    while num < len(predicted):
-        size = 2 * num + 1
-        low = minimum_filter1d(predicted, size, axis=0, mode="nearest") - slack
-        high = maximum_filter1d(predicted, size, axis=0, mode="nearest") + slack
-        if np.all((measured >= low) & (measured <= high)):
-            break
-        num = max(2 * num, 1)
-    return num

@@ -9,7 +9,7 @@ import pytest
 from documentation import ROOT
 from grids import Slow
 
-from teleop_drake.link.packets import RUNNING, WAITING, NewKey, ReadKey, Session, Udp
+from teleop_drake.link.packets import NewKey, OpenSocket, ReadKey, Session
 from teleop_drake.validation import ScenarioError
 
 KEY = bytes(range(32))
@@ -17,20 +17,20 @@ KEY = bytes(range(32))
 
 def Sessions(agreement=7):
     """An operator's and a robot's session of 2 and 3 numbers, which do not know."""
-    return Session(KEY, 0, 7, 3, "robot"), Session(KEY, 1, agreement, 2)
+    return Session(KEY, 0, 7, 3, "robot"), Session(KEY, 1, agreement, 2, None)
 
 
 def Seal(session, now, tick=-1):
     values = np.arange(2.0 if session.address == "robot" else 3.0)
-    state = WAITING if tick < 0 else RUNNING
-    return session.Seal(now, state, 100, list(range(tick + 1)), values)
+    used = np.arange(tick - 31, tick + 1).clip(-1)
+    return session.Seal(now, values, start=100, tick=tick, used=used)
 
 
 def Introduced(operator, robot):
     """The same after they have proved to hear each other; the robot is 1000 ahead."""
-    assert robot.Open(Seal(operator, 0), 1010, "operator") is None
-    assert operator.Open(Seal(robot, 1030), 40, "robot")
-    assert robot.Open(Seal(operator, 50), 1060, "operator")
+    assert robot.Open(Seal(operator, 0), "operator", 1010) is None
+    assert operator.Open(Seal(robot, 1030), "robot", 40)
+    assert robot.Open(Seal(operator, 50), "operator", 1060)
     return operator, robot
 
 
@@ -52,10 +52,10 @@ def test_the_layout_is_the_documented_one():
         for begin, _, kind, _ in rows
     ]
     assert fields[0] == (b"TDL\x01",)
-    assert [x[0] for x in fields[1:4]] == [0, RUNNING, 2]
+    assert [x[0] for x in fields[1:4]] == [0, 0, 2]
     assert [x[0] for x in fields[6:13]] == [3, 70, 1030, 30, 100, 7, 4]
-    assert fields[13] == (4, 3, 2, 1, 0, *[-1] * 27)
-    packet = robot.Open(data, 80, "operator")
+    assert fields[13] == (*[-1] * 27, 0, 1, 2, 3, 4)
+    packet = robot.Open(data, "operator", 80)
     assert packet.values.tolist() == [0, 1]
     assert packet.tick == 4
 
@@ -74,7 +74,7 @@ def test_packets_that_are_not_meant_change_nothing(num):
     random = np.random.default_rng(1)
     seen = [Seal(operator, 100 + k, tick=k) for k in range(100)]
     for k, data in enumerate(seen):
-        assert robot.Open(data, 200 + k, "operator").tick == k
+        assert robot.Open(data, "operator", 200 + k).tick == k
     other = Introduced(*Sessions())[0]  # The same key, another session.
     seen += [Seal(other, 100 + k, tick=k) for k in range(100)]
     seen += [Seal(robot, 100)]  # Sent back.
@@ -87,10 +87,10 @@ def test_packets_that_are_not_meant_change_nothing(num):
             del data[random.integers(len(data)) :]
         elif k % 4 == 2:
             data = random.bytes(int(random.integers(400)))
-        assert robot.Open(bytes(data), 1000, "anybody") is None
+        assert robot.Open(bytes(data), "anybody", 1000) is None
     assert State(robot) == before
     assert set(robot.refused) >= {"hash", "foreign", "version", "old", "session", "own"}
-    assert robot.Open(Seal(operator, 300, tick=100), 400, "operator").tick == 100
+    assert robot.Open(Seal(operator, 300, tick=100), "operator", 400).tick == 100
 
 
 def test_a_replay_to_a_process_that_was_started_anew():
@@ -98,8 +98,8 @@ def test_a_replay_to_a_process_that_was_started_anew():
     seen = [Seal(operator, k, tick=k) for k in range(100)]
     operator, robot = Sessions()
     for data in seen:
-        assert robot.Open(data, 1, "anybody") is None
-    assert robot.num_exchanges == 0
+        assert robot.Open(data, "anybody", 1) is None
+    assert robot.exchanges == 0
     # The true one is heard all the same.
     Introduced(operator, robot)
     assert robot.address == "operator"
@@ -107,11 +107,11 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    data = operator.Seal(70, RUNNING, 100, [0], np.array([np.nan, 1.0]))
-    assert robot.Open(data, 80, "operator") is None
+    data = operator.Seal(70, np.array([np.nan, 1.0]))
+    assert robot.Open(data, "operator", 80) is None
     assert robot.refused["values"] == 1
     operator, robot = Sessions(agreement=8)
-    assert robot.Open(Seal(operator, 10), 20, "operator") is None
+    assert robot.Open(Seal(operator, 10), "operator", 20) is None
     assert robot.refused == {"scenario": 1}
 
 
@@ -137,16 +137,4 @@ def test_keys(tmp_path):
 @pytest.mark.parametrize("address", ["here", "localhost:", "127.0.0.1:99999", ":x"])
 def test_addresses(address):
     with pytest.raises(ScenarioError, match=r"listen = '.*': must be HOST:PORT"):
-        Udp(address, listens=True)
-
-
-def test_a_socket_never_waits():
-    robot = Udp("127.0.0.1:0", listens=True)
-    operator = Udp(f"127.0.0.1:{robot.address[1]}", listens=False)
-    assert robot.Receive() == []
-    for k in range(300):
-        operator.Send(b"%d" % k, operator.address)
-    assert [data for data, _ in robot.Receive()] == [b"%d" % k for k in range(256)]
-    operator.Send(b"x" * 70_000, operator.address)  # No datagram: it is lost.
-    for end in (robot, operator):
-        end.Close()
+        OpenSocket(address, listens=True)

@@ -18,7 +18,7 @@ import pytest
 from link_networks import KEY, Fates
 
 from teleop_drake.cli import main
-from teleop_drake.link.packets import NewKey, Udp
+from teleop_drake.link.packets import NewKey, OpenSocket
 from teleop_drake.link.prediction import Compare, Predict, SaveRun
 from teleop_drake.link.side import Side
 from teleop_drake.recording import LoadRecording
@@ -30,23 +30,23 @@ OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 def test_over_loopback(tmp_path, unrendered):
     """Both sides in this process: what one computes makes the other one late."""
     scenario, lines = LoadScenario("one_dof", OVERRIDES), []
-    listening = Udp("127.0.0.1:0", listens=True)
-    calling = Udp(f"127.0.0.1:{listening.address[1]}", listens=False)
+    listening, _ = OpenSocket("127.0.0.1:0", listens=True)
+    port = listening.getsockname()[1]
+    ends = OpenSocket(f"127.0.0.1:{port}", listens=False), [listening]
+    options = {"period": 0.002, "limit": 60, "say": lines.append}
     sides = [
-        Side(scenario, name, KEY, end, period=0.002, limit=60, say=lines.append)
-        for name, end in (("operator", calling), ("robot", listening))
+        Side(scenario, name, KEY, *end, **options)
+        for name, end in zip(("operator", "robot"), ends, strict=True)
     ]
     while running := [side for side in sides if side.reason is None]:
         due = min(running, key=lambda side: side.next_time)
         time.sleep(max(due.next_time - time.monotonic_ns(), 0) * 1e-9)
         due.Tick()
     for side in sides:
-        side.Close()
         assert side.reason == "", lines
         SaveRun(side, tmp_path)
-        predicted = Predict(side, tmp_path)
-        apart = Compare(side, predicted, tmp_path / "prediction.png")
-        assert max(apart.values()) <= side.period
+        apart = Compare(side, Predict(side), tmp_path / "prediction.png")
+        assert max(apart.values()) < 1e-6
 
 
 SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
@@ -109,6 +109,12 @@ class Loop:
         return report
 
 
+def IsPredicted(report):
+    """A machine under load may hear nothing for so long that not all is known."""
+    limit = 0.02 if report["unknown_periods"] else 1e-4
+    return max(report["prediction"].values()) < limit
+
+
 def Relay(server, operator, fates, ends):
     """Carries datagrams with given fates until a function says that it ends."""
     queue, counts, targets = [], [0, 0], [server, None]
@@ -147,8 +153,8 @@ def test_through_a_relay(seed, tmp_path):
     for command in ("operate", "serve"):
         report = loop.Report(command)
         assert report["refused_packets"]["old"] > 10
-        assert report["round_trip"]["median"] > 0.02
-        assert max(report["prediction"].values()) <= report["period"]
+        assert report["median_round_trip"] > 0.02
+        assert IsPredicted(report)
         assert report["termination"] == "completed" or command == "serve"
 
 
@@ -169,7 +175,7 @@ def test_100_000_forged_packets(tmp_path):
     for report in reports:
         assert report["termination"] == "completed"
         assert not report["outages"]
-        assert max(report["prediction"].values()) <= report["period"]
+        assert IsPredicted(report)
     assert reports[1]["refused_packets"]["hash"] > 10_000
 
 
@@ -202,7 +208,7 @@ def test_kills_at_random_times(tmp_path):
         else:
             assert left["reason"] == "the other side has ended"
             killed = loop.Report(victim)
-            assert killed["reason"] == f"ended by {number.name}"
+            assert killed["reason"] == "interrupted by the user"
             assert killed["termination"] == "interrupted"
 
 
@@ -243,5 +249,5 @@ def test_through_the_network_of_the_kernel(namespaces, tmp_path):
     for command in ("operate", "serve"):
         report = loop.Report(command)
         assert report["termination"] == "completed"
-        assert (report["round_trip"]["shortest"] > 0.025) == (kind == "netem")
-        assert max(report["prediction"].values()) <= report["period"]
+        assert (report["shortest_round_trip"] > 0.025) == (kind == "netem")
+        assert IsPredicted(report)

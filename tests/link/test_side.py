@@ -9,6 +9,7 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.link.prediction import Compare, Predict, SaveRun
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
 
 
 def Scenario(kind="direct_force", name="one_dof", duration=1.0):
@@ -16,9 +17,14 @@ def Scenario(kind="direct_force", name="one_dof", duration=1.0):
 
 
 def Differences(side, folder):
-    """Returns the largest differences from the prediction, as shares of each range."""
-    SaveRun(side, folder)
-    predicted, recording = Predict(side, folder), side.Recording()
+    """Returns the largest differences from the whole loop with the recorded channels.
+
+    They are shares of each range. The prediction by halves is as good or better.
+    """
+    scenario = LoadScenario(SaveRun(side, folder)[-1])
+    predicted, recording = simulate(scenario), side.Recording()
+    halves = Compare(side, Predict(side), folder / "prediction.png")
+    assert max(halves.values()) < 1e-6, halves
     shares = {}
     for name in [x for x in recording if "_packet_" in x]:
         expected = predicted.Interpolate(name, recording.time - 1e-9)
@@ -68,7 +74,7 @@ def test_the_delays_are_those_of_the_network():
         assert forward[:300] == pytest.approx(0.026, abs=0.0011)
         assert forward[100] + back[100] == pytest.approx(0.0506, abs=0.0021)
         assert np.ptp(forward[:300]) == 0
-        shortest = side.Report()["round_trip"]["shortest"]
+        shortest = side.Report()["shortest_round_trip"]
         assert shortest == pytest.approx(0.0516, abs=0.0011)  # Seen each period.
 
 
@@ -86,16 +92,33 @@ def test_a_clock_that_drifts_makes_packets_early(tmp_path):
     assert np.nanmin(trace) == 0
 
 
+def Cut(kind, begin, end, duration):
+    """Returns sides after a run, and their network, whose way forward was cut."""
+    fates = Fates(0, delay=0.01, std=0, loss=0)
+    network = Network(lambda k: [] if begin <= k < end else fates(k), fates)
+    sides = network.MakeSides(Scenario(kind, duration=duration), limit=0.1, fade=0.05)
+    network.Run(sides)
+    return sides, network
+
+
+KINDS = ["direct_force", "four_channel", "smith_predictor", "adaptive_backstepping"]
+
+
+@pytest.mark.parametrize("kind", Slow(KINDS, but=(0,)))
+def test_the_robot_holds_its_place(kind):
+    """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
+    sides, _ = Cut(kind, 1000, 2000, 2.2)
+    run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages"]
+    held = run["tool_position"][(run.time > begin) & (run.time < end)]
+    assert np.ptp(held) < 1e-4
+    assert np.ptp(held[-500:]) < 5e-6
+    force = run["applied_force"][run.time > 0.5]
+    assert np.abs(np.diff(force, axis=0)).max() < 0.05 * np.ptp(force)
+
+
 def test_what_is_too_old_fades_and_comes_back(tmp_path):
     """The way to the robot is cut for 0.5 s: forces fall on both sides, smoothly."""
-    cut, forward = range(500, 1000), Fates(0, delay=0.01, std=0, loss=0)
-    network = Network(
-        lambda k: [] if k in cut else forward(k), Fates(0, delay=0.01, std=0, loss=0)
-    )
-    sides = network.MakeSides(
-        Scenario("wave_variables", duration=1.5), limit=0.1, fade=0.05
-    )
-    network.Run(sides)
+    sides, network = Cut("wave_variables", 500, 1000, 1.5)
     recording = sides[1].Recording()
     time, (wave, position) = recording.time, recording["forward_packet_received"].T
     ((begin, end),) = sides[1].Report()["outages"]
@@ -113,6 +136,8 @@ def test_what_is_too_old_fades_and_comes_back(tmp_path):
     for side, lines in zip(sides, network.lines, strict=True):
         assert side.reason == ""
         assert len(side.Report()["outages"]) == 1
+        apart = Compare(side, Predict(side), tmp_path / "prediction.png")
+        assert max(apart.values()) < 1e-6
         assert [x.rpartition(": ")[2] for x in lines[-2:]] == [
             "forces fall to zero",
             "forces come back",
@@ -192,7 +217,7 @@ def test_both_have_the_same_period():
     options = {"period": 0.001}, {"period": 0.002}
     sides = network.MakeSides(Scenario(), options)
     network.Run(sides, until=0.2)
-    line = "not heard: the other side's version, scenario or period differ"
+    line = "not heard: the other side's version, scenario or options differ"
     assert network.lines[1] == [line]
     assert not sides[1].Delays()["forward"].size
 
@@ -236,12 +261,12 @@ def test_what_cannot_be_sent_ends_the_side(values):
 
 
 def test_files_and_a_prediction_that_is_wrong(tmp_path):
-    """Files are those of any run. Predictions may be early, or too large."""
+    """Files are those of any run."""
     network = Network(Fates(1), Fates(2))
     sides = network.MakeSides(Scenario(duration=0.3))
     network.Run(sides)
     files, picture = SaveRun(sides[0], tmp_path), tmp_path / "prediction.svg"
-    predicted = Predict(sides[0], tmp_path)
+    predicted = Predict(sides[0])
     assert set(Compare(sides[0], predicted, picture).values()) == {0.0}
     text = picture.read_text(encoding="utf-8")
     for label in ("F_h x", "p_WT x", "v_WT x", "[mN]", "[µm]", "[mm/s]"):
@@ -250,8 +275,7 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     assert loaded.time[-1] == 0.3
     assert 0.009 < loaded["packet_age"][-1, 0] < 0.05
     assert AnalyzeStability(LoadScenario(files[-1])).ToRecord()["operating_points"]
-    predicted.time = predicted.time - 0.01
     predicted.signals["forward_packet_sent"] *= 3
     apart = Compare(sides[0], predicted, picture)
-    assert 0.008 <= apart["return_packet_received"] <= 0.016
-    assert apart["forward_packet_sent"] > 0.1
+    assert apart["return_packet_received"] == 0
+    assert apart["forward_packet_sent"] == pytest.approx(2 / 3)
