@@ -103,7 +103,4 @@ class _End:
         self.recvfrom = lambda size: network.Receive(i)
 
     def close(self):
-        def Refuse(data, address):
-            raise OSError("the socket is closed")
-
-        self.sendto = Refuse
+        pass

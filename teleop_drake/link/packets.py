@@ -42,12 +42,6 @@ def PacketType(size: int) -> np.dtype[np.void]:
     return np.dtype({"names": Packet._fields, "formats": types})
 
 
-def Nothing(values: Array) -> Packet:
-    """Returns what is in use as long as nothing is heard."""
-    packet = Packet._make(np.zeros((), PacketType(values.size)).item())
-    return packet._replace(tick=-1, values=values)
-
-
 class Session:
     """One end of a conversation: seals what it sends, believes what is fresh.
 
@@ -70,17 +64,15 @@ class Session:
         self.address, self.refused = address, Counter[str]()
         self.round_trip, self.offset, self.exchanges = np.inf, 0.0, 0
 
-    def Seal(self, now: int, values: Array, **fields: Any) -> bytes:
+    def Seal(
+        self, now: int, start: int, tick: int, ended: bool, used: Any, values: Array
+    ) -> bytes:
         """Returns the next packet."""
         self._sequence += 1
-        fields |= {"magic": _MAGIC, "role": self._role, "size": len(values)}
-        fields |= {"session": self._session, "peer": self._peer, "sent": now}
-        fields |= {"heard": self._heard, "held": now - self._arrived, "values": values}
-        fields |= {"sequence": self._sequence, "agreement": self._agreement}
-        packet = np.zeros((), PacketType(len(values)))
-        for name, value in fields.items():
-            packet[name] = value
-        data = packet.tobytes()[:-_HASH_SIZE]
+        mine = _MAGIC, self._role, ended, len(values), self._session, self._peer
+        times = self._sequence, now, self._heard, now - self._arrived, start
+        packet = *mine, *times, self._agreement, tick, used, values, b""
+        data = np.array(packet, PacketType(len(values))).tobytes()[:-_HASH_SIZE]
         return data + self._Hash(data)
 
     def _Hash(self, data: bytes) -> bytes:
@@ -135,10 +127,10 @@ def ReadKey(file: str) -> bytes:
     """Returns the key in a file; refuses one that others can read."""
     try:
         with open(file, encoding="ascii") as stream:
-            mode, key = os.fstat(stream.fileno()).st_mode, stream.read(100).strip()
-        if mode & 0o077 == 0 and len(key) == 64:
-            return bytes.fromhex(key)
-        reason = f"its mode is {mode & 0o777:o}, its length {len(key)}"
+            mode, text = os.fstat(stream.fileno()).st_mode & 0o777, stream.read(100)
+        if mode & 0o077 == 0 and len(key := bytes.fromhex(text)) == 32:
+            return key
+        reason = f"its mode is {mode:o}, its length {len(text)}"
     except (OSError, ValueError) as error:
         reason = str(error)
     Refuse("key", file, f"of `serve --new-key FILE`, for its owner alone ({reason})")

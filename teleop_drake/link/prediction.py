@@ -65,9 +65,10 @@ def Predict(side: Side, **own: Any) -> Recording:
         sent[spoken] = [halves[name].initial[spoken]]
         # In between of what is known, packets are taken in steady steps.
         rows = side.used[heard][NUM_USED:][: ticks.size]
-        known = np.append(-1, np.flatnonzero(rows >= 0))
-        between = np.interp(ticks, known, np.append(-1, rows[known[1:]]))
-        used[heard] = np.minimum(np.floor(between).astype(int), ticks)
+        known = np.append(-1, np.flatnonzero(rows > -2))
+        steps = np.maximum.accumulate(np.append(-1, rows[known[1:]]))
+        between = np.interp(ticks, known, steps)
+        used[heard] = np.floor(between).astype(int).clip(max=ticks[-1])
     # The other side's turns follow from these, but for those that it missed.
     rows = side.used[side.spoken][NUM_USED:][: ticks.size]
     known = np.append(np.flatnonzero(rows > -2), ticks[-1])
@@ -76,13 +77,23 @@ def Predict(side: Side, **own: Any) -> Recording:
     is_stale = (ticks - echoes) * period > side.limit
     turns = dict.fromkeys(WAYS, np.where(is_stale, 1, -1) * ~is_missed)
     turns[side.side] = side.log["turn"][NUM_USED:]
-    for k in ticks:
-        for name, (_, spoken) in WAYS.items():
-            sent[spoken].append(halves[name].Advance(k * period))
-        for name, (heard, _) in WAYS.items():
-            if turn := turns[name][k]:
-                halves[name].Follow(sent[heard][used[heard][k] + 1], turn)
-                halves[name].Feed()
+    done = dict.fromkeys(WAYS, 0)
+
+    def Order(name: str) -> tuple[int, int]:
+        """Returns how many packets a side would have to wait for, and its tick."""
+        (way, _), k = WAYS[name], done[name]
+        return max(used[way][k] + 2 - len(sent[way]), 0), k
+
+    # As it happened: a packet is there before it is in use, whatever the clocks say.
+    while halves_left := [x for x in WAYS if done[x] < ticks.size]:
+        name = min(halves_left, key=Order)
+        half, k, (heard, spoken) = halves[name], done[name], WAYS[name]
+        if turn := turns[name][k]:
+            half.Follow(sent[heard][: used[heard][k] + 2][-1], turn)
+        sent[spoken].append(half.Advance(k * period))
+        if turn:
+            half.Feed()
+        done[name] = k + 1
     parts: Any = (ticks * period, {}, "completed", "")
     master, robot = (half.Recording(*parts) for half in halves.values())
     return dataclasses.replace(robot, signals=master.signals | robot.signals)

@@ -2,13 +2,13 @@
 
 import functools
 import gc
-import math
 import signal
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from teleop_drake.validation import CheckNumber, Refuse
 # Round trips that are measured before the start, farewells, and the most datagrams that
 # are read in a period: a flood takes no longer.
 _NUM_EXCHANGES, _NUM_FAREWELLS, _MAX_DATAGRAMS = 10, 3, 256
+_OVER = "the other side has ended"
 
 Say = functools.partial(print, "teleop-drake:", file=sys.stderr, flush=True)
 """Tells the user a line."""
@@ -88,7 +89,7 @@ class Side:
             Refuse(name, own[name], "left out: the network is the scenario's channel")
         self.side, (self.heard, self.spoken) = side, WAYS[side]
         self.period, self._ns, self.limit = period, round(period * 1e9), limit
-        self.num_fading, self._patience = math.ceil(fade / period), patience
+        self.num_fading, self._patience = int(np.ceil(fade / period)), patience
         self._half = Half(scenario, side, period, self.num_fading, own)
         self._step, self._socket, self._clock, self.Say = step, end, clock, say
         heard, spoken = (self._half.initial[way] for way in WAYS[side])
@@ -98,7 +99,7 @@ class Side:
         self.next_time = self._heard_at = clock()
         self.reason: str | None = None
         self._termination, self._start, self.tick = "completed", 0, -1
-        self._newest = packets.Nothing(heard)
+        self._newest: Any = SimpleNamespace(tick=-1, used=[-1], values=heard)
         self._is_stale = self._peer_has_ended = self._is_told = False
         self._last = round(scenario.duration / period)
         fields: Any = [("used", int), ("turn", int), ("late", float), ("trust", float)]
@@ -141,7 +142,7 @@ class Side:
         # The robot's side waits for as long as it takes.
         is_waiting = self.side == "robot" and not self._start
         if self._peer_has_ended and (self._half.trust == 0 or not self._start):
-            self._End("the other side has ended")
+            self._End(_OVER)
         elif self.tick == self._last:
             self._End("", "completed")
         elif (now - self._heard_at) * 1e-9 > self._patience and not is_waiting:
@@ -195,8 +196,7 @@ class Side:
         t, age = tick * self.period, (tick - max(newest.used[-1], 0)) * self.period
         is_stale = age > self.limit or self._peer_has_ended
         if is_stale != self._is_stale:
-            ended = "the other side has ended"
-            why = ended if self._peer_has_ended else f"what is heard is {age:.3g} s old"
+            why = _OVER if self._peer_has_ended else f"what is heard is {age:.3g} s old"
             so = "fall to zero" if is_stale else "come back"
             self.Say(f"t = {t:.3f} s, {why}: forces {so}")
         self._is_stale, turn = is_stale, 1 if is_stale else -1
@@ -218,10 +218,9 @@ class Side:
     def _Speak(self) -> None:
         """Sends a packet, if it is known where to; one that is not taken is lost."""
         if address := self._session.address:
-            rows = self.log[self.tick + 1 :][:NUM_USED]
-            state: Any = {"ended": self.reason is not None, "start": self._start}
-            state |= {"tick": self.tick, "used": rows["used"]}
-            data = self._session.Seal(self._clock(), rows["sent"][-1], **state)
+            rows, ended = self.log[self.tick + 1 :][:NUM_USED], self.reason is not None
+            state = self._start, self.tick, ended, rows["used"], rows["sent"][-1]
+            data = self._session.Seal(self._clock(), *state)
             with suppress(OSError):
                 self._socket.sendto(data, address)
 
@@ -272,11 +271,16 @@ class Side:
         turns = turns[: self.tick + 1]
         changes = np.flatnonzero(np.diff(turns[turns != 0], prepend=-1, append=-1))
         outages = np.append(time, time[-1])[changes].reshape(-1, 2)
-        numbers = {"duration": time[-1], "period": self.period, "jitter": periods.std()}
-        numbers |= {"mean_period": periods.mean(), "largest_lateness": late.max()}
-        numbers |= {"shortest_round_trip": self._session.round_trip * 1e-9}
-        numbers |= {"median_round_trip": np.median(trips)}
-        numbers |= {"longest_round_trip": trips.max()}
+        numbers = {
+            "duration": time[-1],
+            "period": self.period,
+            "mean_period": periods.mean(),
+            "jitter": periods.std(),
+            "largest_lateness": late.max(),
+            "shortest_round_trip": self._session.round_trip * 1e-9,
+            "median_round_trip": np.median(trips),
+            "longest_round_trip": trips.max(),
+        }
         return {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
@@ -295,36 +299,32 @@ class Side:
 
 def _Agreement(scenario: Any, *numbers: float) -> int:
     """Returns all that both sides have in common as a number: not the operator."""
-    tree = ToTree(scenario) | {"surgeon": list(scenario.surgeon.velocity)}
-    tree = {x: tree[x] for x in tree if x not in ("name", "description", "simulator")}
-    digest = blake2b(repr((tree, numbers)).encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "little", signed=True)
+    others = "name", "description", "simulator", "surgeon"
+    tree = {x: y for x, y in ToTree(scenario).items() if x not in others}
+    text = repr((tree, list(scenario.surgeon.velocity), numbers)).encode()
+    return int.from_bytes(blake2b(text, digest_size=8).digest(), "big", signed=True)
 
 
 def OperateRemotely(
-    scenario: ScenarioLike, *, connect: str, key: str, **options: Any
+    scenario: ScenarioLike, *, connect: str, key: str, **more: Any
 ) -> Side:
     """Runs the operator's side: the operator, the device and the master side.
 
     Args:
         connect: HOST:PORT of the robot's side.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        options: See Side, and for the scenario.
+        more: Options of Side; there is the scenario, too.
 
     Returns:
         The side after its end: its Recording(), Delays() and Report().
     """
     end, address = packets.OpenSocket(connect, listens=False)
-    return Side(
-        scenario, "operator", packets.ReadKey(key), end, address, **options
-    ).Run()
+    return Side(scenario, "operator", packets.ReadKey(key), end, address, **more).Run()
 
 
-def ServeRobot(
-    scenario: ScenarioLike, *, listen: str, key: str, **options: Any
-) -> Side:
+def ServeRobot(scenario: ScenarioLike, *, listen: str, key: str, **more: Any) -> Side:
     """Runs the robot's side at HOST:PORT; waits until OperateRemotely() calls."""
     end, _ = packets.OpenSocket(listen, listens=True)
-    side = Side(scenario, "robot", packets.ReadKey(key), end, **options)
+    side = Side(scenario, "robot", packets.ReadKey(key), end, **more)
     side.Say("listening at {}:{}".format(*end.getsockname()[:2]))
     return side.Run()

@@ -23,7 +23,7 @@ def Sessions(agreement=7):
 def Seal(session, now, tick=-1):
     values = np.arange(2.0 if session.address == "robot" else 3.0)
     used = np.arange(tick - 31, tick + 1).clip(-1)
-    return session.Seal(now, values, start=100, tick=tick, used=used)
+    return session.Seal(now, 100, tick, False, used, values)
 
 
 def Introduced(operator, robot):
@@ -31,6 +31,7 @@ def Introduced(operator, robot):
     assert robot.Open(Seal(operator, 0), "operator", 1010) is None
     assert operator.Open(Seal(robot, 1030), "robot", 40)
     assert robot.Open(Seal(operator, 50), "operator", 1060)
+    assert operator.offset == -robot.offset == 1000
     return operator, robot
 
 
@@ -58,13 +59,6 @@ def test_the_layout_is_the_documented_one():
     packet = robot.Open(data, "operator", 80)
     assert packet.values.tolist() == [0, 1]
     assert packet.tick == 4
-
-
-def test_round_trip_and_offset():
-    """Each way takes 10."""
-    operator, robot = Introduced(*Sessions())
-    assert operator.round_trip == robot.round_trip == 20
-    assert operator.offset == -robot.offset == 1000
 
 
 @pytest.mark.parametrize("num", Slow([10_000, 100_000]))
@@ -107,7 +101,7 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    data = operator.Seal(70, np.array([np.nan, 1.0]))
+    data = operator.Seal(70, 100, 0, False, [0] * 32, np.array([np.nan, 1.0]))
     assert robot.Open(data, "operator", 80) is None
     assert robot.refused["values"] == 1
     operator, robot = Sessions(agreement=8)

