@@ -96,8 +96,6 @@ class Network:
 
 
 class _End:
-    """Of a socket what a side uses."""
-
     def __init__(self, network, i):
         self.sendto = lambda data, address: network.Send(i, data)
         self.recvfrom = lambda size: network.Receive(i)

@@ -89,7 +89,8 @@ def Predict(side: Side, **own: Any) -> Recording:
         name = min(halves_left, key=Order)
         half, k, (heard, spoken) = halves[name], done[name], WAYS[name]
         if turn := turns[name][k]:
-            half.Follow(sent[heard][: used[heard][k] + 2][-1], turn)
+            place = min(used[heard][k] + 1, len(sent[heard]) - 1)
+            half.Follow(sent[heard][place], turn)
         sent[spoken].append(half.Advance(k * period))
         if turn:
             half.Feed()

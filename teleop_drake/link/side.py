@@ -93,8 +93,7 @@ class Side:
         self._half = Half(scenario, side, period, self.num_fading, own)
         self._step, self._socket, self._clock, self.Say = step, end, clock, say
         heard, spoken = (self._half.initial[way] for way in WAYS[side])
-        agreement = _Agreement(scenario, period, limit, fade)
-        role = int(side == "robot")
+        role, agreement = side == "robot", _Agreement(scenario, period, limit, fade)
         self._session = Session(key, role, agreement, heard.size, address)
         self.next_time = self._heard_at = clock()
         self.reason: str | None = None
@@ -106,8 +105,8 @@ class Side:
         fields += [("fed", float, heard.shape), ("sent", float, spoken.shape)]
         self.log = np.zeros(NUM_USED + self._last + 1, fields)
         self.log["used"], self.log["sent"] = -1, spoken
-        peer_used = np.full(len(self.log), -2)
-        self.used = {self.heard: self.log["used"], self.spoken: peer_used}
+        peer = np.full(len(self.log), -2)
+        self.used = {self.heard: self.log["used"], self.spoken: peer}
 
     def Run(self) -> "Side":
         """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.

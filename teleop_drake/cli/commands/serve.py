@@ -56,7 +56,10 @@ def Execute(args: argparse.Namespace) -> int:
     report = side.Report()
     if args.out is not None:
         SaveRun(side, Path(args.out))
-        report["prediction"] = Compare(side, Predict(side), picture)
+        try:
+            report["prediction"] = Compare(side, Predict(side), picture)
+        except ArithmeticError as error:  # It diverges.
+            given["say"](f"no prediction: {error}")
         output.WriteText(summary, output.ToJson(report))
     output.WriteJson(args.json or "-", report)
     return 0 if report["termination"] == "completed" else 1
