@@ -246,6 +246,12 @@ class Right:
         )
         return np.concatenate((*pairs, *sums, *signs, choices))
 
+    def signs_of_zero(x):
+        none, y = -0.0 * abs(x[0]), -0.3 / (1 + abs(x[0]))
+        zeros = int(y), round(y), math.ceil(y), math.trunc(y), np.ceil(y), 2 * y % y
+        zeros += none + 0.0, 0.0 - none, none - none, np.sign(none), none // 2
+        return np.array([math.copysign(1, zero) for zero in zeros])
+
     def constants(x):
         return SPRING.k * x * len(COUNTS)
 
@@ -264,12 +270,8 @@ class Right:
             math.fmod(a, b),
         )
         whole = (
-            np.ceil(a),
-            math.ceil(b),
-            round(a),
-            np.round(a, 1),
-            round(b, 2),
-            np.rint(a),
+            *(np.ceil(a), math.ceil(b), round(a)),
+            *(np.round(a, 1), round(b, 2), np.rint(a)),
         )
         sizes = np.hypot(a, b), math.hypot(a, b, 2), norm(x), norm([a, b]), math.fabs(a)
         signs = (

@@ -103,24 +103,12 @@ def _Operator(
     return Operate
 
 
-def _IsZero(x: Any) -> bool:
-    return isinstance(x, float) and x == 0.0
-
-
-def _FoldSum(a: Any, b: Any) -> Any:
-    return b if _IsZero(a) else a if _IsZero(b) else None
-
-
-def _FoldDifference(a: Any, b: Any) -> Any:
-    return a if _IsZero(b) else -b if _IsZero(a) else None
-
-
 def _FoldProduct(a: Any, b: Any) -> Any:
     for x, y in ((a, b), (b, a)):
         if isinstance(x, float) and abs(x) == 1.0:
             return y if x == 1.0 else -y
-        if _IsZero(x) and y.graph.IsFinite(y):
-            return 0.0
+        if isinstance(x, float) and x == 0.0 and y.graph.IsFinite(y):
+            return 0.0  # Also where it is -0.0.
     return None
 
 
@@ -136,7 +124,8 @@ def _HasOtherSign(rest: Any, b: Any) -> Any:
 def Remainder(a: Any, b: Any) -> Any:
     """Returns a % b, whose sign is that of b."""
     rest = Apply("fmod", a, b)
-    return Where(_HasOtherSign(rest, b), rest + b, rest)
+    rest = Where(_HasOtherSign(rest, b), rest + b, rest)
+    return Where(rest == 0.0, Apply("copysign", rest, b), rest)
 
 
 def FloorQuotient(a: Any, b: Any) -> Any:
@@ -146,6 +135,7 @@ def FloorQuotient(a: Any, b: Any) -> Any:
     quotient = Where(_HasOtherSign(rest, b), quotient - 1.0, quotient)
     whole = Apply("floor", quotient)
     whole = Where(quotient - whole > 0.5, whole + 1.0, whole)
+    whole = Where(whole == 0.0, Apply("copysign", whole, a / b), whole)
     return whole if isinstance(b, float) else Where(b == 0.0, a / b, whole)
 
 
@@ -243,7 +233,9 @@ class Number(_Dispatched):
     def __round__(self, decimals: int | None = None) -> Any:
         own: Any = self
         scale = 10.0 ** (decimals or 0)
-        return self.graph.Add("rint", own * scale) / scale
+        whole = self.graph.Add("rint", own * scale)
+        # Whole numbers of Python's have no -0.0.
+        return whole + 0.0 if decimals is None else whole / scale
 
     def conjugate(self) -> "Number":
         """Returns the number itself."""
@@ -256,7 +248,7 @@ class Number(_Dispatched):
 
 
 for _name, _operation, _fold in (
-    ("add", "add", _FoldSum), ("sub", "sub", _FoldDifference),
+    ("add", "add", None), ("sub", "sub", None),
     ("mul", "mul", _FoldProduct), ("truediv", "div", _FoldQuotient),
     ("mod", "fmod", Remainder), ("floordiv", "floor", FloorQuotient),
 ):  # fmt: skip

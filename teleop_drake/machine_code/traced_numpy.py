@@ -69,7 +69,7 @@ def _Clip(a: Any, lower: Any, upper: Any) -> Any:
 
 
 def _Sign(a: Any) -> Any:
-    return Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, a * 1.0))
+    return Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, a + 0.0))
 
 
 def _Log(a: Any, base: Any = None) -> Any:
@@ -92,7 +92,8 @@ def _Float(value: Any = 0.0) -> Any:
 def _Whole(value: Any = 0, *base: Any) -> Any:
     if isinstance(value, np.ndarray):
         value = value.item()
-    return Apply("trunc", value) if isinstance(value, Number) else int(value, *base)
+    is_number = isinstance(value, Number)
+    return Apply("trunc", value) + 0.0 if is_number else int(value, *base)
 
 
 # Functions of arrays.
@@ -472,6 +473,10 @@ _MATH = {
     if name != "rint"
 } | {
     **{name: _OrElse(getattr(math, name), _SPECIAL[name]) for name in _SPECIAL},
+    # Python's whole numbers have no -0.0.
+    "floor": _OrElse(math.floor, lambda a: _ELEMENTWISE["floor"](a) + 0.0),
+    "ceil": _OrElse(math.ceil, lambda a: _ELEMENTWISE["ceil"](a) + 0.0),
+    "trunc": _OrElse(math.trunc, _Whole),
     "log": _OrElse(math.log, _Log), "pow": _OrElse(math.pow, operator.pow),
 }  # fmt: skip
 
