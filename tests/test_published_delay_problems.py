@@ -2,7 +2,7 @@
 
 * Of DDETST (Enright and Hayashi, 1997): A1, A2, B2.
 * Of SciML's DDEProblemLibrary: those with one and with two constant delays.
-* Of Paul (1992), and Bellen and Zennaro (2003): x' = b x(t - T) from a constant.
+* Of Paul (1994), equation 1.1.1: x' = b x(t - T) from a constant.
 """
 
 import math
@@ -91,9 +91,9 @@ LINEAR = {
     "SciML, one delay, long": (1.0, [(-1.0, 0.2)], 0.0, 2.0),
     "SciML, two delays": (0.0, [(-1.0, 1 / 3), (-1.0, 0.2)], 0.0, 1.0),
     "SciML, two delays, long": (0.0, [(-1.0, 1 / 3), (-1.0, 0.2)], 0.0, 3.0),
-    "Paul, constant history": (0.0, [(-1.0, 1.0)], 1.0, 5.0),
-    "Paul, growing": (0.0, [(1.0, 1.0)], 1.0, 3.0),
-    "Bellen and Zennaro, at the limit": (0.0, [(-math.pi / 2, 1.0)], 1.0, 6.0),
+    "Paul 1.1.1": (0.0, [(-1.0, 1.0)], 1.0, 5.0),
+    "Paul 1.1.1, growing": (0.0, [(1.0, 1.0)], 1.0, 3.0),
+    "Paul 1.1.1, at the limit of stability": (0.0, [(-math.pi / 2, 1.0)], 1.0, 6.0),
 }
 
 
