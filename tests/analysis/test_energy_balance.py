@@ -85,7 +85,7 @@ def test_other_recordings():
 
 def BySamples(recording):
     """Returns the energy of the two-port at the recording's times, by the trapezoid."""
-    t = np.linspace(0.0, recording.time[-1], 200_001)
+    t = np.linspace(0.0, recording.time[-1], 40_001)
     names = ("force_command", "felt_velocity", "control_force", "tool_velocity")
     if "felt_velocity" not in recording.signals:
         names = ("forward_packet_sent", "return_packet_received", *names[2:])

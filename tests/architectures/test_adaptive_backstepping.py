@@ -221,8 +221,8 @@ WITH_VELOCITY = {
 
 def test_velocity_as_an_input_of_the_networks():
     """The engines agree, the page and the analysis know it, and it changes the run."""
-    scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 3.0})
-    times = np.linspace(0, 3, 61)
+    scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 1.0})
+    times = np.linspace(0, 1, 61)
     runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
     one, other = (run.Interpolate("weights_1", times) for run in runs)
     assert one.shape == (61, 5 * 3)
@@ -230,7 +230,7 @@ def test_velocity_as_an_input_of_the_networks():
     plain = simulate(
         LoadScenario(
             "one_dof",
-            {**WITH_VELOCITY, "duration": 3.0, "controller.network.inputs": "position"},
+            {**WITH_VELOCITY, "duration": 1.0, "controller.network.inputs": "position"},
         )
     )
     v = [run.Interpolate("tool_velocity", times) for run in (runs[0], plain)]

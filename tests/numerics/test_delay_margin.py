@@ -153,7 +153,7 @@ def KroneckerFrequencies(A0, A1):
     return np.unique(np.round(frequencies, 6))
 
 
-@pytest.mark.parametrize("seed", Slow(range(12), but=[0, 1, 2]))
+@pytest.mark.parametrize("seed", Slow(range(12), but=[0, 1]))
 def test_matrix_pencil_finds_the_same_frequencies(seed):
     """Random coupled systems with 4 states and 2 delayed signals."""
     random = np.random.default_rng(seed)

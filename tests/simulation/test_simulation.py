@@ -277,7 +277,7 @@ def test_progress_is_reported_in_order():
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     """Raised in a callback of Drake, it would become another error."""
-    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    scenario = LoadScenario("one_dof", {"duration": 0.8})
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     calls = 0
 
@@ -291,7 +291,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
                 raise SystemError("returned a result with an exception set") from None
         law(self, context, derivatives)
 
-    reference = Run("one_dof", ADAPTIVE, "duration=2.0", engine="drake")
+    reference = Run("one_dof", ADAPTIVE, "duration=0.8", engine="drake")
     monkeypatch.setattr(AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_once)
     recording = simulate(scenario, engine="drake")
     assert (recording.termination, recording.reason) == (
@@ -310,7 +310,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
 def test_interrupt_in_the_step_that_diverges(monkeypatch):
     """Otherwise a comparison would go on with its next run."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
-    assert simulate(scenario, engine="drake").termination == "diverged"
+    assert simulate(scenario).termination == "diverged"
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     limit = 1.1 * abs(scenario.surgeon.velocity[0])
     is_interrupted = False

@@ -144,7 +144,7 @@ def test_the_best_of_real_runs(tmp_path):
         Tune(**common, out=again)
 
     best = result.best.gains[B]
-    values = [0.5 * 16 ** (i / 8) for i in range(9)]
+    values = [0.5 * 16 ** (i / 6) for i in range(7)]
     overrides |= {"controller.kind": "damped_force", "delay": 0.1}
     sweep = Sweep("two_dof_combined", {B: [*values, best]}, overrides=overrides)
     times = sweep.Values(TIME)
