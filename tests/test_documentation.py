@@ -26,7 +26,12 @@ def Anchors(text):
     return {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
 
 
-LINKED = [*ROOT.glob("*.md"), *PAGES, *ROOT.glob("*/*.md"), *ROOT.glob("*/thesis/*.md")]
+LINKED = [
+    *ROOT.glob("*.md"),
+    *PAGES,
+    *ROOT.glob("[!.]*/*.md"),
+    *ROOT.glob("*/thesis/*.md"),
+]
 
 
 @pytest.mark.parametrize("page", LINKED, ids=lambda page: page.stem)
