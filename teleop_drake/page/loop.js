@@ -164,19 +164,27 @@ const OPERATIONS = {
       return NODES.map((x, k) => begin + (b - a) * x * valueAt(c, x) - p[i][k]);
     })]);
   },
-  // The same as settling, of all axes and the force: how far each is from its end; see Insertion.Metrics().
-  rest: (run, forms, ...x) => {
+  // The same as settling, of velocity and force in all directions; see Insertion.Metrics().
+  rest: (run, forms, i, j) => {
     const [[[slow]], [[share]]] = forms.slice(-2), n = forms.length / 2 - 1;
-    const ends = forms.map((y, k) => (k < n ? 0 : y.at(-1)[4])), near = share * Math.hypot(...ends.slice(n, -2));
-    return OPERATIONS.settling(run, forms.slice(0, -2).flatMap((y, k) => [1, -1].map((sign) =>
-      y.map((values) => values.map((v) => sign * (v - ends[k]) - (k < n ? slow : near))))), ...x);
+    // The coefficients of |y - end|^2 - limit^2.
+    const beyond = (axes, ends, limit) => run.pieces.map((_, m) => axes.reduce((sum, y, k) => {
+      const [first, ...others] = polynomial(y[m]), c = [first - ends[k], ...others];
+      c.forEach((a, p) => c.forEach((b, q) => { sum[p + q] += a * b; }));
+      return sum;
+    }, [-(limit ** 2), 0, 0, 0, 0, 0, 0, 0, 0]));
+    return OPERATIONS.settling(run, range(Math.ceil(n / 3)).flatMap((k) => {
+      const [v, F] = [0, n].map((at) => forms.slice(at + 3 * k, at + Math.min(3 * k + 3, n)));
+      const ends = F.map((y) => y.at(-1)[4]), isPushed = F.flat(2).some((x) => x);
+      return [beyond(v, [0, 0, 0], slow), ...isPushed ? [beyond(F, ends, share * Math.hypot(...ends))] : []];
+    }), i, j, true);
   },
   // How long after an instant all forms stay below 0; see _SettlingTime().
-  settling: (run, forms, i) => {
+  settling: (run, forms, i, _, arePowers) => {
     if (run.reason || i === run.pieces.length) return null;
     const begin = run.pieces[i][0], areFast = forms.map((y) => y[i][0] >= 0);
     let since = areFast.includes(true) ? null : begin, longest = 0;
-    const changes = forms.flatMap((y, k) => run.crossings(y).map(([t, isUp]) => [t, isUp, k]));
+    const changes = forms.flatMap((y, k) => run.crossings(y, arePowers).map(([t, isUp]) => [t, isUp, k]));
     for (const [t, isUp, k] of changes.filter(([t]) => t > begin).sort((a, b) => a[0] - b[0])) {
       areFast[k] = isUp;
       if (since !== null && isUp) longest = Math.max(longest, t - since);
@@ -318,12 +326,12 @@ class Run {
   }
 
   // When values in pieces change their sign, and whether upwards.
-  crossings(y) {
+  crossings(y, arePowers = false) {
     return y.flatMap((values, i) => {
       const above = values[0] >= 0;
-      if (values.every((v) => v >= 0 === above)) return [];
+      if (!arePowers && values.every((v) => v >= 0 === above)) return [];
       const [a, b] = this.pieces[i];
-      return signChanges(polynomial(values)).map(([x, isUp]) => [a + x * (b - a), isUp]);
+      return signChanges(arePowers ? values : polynomial(values)).map(([x, isUp]) => [a + x * (b - a), isUp]);
     });
   }
 

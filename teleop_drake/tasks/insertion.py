@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
-from teleop_drake.numerics.step_polynomials import shares
+from teleop_drake.numerics.step_polynomials import lagrange, shares
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
@@ -148,10 +148,11 @@ class Insertion(Task[Scenario]):
               |v_d| to the end of the recording. None if it does not, or the run
               diverges, or it was as slow for as long before without staying so: a
               recording that happens to end while v_x passes through 0 has not settled.
-            * rest_time (s): the same of all axes and of the force: until every |v_i|
-              stays under 5 % of |v_d|, and every F_e_i within 5 % of the last |F_e| of
-              where it ends. A force that creeps ends elsewhere in a longer run, and i
-              is a task axis: in axes that are turned it may be another time.
+            * rest_time (s): the same of the tool in all directions and of the force:
+              until |v| stays under 5 % of |v_d|, and |F_e - F_end| under 5 % of
+              |F_end|, the force at the end of the run. A force that creeps ends
+              elsewhere in a longer run. With six axes, both hold of what moves and of
+              what turns, each by itself; moments count where there are any.
         * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being
           the velocity command as the slave receives it, or, in an architecture that
           does not send it, the operator's command delayed by forward_channel.delay.
@@ -213,13 +214,17 @@ class Insertion(Task[Scenario]):
             collision["rebound_velocity"] = -largest["rebound"]
             v_d = recording.teleoperation.surgeon.velocity
             slow = SETTLING_RATIO * float(np.linalg.norm(v_d))
-            F_end = signals.F_e[-1, -1]
-            near = SETTLING_RATIO * float(np.linalg.norm(F_end))
+            v, F_e = signals.v, signals.F_e
+            parts = [slice(0, 3), slice(3, 6)][: math.ceil(v.shape[2] / 3)]
             motions = {
-                "settling_time": _Exceeding(v_x, slow),
+                "settling_time": [_Exceeding(v_x[..., None], slow)],
                 "rest_time": [
-                    *_Exceeding(signals.v, slow),
-                    *_Exceeding(signals.F_e - F_end, near),
+                    *(_Exceeding(v[..., part], slow) for part in parts),
+                    *(
+                        _Leaving(F_e[..., part])
+                        for part in parts
+                        if F_e[..., part].any()
+                    ),
                 ],
             }
             for name, moving in motions.items():
@@ -404,14 +409,17 @@ def _CoordinationError(recording: Recording, pieces: Pieces) -> list[float] | No
     return pieces.RootMeanSquare(p[0, 0] + pieces.Integral(felt) - p)
 
 
-def _Exceeding(x: np.ndarray, limit: float) -> list[np.ndarray]:
-    """Returns signals (M, d + 1), one of which is positive where |x| > limit.
+def _Exceeding(x: np.ndarray, limit: float) -> np.ndarray:
+    """Returns |x|^2 - limit^2 (M, 2d + 1), of which x (M, d + 1, k) is made."""
+    degree = x.shape[1] - 1
+    x = lagrange(shares(2 * degree), degree) @ x
+    return np.asarray((x * x).sum(axis=2) - limit**2)
 
-    Args:
-        x: (M, d + 1), or (M, d + 1, n) of n axes.
-    """
-    axes = np.moveaxis(np.atleast_3d(x), 2, 0)
-    return [part for axis in axes for part in (axis - limit, -axis - limit)]
+
+def _Leaving(x: np.ndarray) -> np.ndarray:
+    """Returns what is positive where x is not within 5 % of where it ends."""
+    end = x[-1, -1]
+    return _Exceeding(x - end, SETTLING_RATIO * float(np.linalg.norm(end)))
 
 
 def _SettlingTime(

@@ -605,8 +605,8 @@ def test_rest_and_coordination_by_dense_samples(kind):
     t = np.linspace(contact, end, 200_001)
     v = recording.Interpolate("tool_velocity", t)
     F_e = recording.Interpolate("environment_force", t)
-    off = np.abs(F_e - F_e[-1]).max(axis=1) > 0.05 * np.linalg.norm(F_e[-1])
-    moving = np.flatnonzero((np.abs(v).max(axis=1) > 0.05 * 0.1) | off)
+    off = np.linalg.norm(F_e - F_e[-1], axis=1) > 0.05 * np.linalg.norm(F_e[-1])
+    moving = np.flatnonzero((np.linalg.norm(v, axis=1) > 0.05 * 0.1) | off)
     rest = metrics["collision"]["rest_time"]
     if kind == "direct_force":
         assert rest is None and t[moving[-1]] > end - 0.5
