@@ -21,11 +21,13 @@ from pydrake.multibody.plant import MultibodyPlant
 from teleop_drake.robots.base import Array, PlantRobotConfig, PointOf
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.robots.model_file import LoadModel, ReadModel
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.validation import CheckChoice, Number, Refuse
 
 # Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow
 # at y < 0.
 _ELBOW_SIGNS = {"up": -1.0, "down": 1.0}
+
+_OWN_LINK_MASS = 0.5  # kg, as the model file has it.
 
 # The arm must not start closer to a singularity than this |sin(q2)|; the determinant
 # of its Jacobian is L1 L3 sin(q2).
@@ -41,10 +43,18 @@ class TwoLinkArmConfig(PlantRobotConfig):
 
     # up (y > 0) or down (y < 0) at the start pose.
     elbow: str | None = None
+    # Mass of each link, kg, > 0; the inertia goes with it. Null keeps the model's own.
+    link_mass: float | None = Number(None, "kg", above=0)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant."""
-        return LoadModel(ReadModel(self.kind), gravity)
+        self.CheckNumbers()
+        model = ReadModel(self.kind)
+        share = 1.0 if self.link_mass is None else self.link_mass / _OWN_LINK_MASS
+        for path in ("mass", "inertia/ixx", "inertia/iyy", "inertia/izz"):
+            for number in model.iterfind(f".//inertial/{path}"):
+                number.text = repr(share * float(str(number.text)))
+        return LoadModel(model, gravity)
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the joint angles that put the tool at a point, (A.14).

@@ -62,6 +62,15 @@ def test_arm_has_the_dynamics_of_appendix_a(arm):
         assert abs(error[1]) > 1e-3
 
 
+def test_heavier_links_have_as_much_more_inertia():
+    plant = TwoLinkArmConfig(link_mass=3 * appendix_a.m1).LoadPlant()
+    context = plant.CreateDefaultContext()
+    for x in random_states():
+        plant.SetPositionsAndVelocities(context, x)
+        M = plant.CalcMassMatrix(context)
+        np.testing.assert_allclose(M, 3 * appendix_a.M(x[:2]), atol=1e-10)
+
+
 def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a():
     plant = TwoLinkArmConfig().LoadPlant([0, -appendix_a.g])
     context = plant.CreateDefaultContext()
