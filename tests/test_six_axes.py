@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from energies import ChannelEnergy
 from grids import Slow
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -19,14 +20,21 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import teleop_drake
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.environments.base import ForceAt
 from teleop_drake.environments.needle_path import NeedleInTissue
-from teleop_drake.laws.task_space import position_rate, rotated, rotation_vector
+from teleop_drake.laws.task_space import (
+    displacement,
+    position_rate,
+    rotated,
+    rotation_vector,
+)
 from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.signals import UnitOf
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import ScenarioError
 
@@ -99,9 +107,13 @@ class Tissue:
 
 
 class Adaptive:
-    """(5.2) to (5.51), the projection left out: Psi stays away from its limit."""
+    """(5.2) to (5.51), the projection left out: Psi stays away from its limit.
 
-    def __init__(self, c, psi):
+    And the robust term against the error in dF_e/dt, (rho3, eps3).
+    """
+
+    def __init__(self, c, psi, robust=(0.0, 1.0)):
+        self.robust = robust
         x, y = (z.ravel() for z in np.meshgrid([0, 1], [0, 1], indexing="ij"))
         share = np.full((4, 6), 0.5)
         share[:, 0], share[:, 4] = x, y
@@ -129,8 +141,29 @@ class Adaptive:
         alpha_dot = W3 @ Phi + inverse @ psi_dot @ inverse @ (y1 + G1 * s)
         s_dot = psi @ (F_c - F_e) + y1
         alpha_dot -= inverse @ (W1_dot @ Phi + W1 @ Phi_dot + G1 * s_dot)
+        rho3, eps3 = self.robust
         F_dot = alpha_dot - psi.T @ c.P.T @ s - c.G2 * z
+        F_dot -= rho3 * z / np.hypot(np.linalg.norm(z), eps3)
         return np.concatenate([F_dot, W1_dot.ravel(), psi_dot.ravel(), W3_dot.ravel()])
+
+
+class Springs:
+    """P+d: the handle is a ball with a quaternion, its state [p; q; v; w]."""
+
+    def __init__(self, c):
+        zeros = np.zeros(6)
+        self.start = np.concatenate([START[:3], turn_by(START[3:]).as_quat(), zeros])
+        self.M, self.B, self.K = c.master_mass, c.master_damping, c.stiffness
+
+    def pull(self, handle, p, turn):
+        turned = Rotation.from_quat(handle[3:7]) * turn.inv()
+        return self.K @ np.append(handle[:3] - p, turned.as_rotvec())
+
+    def rate(self, handle, F_h, p, turn):
+        q, v, w = handle[3:7], handle[7:], handle[10:]
+        q_dot = np.append(q[3] * w + np.cross(w, q[:3]), -w @ q[:3]) / 2
+        F = F_h - self.pull(handle, p, turn) - self.B @ v
+        return np.concatenate([v[:3], q_dot, np.linalg.solve(self.M, F)])
 
 
 def solve_by_hand(scenario, law):
@@ -144,19 +177,23 @@ def solve_by_hand(scenario, law):
         return p, turn, v, tissue.wrench(p, turn, v), J
 
     def rate(t, x):
-        F_hd, v_dd, felt = np.zeros((3, 6))
-        if pieces:  # The last one is that of a delay ago.
-            before = pieces[-1](t - DELAY)
-            F_hd, v_dd = scale * (50 * before[12:18] + 25 * before[18:24]), TWIST
-            felt = tool(before)[2]
+        # The last piece is that of a delay ago.
+        late, v_dd = (pieces[-1](t - DELAY), TWIST) if pieces else (x_0, np.zeros(6))
+        F_h, F_hd = (scale * (50 * z[12:18] + 25 * z[18:24]) for z in (x, late))
+        p_late, turn_late, felt, *_ = tool(late)
         p, turn, v, F_e, J = tool(x)
-        a = arm.accelerations((x[24:30] if law else F_hd) - F_e, J)
+        F_c, own = F_hd, []
+        if isinstance(law, Springs):
+            F_c, felt = law.pull(late[24:], p, turn) - law.B @ v, x[31:]
+            own = law.rate(x[24:], F_h, p_late, turn_late)
+        elif law:
+            F_c, own = x[24:30], law.rate(x[24:], p, turn, v, F_e, F_hd, v_dd)
+        a = arm.accelerations(F_c - F_e, J)
         hand = np.append(x[18:24], TWIST - felt - 25 * x[18:24])
-        own = law.rate(x[24:], p, turn, v, F_e, F_hd, v_dd) if law else []
         return np.concatenate([x[6:12], a, hand, own])
 
     x = np.append(scenario.robot.JointPositions(START), np.zeros(18))
-    x = np.append(x, law.start if law else [])
+    x = x_0 = np.append(x, law.start if law else [])
     for k in range(round(scenario.duration / DELAY)):
         span = k * DELAY, (k + 1) * DELAY
         options = {"rtol": 1e-7, "atol": 1e-9, "dense_output": True}
@@ -190,15 +227,22 @@ def short(kind, **overrides):
 LOOPS = [
     ("adaptive_backstepping", 0.15, "drake"),
     ("direct_force", 0.6, "compiled"),
+    ("proportional_damping", 1.0, "compiled"),
     ("adaptive_backstepping", 0.8, "compiled"),
+    ("robust_backstepping", 0.8, "compiled"),
 ]
 
 
-@pytest.mark.parametrize(("kind", "duration", "engine"), Slow(LOOPS, but=(0, 1)))
+@pytest.mark.parametrize(("kind", "duration", "engine"), Slow(LOOPS, but=(0, 1, 2)))
 def test_the_loop_by_hand(kind, duration, engine):
-    scenario = short(kind, duration=duration)
-    is_adaptive = kind == "adaptive_backstepping"
-    law = Adaptive(scenario.controller, scenario.initial_psi) if is_adaptive else None
+    bounds = {"force_rate_bound": 5.0, "force_width": 0.1}
+    scenario = short(kind, duration=duration, **{"controller.robust": bounds})
+    c, law = scenario.controller, None
+    if kind == "proportional_damping":
+        law = Springs(c.proportional_damping)
+    elif kind != "direct_force":
+        robust = (5.0, 0.1) if kind == "robust_backstepping" else (0.0, 1.0)
+        law = Adaptive(c, scenario.initial_psi, robust)
     seen, recording = solve_by_hand(scenario, law), simulate(scenario, engine=engine)
     times = np.linspace(0.0, 0.99 * duration, 21)
     expected = np.array([seen(t) for t in times])
@@ -213,6 +257,87 @@ def test_the_loop_by_hand(kind, duration, engine):
     assert UnitOf("tool_position", 6) == "m, rad"
 
 
+SPRING = np.diag(np.repeat([65, 2.6], 3)).tolist()
+LINE = np.diag(np.repeat([9.2, 0.368], 3)).tolist()
+KIND = "time_domain_passivity"
+IDLE = {"kind": KIND, "initial_energy": 1e6, "maximum_mobility": 1e-9}
+SAME = [
+    # Without delay the line is its damper, and the matched end gives F_h - b v.
+    (
+        {"kind": "wave_variables", "delay": 0.0},
+        {"kind": "damped_force", "delay": 0.0, "damping": LINE},
+    ),
+    # Two springs without dampers.
+    (
+        {"kind": "four_channel", "variant": "position_position", "master_damping": 0.0}
+        | {f"C_{end}": {"damping": 0.0, "stiffness": SPRING} for end in "ms"},
+        {"kind": "proportional_damping", "master_damping": 0.0},
+    ),
+    # Energy that is never spent.
+    (IDLE, {"kind": "direct_force"}),
+]
+
+
+@pytest.mark.parametrize("pair", SAME)
+def test_architectures_that_are_the_same_here(pair):
+    runs = []
+    for own in map(dict, pair):
+        kind, delay = own.pop("kind"), own.pop("delay", DELAY)
+        own = {f"controller.{kind}.{name}": x for name, x in own.items()}
+        scenario = short(kind, duration=0.6, delay=delay, **own)
+        runs.append(simulate(scenario, engine="compiled"))
+    times = np.linspace(0, 0.6, 31)
+    for name in ("tool_position", "tool_velocity"):
+        found, expected = (run.Interpolate(name, times) for run in runs)
+        moved = np.abs(expected - expected[0]).max(axis=0)
+        assert np.all(np.abs(found - expected) <= 1e-4 * moved)
+
+
+def test_passivity_control_bounds_the_energy_of_each_axis():
+    """Moments have budgets of their own; idle, the channels make more."""
+    own = {f"controller.{KIND}.{key}": x for key, x in IDLE.items() if key != "kind"}
+    scenarios = [short(KIND, duration=3.0, delay=0.1, **x) for x in ({}, own)]
+    E_0 = ResolveController(scenarios[0]).initial_energy
+    acts, idles = (ChannelEnergy(simulate(x, engine="compiled")) for x in scenarios)
+    assert (acts.min(axis=0) >= -1.1 * E_0).all()
+    assert (idles.min(axis=0) < -1.5 * E_0).sum() > 2
+
+
+def test_the_model_of_a_predictor_has_the_momentum_of_its_forces():
+    """And is felt at once, and taken back a round trip later."""
+    scenario = short("smith_predictor", duration=0.4)
+    arm, run = Arm(scenario.robot.posture), simulate(scenario, engine="compiled")
+    J = arm.motion(np.append(scenario.robot.JointPositions(START), np.zeros(6)))[2]
+    mobility = J @ np.linalg.solve(arm.plant.CalcMassMatrix(arm.context), J.T)
+    t = np.linspace(0, 0.4, 4001)
+    F_h, v, felt = (
+        run.Interpolate(name, t)
+        for name in ("forward_packet_sent", "model_velocity", "felt_velocity")
+    )
+    momentum = np.trapezoid(F_h[:, :6], t, axis=0)
+    np.testing.assert_allclose(v[-1], mobility @ momentum, rtol=1e-4)
+    back = run.Interpolate("return_packet_received", t)[:, 6:]
+    np.testing.assert_allclose(felt[2000], (back + v)[2000] - v[1000], rtol=1e-4)
+
+
+def test_the_delay_margin_of_a_loop_whose_inertia_has_axes():
+    """M dv/dt = F_h(t - T): each eigenvalue of M^-1 and the device is a loop."""
+    scenario = short("direct_force")
+    arm, scale = Arm(scenario.robot.posture), np.repeat([1, 0.2**2], 3)
+    J = arm.motion(np.append(scenario.robot.JointPositions(START), np.zeros(6)))[2]
+    mobility = J @ np.linalg.solve(arm.plant.CalcMassMatrix(arm.context), J.T)
+    margins = []
+    for x in np.linalg.eigvals(mobility * scale):
+        # |x (250 j w + 500)| = w^2 |j w + 25|
+        roots = np.roots([1, 625, -((250 * x) ** 2), -((500 * x) ** 2)])
+        w = np.sqrt(roots[np.abs(roots.imag) + (roots.real < 0) == 0].real.item())
+        phase = np.arctan(w / 2) - np.arctan(w / 25)
+        margins.append(phase / w)
+    point = OperatingPoint(name="x", position=np.array(START), velocity=np.zeros(6))
+    (found,) = AnalyzeStability(scenario, points=[point]).points
+    assert found.margin.delay == pytest.approx(min(margins), rel=1e-4)
+
+
 def test_rotation_vectors():
     """Against scipy's, at no rotation, near it and far from it."""
     rng, u, h = np.random.default_rng(0), np.array([0.3, -0.5, 0.8]), 1e-6
@@ -224,8 +349,11 @@ def test_rotation_vectors():
         np.testing.assert_allclose(rotated(theta, u), turn.apply(u), atol=1e-14)
         ends = [(turn_by(s * v[3:]) * turn).as_rotvec() for s in (h, -h)]
         expected = np.append(v[:3], (ends[0] - ends[1]) / (2 * h))
-        rate = position_rate(np.append(np.zeros(3), theta), v)
+        rate = position_rate(r := np.append(np.zeros(3), theta), v)
         np.testing.assert_allclose(rate, expected, atol=3e-9)
+        relative = (turn * turn_by(u).inv()).as_rotvec()
+        found = displacement(r, np.append(v[:3], u))
+        np.testing.assert_allclose(found, [*-v[:3], *relative], atol=1e-12)
 
 
 def test_the_tissue_has_an_energy():
@@ -272,9 +400,9 @@ def test_a_run_ends_before_the_rotation_vector_jumps():
     assert last == pytest.approx(3.0, abs=1e-6)
 
 
+SMITH = {"controller.kind": "smith_predictor"}
 BAD = [
-    ({"controller.kind": "four_channel"}, "controller.kind = 'four_channel': must be"),
-    ({"controller.kind": "wave_variables"}, "with six axes"),
+    (SMITH | {"controller.smith_predictor.stiffness": 1.0}, "must be 0 about axes"),
     ({"controller.damped_force.damping": None}, "damping = null: must be given"),
     ({"surgeon.kind": "human", "surgeon.waypoints": []}, "surgeon.kind = 'human'"),
     ({"robot.hold": "orientation"}, "robot.hold = 'orientation': must be none"),

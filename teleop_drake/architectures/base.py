@@ -125,13 +125,10 @@ class ArchitectureConfig(KindConfig, ABC):
         forward_parts: Names of the vectors (n each) in a forward packet, for tables;
             empty: they are numbered.
         return_parts: The same of a return packet.
-        has_springs: Whether it takes the rate of a position to be the velocity, which
-            it is not where the tool turns: it is refused with six axes.
     """
 
     forward_parts: ClassVar[tuple[str, ...]] = ()
     return_parts: ClassVar[tuple[str, ...]] = ()
-    has_springs: ClassVar[bool] = False
 
     @property
     def has_gains_of_delay(self) -> bool:
@@ -146,12 +143,6 @@ class ArchitectureConfig(KindConfig, ABC):
         """
         self.CheckGains(path, num_axes)
         self.CheckNumbers(path)
-
-    def CheckAxes(self, num_axes: int) -> None:
-        """Refuses a kind with springs where the tool turns."""
-        if self.has_springs and num_axes == 6:
-            allowed = "one that does not take positions for integrals of velocities"
-            Refuse("controller.kind", self.kind, f"{allowed}, with six axes")
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived; here nothing derives.

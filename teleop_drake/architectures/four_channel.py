@@ -173,7 +173,6 @@ class FourChannelConfig(ArchitectureConfig):
     """Lawrence's architecture; see architectures.four_channel."""
 
     kind = "four_channel"
-    has_springs = True
     forward_parts = ("x_m", "v_m", "F_h")
     return_parts = ("p_WT", "v_WT", "F_e")
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.

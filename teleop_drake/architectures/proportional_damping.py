@@ -147,7 +147,6 @@ class ProportionalDampingConfig(ArchitectureConfig):
     """P+d; see architectures.proportional_damping.ProportionalMaster."""
 
     kind = "proportional_damping"
-    has_springs = True
     forward_parts = ("x_m",)
     return_parts = ("p_WT",)
 

@@ -23,7 +23,13 @@ from teleop_drake.architectures.damped_force import DampedForce
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number
+from teleop_drake.validation import (
+    CheckNumber,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
 
 
 class SmithPredictorMaster(Diagram):
@@ -114,7 +120,6 @@ class SmithPredictorConfig(ArchitectureConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
 
     kind = "smith_predictor"
-    has_springs = True
     forward_parts = ("F_h", "v_d")
     return_parts = ("p_WT", "v_ret")
 
@@ -141,6 +146,9 @@ class SmithPredictorConfig(ArchitectureConfig):
             damping = facts.StartDamping(f"{path}.damping") + local
         if stiffness is None:
             stiffness = facts.Told("environment_stiffness", f"{path}.stiffness")
+        if np.any(GainMatrix(stiffness, n)[3:]):
+            # y is no rotation: it is the integral of an angular velocity.
+            Refuse(f"{path}.stiffness", stiffness, "0 about axes: a model has no pose")
         return replace(
             self,
             mass=GainMatrix(mass, n),

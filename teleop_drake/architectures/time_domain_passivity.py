@@ -128,8 +128,17 @@ def _Positive(config: "TimeDomainPassivityConfig", *names: str) -> dict[str, flo
     """Returns fields by their names; refuses those that are not > 0, or null."""
     numbers = {name: getattr(config, name) for name in names}
     for name, value in numbers.items():
-        CheckNumber(name, value, above=0)
+        for x in value if isinstance(value, np.ndarray) else [value]:
+            CheckNumber(name, x, above=0)
     return numbers
+
+
+def _Extreme(matrix: np.ndarray, which: int) -> Any:
+    """Returns an eigenvalue, ascending; of six axes those of both halves (n)."""
+    if len(matrix) < 6:
+        return float(np.linalg.eigvalsh(matrix)[which])
+    halves = matrix[:3, :3], matrix[3:, 3:]
+    return np.repeat([np.linalg.eigvalsh(half)[which] for half in halves], 3)
 
 
 class PassivitySlave(_Idle, SlaveSide):
@@ -228,6 +237,8 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     forward_parts = ("F_h", "E_in")
     return_parts = ("p_WT", "v_WT", "E_in")
 
+    # With six axes each null below is derived for translation and for rotation.
+    #
     # Time for which the energy must last at the present power, s, > 0. It plays the
     # part of the sample period of the customary controllers, 1 ms; the shorter, the
     # more exactly passive and the slower to simulate. Assumed.
@@ -249,31 +260,33 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
-        damping, mobility = self.maximum_damping, self.maximum_mobility
-        energy = self.initial_energy
+        damping: Any = self.maximum_damping
+        mobility: Any = self.maximum_mobility
+        energy: Any = self.initial_energy
         local = GainMatrix(self.local_damping, facts.num_axes)
         if damping is None:
-            masses = np.linalg.eigvalsh(
-                facts.Told("inertia", f"{path}.maximum_damping")
-            )
-            damping = float(masses[0]) / self.horizon
+            inertia = facts.Told("inertia", f"{path}.maximum_damping")
+            damping = _Extreme(inertia, 0) / self.horizon
         if mobility is None:
-            h = facts.DeviceGain()
+            h: Any = facts.DeviceGain()
             if not h > 0:
                 allowed = "a number, because none derives from haptic_device with"
                 Refuse(f"{path}.maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
+            # About an axis the device is lever^2 H(s).
+            if facts.num_axes == 6:
+                h = h * np.repeat([1.0, facts.haptic_device.lever**2], 3)
             mobility = 1 / (h * self.horizon)
         if energy is None:
             field = f"{path}.initial_energy"
-            mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
-            drag = np.linalg.eigvalsh(facts.StartDamping(field) + local)[-1]
+            mass = _Extreme(facts.Told("inertia", field), -1)
+            drag = _Extreme(facts.StartDamping(field) + local, -1)
             speed_squared = facts.velocity @ facts.velocity
             energy = (mass / 2 + drag * facts.round_trip) * speed_squared
         return replace(
             self,
             maximum_damping=damping,
             maximum_mobility=mobility,
-            initial_energy=float(energy),
+            initial_energy=energy,
             local_damping=local,
         )
 

@@ -54,7 +54,8 @@ class WaveMaster(MasterSide):
     | out  | master_position  | n    | m             | x_m, integral of v_m       |
     | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
 
-    State (continuous): x_m (n).
+    State (continuous): x_m (n); with six axes its rotation is no pose, but the integral
+    of an angular velocity, which nothing uses.
 
     Initial value: start.
 
@@ -178,7 +179,6 @@ class WaveVariablesConfig(ArchitectureConfig):
     """The wave line; see architectures.wave_variables.WaveMaster."""
 
     kind = "wave_variables"
-    has_springs = True
     forward_parts = ("u", "x_m")
     return_parts = ("w", "p_WT")
 

@@ -7,7 +7,8 @@
 
 Accelerations are not measured, as Lawrence has it in practice: his ideal C1 and C4 have
 the masses, too. Positions count from `start`. The signals of the other end come in a
-packet [x; v; F]. The master's state is [x_m; v_m].
+packet [x; v; F]. The master's state is [x_m; v_m]. With six axes differences of
+positions and their rates are those of laws.task_space.
 
 Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
 IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
@@ -19,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from teleop_drake.laws.task_space import displacement, position_rate
 
 Array = NDArray[np.float64]
 
@@ -54,10 +57,10 @@ def master_rate(
     x_m, v_m = x[:n], x[n:]
     x_s, v_s, F_e = packet[:n], packet[n : 2 * n], packet[2 * n :]
     F = (1 + station.local_force) * F_h - station.force * F_e
-    F += station.local_stiffness @ (C4 * (x_s - start) - (x_m - start))
+    F -= station.local_stiffness @ _stretch(C4, x_m, x_s, start)
     # The handle's own damping and the controller's act on the same velocity.
     F += (station.damping + station.local_damping) @ (C4 * v_s - v_m)
-    return np.concatenate((v_m, np.linalg.solve(M, F)))
+    return np.concatenate((position_rate(x_m, v_m), np.linalg.solve(M, F)))
 
 
 def slave_force(
@@ -68,6 +71,11 @@ def slave_force(
     n = p.size
     x_m, v_m, F_h = packet[:n], packet[n : 2 * n], packet[2 * n :]
     F: Array = station.force * F_h - station.local_force * F_e
-    F += station.local_stiffness @ (C1 * (x_m - start) - (p - start))
+    F -= station.local_stiffness @ _stretch(C1, p, x_m, start)
     F += station.local_damping @ (C1 * v_m - v) + C1 * station.damping @ v_m
     return F
+
+
+def _stretch(share: float, x: Array, other: Array, start: Array) -> Array:
+    """Returns (x - start) - share (other - start): of a spring to each of the two."""
+    return (1 - share) * displacement(x, start) + share * displacement(x, other)

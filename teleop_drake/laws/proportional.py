@@ -4,8 +4,9 @@
     F_c       = K (x_m - p) - B_s v                               the slave
 
 with x_s and x_m as they arrive at the other end, p and v of the tool: m, m/s and N (n),
-K in N/m, B in N s/m and M in kg (n, n). The pair is stable for
-4 B B_s > (T_f + T_r)^2 K^2.
+K in N/m, B in N s/m and M in kg (n, n). With six axes dx_m/dt is position_rate() and
+x_m - x_s displacement(), of laws.task_space, and the handle turns as a ball does. The
+pair is stable for 4 B B_s > (T_f + T_r)^2 K^2.
 
 Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
 delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
@@ -15,12 +16,14 @@ delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.laws.task_space import displacement, position_rate
+
 Array = NDArray[np.float64]
 
 
 def coupling_force(x_m: Array, x_s: Array, K: Array) -> Array:
     """Returns K (x_m - x_s), the force of the spring on the slave's end, N (n)."""
-    return K @ (x_m - x_s)
+    return K @ displacement(x_m, x_s)
 
 
 def master_rate(
@@ -30,7 +33,7 @@ def master_rate(
     n = F_h.size
     x_m, v_m = x[:n], x[n:]
     F = F_h - coupling_force(x_m, x_s, K) - B @ v_m
-    return np.concatenate((v_m, np.linalg.solve(M, F)))
+    return np.concatenate((position_rate(x_m, v_m), np.linalg.solve(M, F)))
 
 
 def slave_force(x_m: Array, p: Array, v: Array, K: Array, B: Array) -> Array:

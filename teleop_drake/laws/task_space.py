@@ -67,6 +67,9 @@ _FLOOR = 1e-13
 # Added to squares of which a root is a divisor: no change in what is not 0.
 _TINY = 1e-300
 
+# The same where a derivative divides by the fourth power: no change of dr/dt.
+_SMALL = 1e-16
+
 
 def tool_kinematics(
     num_axes: int, R_WP: Array, X_WT: Array, J_WT: Array, x: Array
@@ -116,10 +119,25 @@ def position_rate(r: Array, v: Array) -> Array:
     """
     if r.size < 6:
         return v
-    half = np.sqrt(np.sum(r[3:] * r[3:]) + _TINY) / 2
+    half = np.sqrt(np.sum(r[3:] * r[3:]) + _SMALL) / 2
     share = (1 - half * np.cos(half) / np.sin(half)) / (4 * half * half)
     turn = np.cross(r[3:], v[3:])
     return np.append(v[:3], v[3:] - turn / 2 + share * np.cross(r[3:], turn))
+
+
+def displacement(r: Array, r_0: Array) -> Array:
+    """Returns how far a position is from another one (n), r - r_0 but for a rotation.
+
+    That is the rotation vector of R R_0^T. K times it is the moment of a spring, with
+    an energy, if K is the same about all axes: its power is that of w - w_0 then.
+
+    Args:
+        r, r_0: Positions in m and rad (n), turned by less than pi from one another.
+    """
+    if r.size < 6:
+        return r - r_0
+    R = np.stack([rotated(r[3:], rotated(-r_0[3:], e)) for e in np.eye(3)]).T
+    return np.append(r[:3] - r_0[:3], rotation_vector(R))
 
 
 def translation(x: Array) -> Array:

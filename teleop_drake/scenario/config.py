@@ -146,7 +146,6 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             is_needed=isinstance(chosen, AdaptiveBacksteppingConfig),
         )
         self.robust.CheckNumbers("controller.robust")
-        chosen.CheckAxes(num_axes)
         chosen.Check(self.path, num_axes)
 
 
