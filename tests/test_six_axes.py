@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from energies import ChannelEnergy
 from grids import Slow
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
@@ -67,6 +68,11 @@ class Arm:
         )  # fmt: skip
         R = Rotation.from_matrix(pose.rotation().matrix())
         return pose.translation(), R, np.vstack([J[3:], J[:3]])
+
+    def mobility(self, scenario):
+        q = scenario.robot.JointPositions(START)
+        J = self.motion(np.append(q, np.zeros(6)))[2]
+        return J @ np.linalg.solve(self.plant.CalcMassMatrix(self.context), J.T)
 
     def accelerations(self, wrench, J):
         forces = MultibodyForces(self.plant)  # Neither weight nor damping.
@@ -257,82 +263,73 @@ def test_the_loop_by_hand(kind, duration, engine):
     assert UnitOf("tool_position", 6) == "m, rad"
 
 
-SPRING = np.diag(np.repeat([65, 2.6], 3)).tolist()
-LINE = np.diag(np.repeat([9.2, 0.368], 3)).tolist()
-KIND = "time_domain_passivity"
-IDLE = {"kind": KIND, "initial_energy": 1e6, "maximum_mobility": 1e-9}
-SAME = [
-    # Without delay the line is its damper, and the matched end gives F_h - b v.
-    (
+def run(kind, duration=0.6, delay=DELAY, **own):
+    own = {f"controller.{kind}.{name}": x for name, x in own.items()}
+    return simulate(
+        short(kind, duration=duration, delay=delay, **own), engine="compiled"
+    )
+
+
+LINE, SPRING = (np.diag(np.repeat(x, 3)).tolist() for x in ([9.2, 0.368], [65, 2.6]))
+LOCAL = {f"C_{end}": {"damping": 0.0, "stiffness": SPRING} for end in "ms"}
+IDLE = {
+    "kind": "time_domain_passivity",
+    "initial_energy": 1e6,
+    "maximum_mobility": 1e-9,
+}
+SAME = {
+    "without delay a matched line is its damper": (
         {"kind": "wave_variables", "delay": 0.0},
         {"kind": "damped_force", "delay": 0.0, "damping": LINE},
     ),
-    # Two springs without dampers.
-    (
+    "two springs without dampers": (
         {"kind": "four_channel", "variant": "position_position", "master_damping": 0.0}
-        | {f"C_{end}": {"damping": 0.0, "stiffness": SPRING} for end in "ms"},
+        | LOCAL,
         {"kind": "proportional_damping", "master_damping": 0.0},
     ),
-    # Energy that is never spent.
-    (IDLE, {"kind": "direct_force"}),
-]
+    "energy that is never spent": (IDLE, {"kind": "direct_force"}),
+}
 
 
-@pytest.mark.parametrize("pair", SAME)
-def test_architectures_that_are_the_same_here(pair):
-    runs = []
-    for own in map(dict, pair):
-        kind, delay = own.pop("kind"), own.pop("delay", DELAY)
-        own = {f"controller.{kind}.{name}": x for name, x in own.items()}
-        scenario = short(kind, duration=0.6, delay=delay, **own)
-        runs.append(simulate(scenario, engine="compiled"))
-    times = np.linspace(0, 0.6, 31)
+@pytest.mark.parametrize("why", SAME)
+def test_architectures_that_are_the_same_here(why):
+    runs, times = [run(**own) for own in SAME[why]], np.linspace(0, 0.6, 31)
     for name in ("tool_position", "tool_velocity"):
-        found, expected = (run.Interpolate(name, times) for run in runs)
+        found, expected = (x.Interpolate(name, times) for x in runs)
         moved = np.abs(expected - expected[0]).max(axis=0)
         assert np.all(np.abs(found - expected) <= 1e-4 * moved)
 
 
 def test_passivity_control_bounds_the_energy_of_each_axis():
     """Moments have budgets of their own; idle, the channels make more."""
-    own = {f"controller.{KIND}.{key}": x for key, x in IDLE.items() if key != "kind"}
-    scenarios = [short(KIND, duration=3.0, delay=0.1, **x) for x in ({}, own)]
-    E_0 = ResolveController(scenarios[0]).initial_energy
-    acts, idles = (ChannelEnergy(simulate(x, engine="compiled")) for x in scenarios)
-    assert (acts.min(axis=0) >= -1.1 * E_0).all()
-    assert (idles.min(axis=0) < -1.5 * E_0).sum() > 2
+    runs = run(IDLE["kind"], 3.0, 0.1), run(**IDLE, duration=3.0, delay=0.1)
+    E_0 = ResolveController(runs[0].scenario).initial_energy
+    acts, idles = (ChannelEnergy(x).min(axis=0) for x in runs)
+    assert (acts >= -1.1 * E_0).all()
+    assert (idles < -1.5 * E_0).sum() > 2
 
 
 def test_the_model_of_a_predictor_has_the_momentum_of_its_forces():
     """And is felt at once, and taken back a round trip later."""
-    scenario = short("smith_predictor", duration=0.4)
-    arm, run = Arm(scenario.robot.posture), simulate(scenario, engine="compiled")
-    J = arm.motion(np.append(scenario.robot.JointPositions(START), np.zeros(6)))[2]
-    mobility = J @ np.linalg.solve(arm.plant.CalcMassMatrix(arm.context), J.T)
-    t = np.linspace(0, 0.4, 4001)
-    F_h, v, felt = (
-        run.Interpolate(name, t)
-        for name in ("forward_packet_sent", "model_velocity", "felt_velocity")
-    )
+    smith, t = run("smith_predictor", 0.4), np.linspace(0, 0.4, 4001)
+    names = "forward_packet_sent", "model_velocity", "felt_velocity"
+    F_h, v, felt = (smith.Interpolate(name, t) for name in names)
     momentum = np.trapezoid(F_h[:, :6], t, axis=0)
+    mobility = Arm(smith.scenario.robot.posture).mobility(smith.scenario)
     np.testing.assert_allclose(v[-1], mobility @ momentum, rtol=1e-4)
-    back = run.Interpolate("return_packet_received", t)[:, 6:]
+    back = smith.Interpolate("return_packet_received", t)[:, 6:]
     np.testing.assert_allclose(felt[2000], (back + v)[2000] - v[1000], rtol=1e-4)
 
 
 def test_the_delay_margin_of_a_loop_whose_inertia_has_axes():
     """M dv/dt = F_h(t - T): each eigenvalue of M^-1 and the device is a loop."""
-    scenario = short("direct_force")
-    arm, scale = Arm(scenario.robot.posture), np.repeat([1, 0.2**2], 3)
-    J = arm.motion(np.append(scenario.robot.JointPositions(START), np.zeros(6)))[2]
-    mobility = J @ np.linalg.solve(arm.plant.CalcMassMatrix(arm.context), J.T)
-    margins = []
+    scenario, scale = short("direct_force"), np.repeat([1, 0.2**2], 3)
+    mobility, margins = Arm(scenario.robot.posture).mobility(scenario), []
     for x in np.linalg.eigvals(mobility * scale):
         # |x (250 j w + 500)| = w^2 |j w + 25|
-        roots = np.roots([1, 625, -((250 * x) ** 2), -((500 * x) ** 2)])
-        w = np.sqrt(roots[np.abs(roots.imag) + (roots.real < 0) == 0].real.item())
-        phase = np.arctan(w / 2) - np.arctan(w / 25)
-        margins.append(phase / w)
+        squares = np.roots([1, 625, -((250 * x) ** 2), -((500 * x) ** 2)])
+        w = np.sqrt(squares.real.max())  # The one that is > 0.
+        margins.append((np.arctan(w / 2) - np.arctan(w / 25)) / w)
     point = OperatingPoint(name="x", position=np.array(START), velocity=np.zeros(6))
     (found,) = AnalyzeStability(scenario, points=[point]).points
     assert found.margin.delay == pytest.approx(min(margins), rel=1e-4)
@@ -351,6 +348,9 @@ def test_rotation_vectors():
         expected = np.append(v[:3], (ends[0] - ends[1]) / (2 * h))
         rate = position_rate(r := np.append(np.zeros(3), theta), v)
         np.testing.assert_allclose(rate, expected, atol=3e-9)
+        if angle == 0.0:  # Its slope is known there, too.
+            slope = ExtractGradient(position_rate(InitializeAutoDiff(r).ravel(), v))
+            np.testing.assert_allclose(slope[3:, 3:], -np.cross(np.eye(3), v[3:]).T / 2)
         relative = (turn * turn_by(u).inv()).as_rotvec()
         found = displacement(r, np.append(v[:3], u))
         np.testing.assert_allclose(found, [*-v[:3], *relative], atol=1e-12)
