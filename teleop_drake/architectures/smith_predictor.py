@@ -23,13 +23,7 @@ from teleop_drake.architectures.damped_force import DampedForce
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.validation import (
-    CheckNumber,
-    GainField,
-    GainMatrix,
-    Number,
-    Refuse,
-)
+from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number, Refuse
 
 
 class SmithPredictorMaster(Diagram):

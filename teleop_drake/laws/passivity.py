@@ -91,13 +91,3 @@ def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
 def damped_force(F_hd: Array, damping: Array, v: Array) -> Array:
     """Returns the control force in N (n)."""
     return F_hd - damping * v
-
-
-def port_power(force: Array, velocity: Array) -> Array:
-    """Returns F . v, the power at one end of the communication, in W (1)."""
-    return np.array([np.sum(force * velocity)])
-
-
-def difference(of_two: Array) -> Array:
-    """Returns the first of two numbers minus the second, as a vector."""
-    return np.array([of_two[0] - of_two[1]])

@@ -50,6 +50,7 @@ from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
 Array = NDArray[np.float64]
+Gains = dict[str, float]
 
 STIFFNESS_LOSS = "felt_stiffness_loss"
 """What FeltStiffnessLoss() returns of a scenario, among the metrics."""
@@ -117,7 +118,7 @@ class Trial:
         reason: Why the gains are not accepted; empty: they are.
     """
 
-    gains: dict[str, float]
+    gains: Gains
     values: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
 
@@ -492,10 +493,7 @@ class _Search:
         return [self._tried[key][1] for key in keys]
 
     def _Evaluate(
-        self,
-        sweeps: Mapping[str, SweepPlan],
-        sets: Sequence[dict[str, float]],
-        folder: str,
+        self, sweeps: Mapping[str, SweepPlan], sets: Sequence[Gains], folder: str
     ) -> list[Trial]:
         """Simulates all runs with each set of gains."""
         trials = [Trial(gains=gains) for gains in sets]
