@@ -622,6 +622,21 @@ def test_rest_and_coordination_by_dense_samples(kind):
     assert metrics["coordination_rms_error"] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize(("tau_v", "tau_F"), [(0.5, 0.1), (0.2, 0.4)])
+def test_rest_on_a_spiral(tau_v, tau_F):
+    """Where speed and force turn while they die out, no axis is any different."""
+    recording = runs.Run("two_dof_collision", "damped_force", engine="auto")
+    t = recording.time - RunMetrics(recording)["collision"]["time"]
+    circle = np.stack([np.cos(9 * t), np.sin(9 * t)], axis=1)
+    v, F = (np.exp(-np.fmax(t, 0) / tau)[:, None] * circle for tau in (tau_v, tau_F))
+    signals = {"tool_velocity": 0.1 * v, "environment_force": [0.12, 0.16] + 0.4 * F}
+    signals = {**recording.signals, **signals}
+    changed = dataclasses.replace(recording, signals=signals)
+    expected = max(tau_v * math.log(20), tau_F * math.log(40))
+    rest = RunMetrics(changed)["collision"]["rest_time"]
+    assert rest == pytest.approx(expected, rel=1e-5)
+
+
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
 @pytest.mark.parametrize("task", runs.TASKS[1:])
 def test_real_runs(task, kind):
