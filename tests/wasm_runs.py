@@ -5,12 +5,14 @@ import math
 import numpy as np
 import wasmtime
 
+from teleop_drake.integrator.problem import ROWS
 from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.page.model import Model
 
-_ROOM = {"steps": 20_000, "values": 20_000, "row_times": 4096, "rows": 4096}
+# All rows stay, as in the page.
+_ROOM = dict.fromkeys(("row_times", "row_ends", "rows", "steps", "values"), 30_000)
+_ROOM |= dict.fromkeys(("instants", "pieces", "piece_rows", "ends"), 30_000)
 _ROOM["breaks"] = 20_000
-_ROOM["row_ends"] = _ROOM["rows"]
 
 
 class Instance:
@@ -38,7 +40,7 @@ class Instance:
         for group, fields in model.Headers().items():
             header = []
             for name, shape, is_whole in fields:
-                shape = [_ROOM.get(name, shape[0]), *shape[1:]]
+                shape = [_ROOM.get(name.rpartition(".")[2], shape[0]), *shape[1:]]
                 values = model.numbers.get(f"{group}.{name}")
                 place = self._Allocate(8 * math.prod(shape))
                 self._places[name] = place, shape, is_whole
@@ -65,22 +67,23 @@ class Instance:
         data = self._memory.read(self._store, place, place + 8 * math.prod(shape))
         return np.frombuffer(data, np.int64 if is_whole else float).reshape(shape)
 
-    def Run(self, end: float, accuracy: float, max_step: float):
-        """Returns times and rows up to a time, and how it ended."""
-        status, pieces = 1, []
-        while status == 1 and (not pieces or len(pieces[-1][0])):
-            status = self._run(self._store, *self._headers, end, accuracy, max_step)
-            counts = self.Read("counts").copy()
-            num, counts[4] = counts[4], 0
-            names = ("row_times", "rows", "row_ends")
-            pieces.append(tuple(self.Read(name)[:num] for name in names))
-            self._Write(self._places["counts"][0], counts)
-        return *(np.concatenate(x) for x in zip(*pieces, strict=True)), status
+    def Rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the times, rows and steps."""
+        num = self.Read("counts")[ROWS]
+        ends = np.flatnonzero(self.Read("row_ends")[:num])
+        steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+        return self.Read("row_times")[:num], self.Read("rows")[:num], steps
+
+    def Run(self, end: float, accuracy: float, max_step: float) -> int:
+        """Runs up to a time, and measures; returns how it ended."""
+        status, numbers = 1, (end, accuracy, max_step)
+        while status == 1:
+            status = self._run(self._store, *self._headers, *numbers, 1)
+        return status
 
 
 def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the times, rows and steps of a whole run."""
-    end, accuracy, max_step, *_ = model.numbers["run"]
-    times, rows, ends, status = Instance(model).Run(end, accuracy, max_step)
-    assert status == 0
-    return times, rows, np.flatnonzero(ends)[:, np.newaxis] + np.arange(-DEGREE, 1)
+    instance = Instance(model)
+    assert instance.Run(*model.numbers["run"]) == 0
+    return instance.Rows()

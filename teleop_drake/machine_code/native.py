@@ -165,3 +165,18 @@ class Integrator:
         status = int(self._function(evaluate.address, *pointers, *numbers))
         self._library.RaiseFault()
         return status
+
+
+class TypedFunction:
+    """A function of named tuples of arrays in machine code; see typed_code."""
+
+    def __init__(self, library: Library, name: str):
+        self._library, self._address = library, library.Address(name)
+
+    def __call__(self, *tuples: Any) -> None:
+        """Calls it."""
+        headers = [np.array(Header(value), np.int64) for value in tuples]
+        pointers = [ctypes.c_void_p] * len(headers)
+        function = ctypes.CFUNCTYPE(None, *pointers)(self._address)
+        function(*(header.ctypes.data for header in headers))
+        self._library.RaiseFault()

@@ -8,7 +8,6 @@ its values (S, d + 1, k), `values[steps]`.
 """
 
 import math
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -40,23 +39,6 @@ def _to_powers(degree: int) -> Array:
     """Returns the matrix from values to coefficients of ascending powers."""
     powers = np.vander(shares(degree), increasing=True)
     return np.asarray(np.linalg.inv(powers), np.float64)
-
-
-@cache
-def _slopes(degree: int) -> Array:
-    """Returns the matrix from values to the slopes at the points."""
-    powers = np.vander(shares(degree), degree, increasing=True)
-    return powers @ _derivative(_to_powers(degree))
-
-
-@cache
-def _to_bernstein(degree: int) -> Array:
-    """Returns the matrix from values to Bernstein's coefficients."""
-    rows = [
-        [math.comb(i, j) / math.comb(degree, j) for j in range(degree + 1)]
-        for i in range(degree + 1)
-    ]
-    return np.array(rows) @ _to_powers(degree)
 
 
 @cache
@@ -207,51 +189,6 @@ def first_crossing(times: Array, y: Array, steps: Indices) -> float:
     return float((begin + at * (end - begin))[is_upwards].min(initial=np.inf))
 
 
-def trace(y: Array) -> Array:
-    """Returns values of a signal between which it is monotonic.
-
-    Args:
-        y: (S, d + 1) the signal in its steps.
-
-    Returns:
-        (S, 2 d + 1): the values at the points and, between two of them, the extreme
-        that lies there (or the former value again).
-    """
-    degree = y.shape[1] - 1
-    nodes = shares(degree)
-    slope = y @ _slopes(degree).T
-    i, j = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0)
-    # By the secant, and then by Newton's method. An extreme is flat: its value is more
-    # exact than its place.
-    at = nodes[j] + slope[i, j] / (slope[i, j] - slope[i, j + 1]) / degree
-    c = _to_powers(degree) @ y[i].T
-    slopes = _derivative(c)
-    curvatures = _derivative(slopes)
-    for _ in range(2):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = at - _value(slopes, at) / _value(curvatures, at)
-        at = np.fmin(np.fmax(at, nodes[j]), nodes[j + 1])
-    values = np.repeat(y, 2, axis=1)[:, :-1]
-    values[i, 2 * j + 1] = _value(c, at)
-    return values
-
-
-def maxima(parts: Sequence[Array]) -> list[float]:
-    """Returns the maximum of each of some signals (S, d + 1), S >= 1.
-
-    Only a step with a Bernstein coefficient above all values can exceed them.
-    """
-    y = np.concatenate(parts)
-    largest = np.array([part.max() for part in parts])
-    numbers = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    # Not by BLAS, whose threads cost more than they help here.
-    bounds = np.einsum("ab,sb->as", _to_bernstein(y.shape[1] - 1), y).max(axis=0)
-    may_exceed = bounds > largest[numbers]
-    np.maximum.at(largest, numbers[may_exceed], trace(y[may_exceed]).max(axis=1))
-    result: list[float] = largest.tolist()
-    return result
-
-
 def integrate_product(first: Array, second: Array) -> Array:
     """Returns the integrals (S, d, k) of the product of two signals, exactly.
 
@@ -263,18 +200,6 @@ def integrate_product(first: Array, second: Array) -> Array:
     mass = _mass(first.shape[1] - 1)
     integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)
     return integrals
-
-
-def mean_square(y: Array) -> Array:
-    """Returns the mean (S, k) of a signal's square over each step, exactly.
-
-    Args:
-        y: (S, d + 1, k) the signal in its steps.
-    """
-    columns = np.moveaxis(y, 1, 0).reshape(y.shape[1], -1)
-    mass = _mass(y.shape[1] - 1).sum(axis=0)
-    mean: Array = (columns * (mass @ columns)).sum(axis=0)
-    return mean.reshape(len(y), -1)
 
 
 def _roots(

@@ -1,6 +1,7 @@
 """The levels of a block diagram as pictures whose ports and wires have names."""
 
 import functools
+import html
 import inspect
 import re
 from typing import Any
@@ -10,6 +11,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.figures.block_diagram import DiagramDot, LayOut
 from teleop_drake.page.model import Systems
 
+_AT = re.compile(r'data-at="(\d+)(?::([uy])(\d+))?"')
 _BOX = re.compile(r"^s(\d+) \[")
 _PORT = re.compile(r'<TD PORT="([uy]\d+)"')
 _HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
@@ -20,23 +22,34 @@ _WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$
 def Levels(diagram: System) -> list[dict[str, Any]]:
     """Returns a picture of each diagram in a diagram, the outermost first.
 
-    Each has its `path`, the picture `svg` as bytes, and `boxes`: by the number that the
-    picture has for a system its path, class and first sentence, and its ports' names.
-    Elements with the attribute `data-at` are a box ("1"), a port or a wire ("1:y0").
+    Each has its `path`, the picture `svg` as bytes, and `boxes`: path, class, first
+    sentence and ports of its systems. In the picture the attribute `data-box` is the
+    path of a box, of one with a level in it `data-level` too, and `data-port` that of a
+    port or a wire.
     """
     paths = {system.GetSystemPathname(): path for system, path in Systems(diagram)}
-    return [
-        {
-            "path": path,
-            "svg": _Picture(DiagramDot(level, max_depth=1)),
-            "boxes": [
-                _Box(system, paths[system.GetSystemPathname()])
-                for system in (level, *level.GetSystems())
-            ],
-        }
-        for level, path in Systems(diagram)
-        if isinstance(level, Diagram)
-    ]
+    levels = []
+    for level, path in Systems(diagram):
+        if not isinstance(level, Diagram):
+            continue
+        systems = [level, *level.GetSystems()]
+        boxes = [_Box(x, paths[x.GetSystemPathname()]) for x in systems]
+
+        def Name(
+            found: re.Match[str], boxes: Any = boxes, systems: Any = systems
+        ) -> str:
+            box, side, system = boxes[int(found[1])], found[2], systems[int(found[1])]
+            text = html.escape(box["path"])
+            if side is None:
+                is_level = system is not systems[0] and isinstance(system, Diagram)
+                return f'data-box="{text}"' + is_level * f' data-level="{text}"'
+            # A side without ports has an empty place.
+            names = box[side][int(found[3]) :]
+            return f'data-port="{text}:{html.escape(names[0])}"' if names else ""
+
+        svg = _AT.sub(Name, _Picture(DiagramDot(level, max_depth=1)))
+        levels.append({"path": path, "svg": svg.encode(), "boxes": boxes})
+    return levels
 
 
 def _Box(system: System, path: str) -> dict[str, Any]:
@@ -53,8 +66,8 @@ def _Box(system: System, path: str) -> dict[str, Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _Picture(dot: str) -> bytes:
-    """Lays a level out, with names at boxes, ports and wires."""
+def _Picture(dot: str) -> str:
+    """Lays a level out, with data-at="1" at a box, "1:y0" at a port or wire."""
     lines, box = [], "0"
     for line in dot.splitlines():
         if found := _BOX.match(line):
@@ -83,4 +96,4 @@ def _Picture(dot: str) -> bytes:
     # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
     svg = re.sub(r'(data-at="[^"]*")>', r'\1 tabindex="0">', svg)
     svg = re.sub(r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>', svg)
-    return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1).encode()
+    return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1)

@@ -1,9 +1,9 @@
 "use strict";
-// Loops, runs of them, and what is measured of a run. See model.py for the numbers, integrator/ for
-// run() of a module, step_polynomials.py for the steps of a run, measures.py for what is measured.
+// Loops and runs of them. See model.py for the numbers, measured_run.py for run() of a module,
+// step_polynomials.py for the steps of a run, measuring.py for what is measured.
 
-const [DONE, FULL, STUCK] = [0, 1, 2];
-const [ROWS, TRIES] = [4, 6];
+// How run() ends, and places in the counts of integrator/problem.py.
+const [FULL, STUCK, BEYOND] = [1, 2, 3], [ROWS, TRIES] = [4, 6];
 const MOST_TRIES = 4e6, MOST_ROOM = 1 << 19;
 
 // C's mathematics that Math does not have.
@@ -14,31 +14,21 @@ const range = (n) => Array.from({ length: n }, (_, i) => i);
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 // The sum of products.
-function dot(a, b) {
-  let sum = 0;
-  for (let i = 0; i < a.length; ++i) sum += a[i] * b[i];
-  return sum;
-}
-
-// Returns where a condition becomes true between two numbers.
-function bisect(low, high, isBeyond) {
-  for (let middle = (low + high) / 2; low < middle && middle < high; middle = (low + high) / 2) {
-    if (isBeyond(middle)) high = middle; else low = middle;
-  }
-  return high;
-}
+const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 // The module of a controller, and its memory.
 class Loop {
   constructor(data, inputs) {
     Object.assign(this, data, { inputs });
-    this.room = { row_times: 4096, row_ends: 4096, rows: 4096, steps: 4096, values: 4096, breaks: 1024 };
+    const growing = ["row_times", "row_ends", "rows", "steps", "values", "breaks"];
+    const measured = ["instants", "pieces", "piece_rows", "ends"].map((x) => `record.${x}`);
+    this.room = Object.fromEntries([...growing, ...measured].map((x) => [x, 4096]));
   }
 
   // Compiles the module, once.
   compile() { return (this.compiled ??= this.instantiate()); }
 
-  // Makes the module's functions, which work on its memory.
+  // Makes the module's function, which works on its memory.
   async instantiate() {
     const name = "__linear_memory", code = this.module;
     // The import says how many pages the module's own constants take.
@@ -54,9 +44,8 @@ class Loop {
 
   // Returns all numbers of a run at values of the inputs; see inputs.py's Added().
   numbersAt(values) {
-    const z = {};
-    for (const key in this.numbers) z[key] = this.numbers[key].slice();
-    for (const input of this.inputs.filter((x) => !x.choices)) {
+    const z = Object.fromEntries(Object.entries(this.numbers).map(([key, x]) => [key, x.slice()]));
+    for (const input of this.inputs.filter((x) => this.changes[x.name])) {
       const { slopes, stops } = this.changes[input.name], value = values[input.name];
       for (const [key, [places, rates]] of Object.entries(slopes)) {
         places.forEach((p, i) => { z[key][p] += (value - input.value) * rates[i]; });
@@ -64,8 +53,7 @@ class Loop {
       for (const [key, tables] of Object.entries(stops)) {
         const stop = tables[input.stops.indexOf(value)], base = this.numbers[key];
         const adds = stop.length === base.length && base.every(Number.isFinite);
-        if (!adds) z[key] = stop.slice();
-        else stop.forEach((x, i) => { if (x !== base[i]) z[key][i] += x - base[i]; });
+        z[key] = adds ? z[key].map((x, i) => x + stop[i] - base[i]) : stop.slice();
       }
     }
     return z;
@@ -80,7 +68,7 @@ class Loop {
       const header = [];
       for (const [field, [size, ...rest], isWhole] of fields) {
         const x = z[`${group}.${field}`], width = rest.reduce((a, b) => a * b, 1);
-        const first = group === "memory" && this.room[field] || (x && width ? x.length / width : size);
+        const first = this.room[field] ?? (x && width ? x.length / width : size);
         places[field] = take(first * width);
         header.push(places[field].at, first, ...rest);
         writes.push([places[field], x, isWhole]);
@@ -113,161 +101,70 @@ class Loop {
   }
 }
 
-// A polynomial in [0, 1] is its coefficients, from five values at equal distances.
-const TO_POWERS = [[3, 0, 0, 0, 0], [-25, 48, -36, 16, -3], [70, -208, 228, -112, 22],
-  [-80, 288, -384, 224, -48], [32, -128, 192, -128, 32]];
-const NODES = [0, 0.25, 0.5, 0.75, 1];
-const polynomial = (y) => TO_POWERS.map((row) => dot(row, y) / 3);
-
-// Its value at a place.
-function valueAt(c, x) {
-  let sum = 0;
-  for (let i = c.length - 1; i >= 0; --i) sum = sum * x + c[i];
-  return sum;
-}
-
-// Where a polynomial changes its sign between its five points: [x, whether upwards].
-function signChanges(c) {
-  const isAbove = (x) => valueAt(c, x) >= 0, above = NODES.map(isAbove);
-  return [0, 1, 2, 3].filter((j) => above[j] !== above[j + 1])
-    .map((j) => [bisect(j / 4, (j + 1) / 4, (x) => isAbove(x) !== above[j]), above[j + 1]]);
-}
-
-// Values between which a polynomial is monotonic, from its five values.
-function trace(y) {
-  const c = polynomial(y), slope = c.slice(1).map((a, i) => (i + 1) * a);
-  return [y[0], ...signChanges(slope).map(([x]) => valueAt(c, x)), y[4]];
-}
-
-// The mean of the square of such a polynomial is y . MASS y / 5670.
-const MASS = [[292, 296, -174, 56, -29], [296, 1792, -384, 256, 56], [-174, -384, 1872, -384, -174],
-  [56, 256, -384, 1792, 296], [-29, 56, -174, 296, 292]];
-
-// What can be measured of a form from one piece of time to another; see measures.py.
-const OPERATIONS = {
-  time: (run, form, i) => run.pieces[i]?.[0] ?? run.time.at(-1),
-  before: (run, [y], i) => (i ? y[i - 1][4] : y[0][0]),
-  maximum: (run, [y], i, j) => (i < j ? y.slice(i, j).reduce((most, x) => Math.max(most, ...trace(x)), -Infinity)
-    : OPERATIONS.before(run, [y], i)),
-  rise: (...x) => Math.max(OPERATIONS.maximum(...x), 0),
-  minimum: (run, [y], ...x) => -OPERATIONS.maximum(run, [y.map((v) => v.map((a) => -a))], ...x),
-  rms: ({ pieces }, [y]) => Math.sqrt(y.reduce((sum, x, i) =>
-    sum + (pieces[i][1] - pieces[i][0]) * dot(x, MASS.map((row) => dot(row, x))) / 5670, 0) / pieces.at(-1)[1]),
-  peak: (run, [y]) => y.reduce((most, x) => Math.max(most, ...trace(x).map(Math.abs)), 0),
-  variation: (run, [y]) => y.flatMap(trace).reduce((sum, x, i, all) => sum + (i && Math.abs(x - all[i - 1])), 0),
-  // The rms of how far what is felt, integrated, is from the tool; see _CoordinationError().
-  distance: (run, [felt, p]) => {
-    let at = p[0][0];
-    return OPERATIONS.rms(run, [felt.map((values, i) => {
-      const [a, b] = run.pieces[i], c = polynomial(values).map((x, k) => x / (k + 1)), begin = at;
-      at += (b - a) * valueAt(c, 1);
-      return NODES.map((x, k) => begin + (b - a) * x * valueAt(c, x) - p[i][k]);
-    })]);
-  },
-  // The same as settling, of velocity and force in all directions; see Insertion.Metrics().
-  rest: (run, forms, i, j) => {
-    const [[[slow]], [[share]]] = forms.slice(-2), n = forms.length / 2 - 1;
-    // The coefficients of |y - end|^2 - limit^2.
-    const beyond = (axes, ends, limit) => run.pieces.map((_, m) => axes.reduce((sum, y, k) => {
-      const [first, ...others] = polynomial(y[m]), c = [first - ends[k], ...others];
-      c.forEach((a, p) => c.forEach((b, q) => { sum[p + q] += a * b; }));
-      return sum;
-    }, [-(limit ** 2), 0, 0, 0, 0, 0, 0, 0, 0]));
-    return OPERATIONS.settling(run, range(Math.ceil(n / 3)).flatMap((k) => {
-      const [v, F] = [0, n].map((at) => forms.slice(at + 3 * k, at + Math.min(3 * k + 3, n)));
-      const ends = F.map((y) => y.at(-1)[4]), isPushed = F.flat(2).some((x) => x);
-      return [beyond(v, [0, 0, 0], slow), ...isPushed ? [beyond(F, ends, share * Math.hypot(...ends))] : []];
-    }), i, j, true);
-  },
-  // How long after an instant all forms stay below 0; see _SettlingTime().
-  settling: (run, forms, i, _, arePowers) => {
-    if (run.reason || i === run.pieces.length) return null;
-    const begin = run.pieces[i][0], areFast = forms.map((y) => y[i][0] >= 0);
-    let since = areFast.includes(true) ? null : begin, longest = 0;
-    const changes = forms.flatMap((y, k) => run.crossings(y, arePowers).map(([t, isUp]) => [t, isUp, k]));
-    for (const [t, isUp, k] of changes.filter(([t]) => t > begin).sort((a, b) => a[0] - b[0])) {
-      areFast[k] = isUp;
-      if (since !== null && isUp) longest = Math.max(longest, t - since);
-      if (since === null || isUp) since = areFast.includes(true) ? null : t;
-    }
-    return since === null || run.pieces.at(-1)[1] - since <= longest ? null : since - begin;
-  },
-};
-
 // A run: rows at five instants of each step, its ends among them. A time that stands twice is a jump.
 class Run {
   constructor(loop, z) {
-    Object.assign(this, { loop, z, width: loop.width, reason: "", time: [], rows: [], ends: [] });
-    [this.duration, this.accuracy, this.longest, this.speed, this.delay] = z.run;
+    Object.assign(this, { loop, z, width: loop.width, reason: "", events: [], metrics: {} });
+    [this.duration, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
   }
 
-  // An array in memory, as it is now.
-  array(name, kind, count) { return new kind(this.loop.memory.buffer, this.places[name].at, count); }
+  // An array in memory as it is now, of 32 bits for whole numbers, which are every second one.
+  array(name, kind = Float64Array, count = this.places[name].count * 8 / kind.BYTES_PER_ELEMENT) {
+    return new kind(this.loop.memory.buffer, this.places[name].at, count);
+  }
 
   // Gives the arrays that can be full twice the room, in this run and later ones.
   grow() {
-    const { room, memory } = this.loop, names = Object.keys(this.places);
-    const old = names.map((x) => this.array(x, Uint8Array, 8 * this.places[x].count).slice());
-    for (const name of ["steps", "values", "breaks"]) room[name] *= 2;
-    if (room.steps > MOST_ROOM) throw new Error("the run needs too many steps");
+    const { room } = this.loop, old = Object.keys(this.places).map((x) => [x, this.array(x, Uint8Array).slice()]);
+    for (const name in room) room[name] *= 2;
+    if (room.rows > MOST_ROOM) throw new Error("the run needs too many steps");
     [this.headers, this.places] = this.loop.layOut(this.z);
-    names.forEach((x, i) => new Uint8Array(memory.buffer, this.places[x].at).set(old[i]));
+    for (const [name, bytes] of old) this.array(name, Uint8Array).set(bytes);
   }
 
   // Simulates until a time. Returns whether it did: `isStale` may say that nobody waits for it.
   async advance(end, isStale = () => false) {
-    let status = FULL, pause = performance.now() + 300;
-    while (status === FULL && !this.reason) {
-      status = this.loop.exports.run(...this.headers, end, this.accuracy, this.longest);
-      const counts = this.array("counts", Int32Array, 14), n = counts[2 * ROWS], first = this.time.length;
-      const ends = this.array("row_ends", Int32Array, 2 * n);
-      const rows = this.array("rows", Float64Array, n * this.width).slice();
-      this.time.push(...this.array("row_times", Float64Array, n));
-      for (let i = 0; i < n; ++i) {
-        this.rows.push(rows.subarray(i * this.width, (i + 1) * this.width));
-        if (ends[2 * i]) this.ends.push(first + i);
-      }
-      counts[2 * ROWS] = 0;
-      this.limit(first);
+    const { exports, reasons } = this.loop, isLast = end >= this.duration;
+    let pause = performance.now() + 300;
+    for (let status = FULL, before = -1; status === FULL && !this.reason;) {
+      status = exports.run(...this.headers, end, this.accuracy, this.longest, isLast);
       if (status < 0) throw new Error("an index is outside of its array");
-      if (status === STUCK) this.reason ||= "the step would have to be too small";
+      if (status === STUCK) this.reason = "the step would have to be too small";
+      if (status >= BEYOND) this.reason = reasons[status - BEYOND];
+      const counts = this.array("counts", Int32Array);
       if (counts[2 * TRIES] > MOST_TRIES) throw new Error("the loop is too stiff");
-      if (status === FULL && !n) this.grow();
+      if (status === FULL && counts[2 * ROWS] === before) this.grow();
+      before = counts[2 * ROWS];
       if (performance.now() > pause) {
         await new Promise((go) => setTimeout(go));
         if (isStale()) return false;
         pause = performance.now() + 100;
       }
     }
+    this.take(isLast || this.reason);
     return true;
   }
 
   // Simulates as long as a hand's command goes along a line, from [time, ...v_d] to another.
   follow([begin, ...before], [end, ...after], isStale) {
     const [place, size] = this.loop.feed;
-    this.array("y", Float64Array, place + size).set([begin, end, ...before, ...after], place);
+    this.array("y").subarray(place, place + size).set([begin, end, ...before, ...after]);
     return this.advance(end, isStale);
   }
 
-  // Ends a run whose tool has become too fast, or that is not finite, where that is.
-  limit(first) {
-    const v = this.signal("tool_velocity"), all = range(this.width);
-    const isGood = (row) => (v ? Math.hypot(...v.map((k) => row[k])) <= this.speed : row.every(Number.isFinite));
-    const bad = this.rows.findIndex((row, i) => i >= first && !isGood(row));
-    if (bad < 0) return;
-    this.reason = "the tool exceeds its speed limit";
-    const s = this.ends.findIndex((end) => end >= bad), begin = this.ends[s] - 4;
-    this.ends.length = s < 0 ? this.ends.length : s + 1;
-    if (s >= 0 && v && this.rows.slice(begin, begin + 5).every((row) => row.every(Number.isFinite))) {
-      // The step is cut where the speed is reached.
-      const t = bisect(this.time[begin], this.time[bad], (x) => Math.hypot(...this.vector(v, x, s)) >= this.speed);
-      const times = range(5).map((k) => this.time[begin] + k / 4 * (t - this.time[begin]));
-      const rows = times.map((x) => Float64Array.from(this.vector(all, x, s)));
-      this.time.splice(begin, 5, ...times);
-      this.rows.splice(begin, 5, ...rows);
-    } else if (s >= 0) this.ends.pop();
-    this.time.length = this.rows.length = (this.ends.at(-1) ?? 0) + 1;
+  // Looks at the rows in memory; of a run that is over takes them and what was measured from there.
+  take(isOver) {
+    const n = this.array("counts", Int32Array)[2 * ROWS], flags = this.array("row_ends", Int32Array);
+    const get = (name, count, x = this.array(name, Float64Array, count)) => (isOver ? x.slice() : x);
+    [this.time, this.rows] = [get("row_times", n), get("rows", n * this.width)];
+    this.ends = range(n).filter((i) => flags[2 * i]);
+    if (!isOver) return;
+    const [instants, results] = [this.array("record.instants"), this.array("record.results")];
+    this.events = range(this.array("record.counts", Int32Array)[0])
+      .map((i) => ({ name: this.loop.events[instants[2 * i + 1]], time: instants[2 * i] })).filter((x) => x.name);
+    this.metrics = Object.fromEntries(Object.keys(this.loop.labels).map((name, i) => [name, results[i]])
+      .filter(([, x]) => !isNaN(x)));
   }
 
   // The columns of a port, undefined if this loop has none of that name.
@@ -278,6 +175,9 @@ class Run {
 
   // Those of a signal by the name that a recording has for it.
   signal(name) { return this.columns(this.loop.signals[name]); }
+
+  // Columns in a row.
+  row(columns, i) { return columns.map((k) => this.rows[i * this.width + k]); }
 
   // The number of the step with a time; of a jump the one before it.
   step(t) {
@@ -292,103 +192,10 @@ class Run {
   // Columns at a time, in the step s if that is given.
   vector(columns, t, s = this.step(t)) {
     const last = this.ends[s], i = last - 4;
-    if (last === undefined) return columns.map((k) => this.rows[0][k]);
-    const x = 4 * clamp((t - this.time[i]) / (this.time[last] - this.time[i]), 0, 1), near = Math.round(x);
-    if (Math.abs(x - near) < 1e-12) return columns.map((k) => this.rows[i + near][k]);
-    const weights = [1, 1, 1, 1, 1], rows = this.rows.slice(i, i + 5);
+    if (last === undefined) return this.row(columns, 0);
+    const x = 4 * clamp((t - this.time[i]) / (this.time[last] - this.time[i]), 0, 1), weights = [1, 1, 1, 1, 1];
     for (let a = 0; a < 5; ++a) for (let b = 0; b < 5; ++b) if (a !== b) weights[a] *= (x - b) / (a - b);
-    return columns.map((k) => dot(weights, rows.map((row) => row[k])));
-  }
-
-  // Cuts the steps at instants: [begin, end, number of the step].
-  split(instants) {
-    const cuts = [...instants].sort((a, b) => a - b);
-    return this.ends.flatMap((last, s) => {
-      const all = [this.time[last - 4], this.time[last]];
-      while (cuts.length && cuts[0] <= all[0]) cuts.shift();
-      while (cuts[0] < all.at(-1)) all.splice(-1, 0, cuts.shift());
-      return all.slice(1).map((end, i) => [all[i], end, s]);
-    });
-  }
-
-  // The values of a form at five instants of each piece.
-  form(name) {
-    const { forms, columns, late } = this.loop.measures, all = [...columns, ...late], n = all.length + 1;
-    const weights = this.z.forms.slice(n * forms.indexOf(name)), isUsed = (_, k) => weights[k];
-    const now = columns.filter(isUsed), old = late.filter((_, k) => weights[columns.length + k]);
-    const used = weights.slice(0, n - 1).filter(isUsed), [w, w_old] = [used.slice(0, now.length), used.slice(now.length)];
-    return this.pieces.map(([a, b, s]) => NODES.map((share, k) => {
-      // Just within the piece, so that a jump at its end has happened or has not.
-      const t = a + share * (b - a), sent = t - this.delay + [1, 0, 0, 0, -1][k] * Math.min(1e-11, (b - a) / 8);
-      const past = old.length && sent >= 0 ? dot(w_old, this.vector(old, sent)) : 0;
-      return weights[n - 1] + dot(w, this.vector(now, t, s)) + past;
-    }));
-  }
-
-  // When values in pieces change their sign, and whether upwards.
-  crossings(y, arePowers = false) {
-    return y.flatMap((values, i) => {
-      const above = values[0] >= 0;
-      if (!arePowers && values.every((v) => v >= 0 === above)) return [];
-      const [a, b] = this.pieces[i];
-      return signChanges(arePowers ? values : polynomial(values)).map(([x, isUp]) => [a + x * (b - a), isUp]);
-    });
-  }
-
-  // When columns jump, the beginning among these.
-  jumps(columns) {
-    return this.time.filter((t, i) => !i || t === this.time[i - 1]
-      && columns.some((k) => this.rows[i][k] !== this.rows[i - 1][k]));
-  }
-
-  // What happened, in the order of time, and the pieces that it cuts.
-  get events() {
-    if (this.found) return this.found;
-    const { events, mode, late } = this.loop.measures, found = (this.found = []), cuts = [];
-    if (!this.ends.length || !this.loop.measures.forms.length) return found;
-    this.pieces = this.split(late.length ? this.jumps(late).map((t) => t + this.delay) : []);
-    for (const [form, into, out] of events) {
-      for (const [time, isInto] of this.crossings(this.form(form))) {
-        cuts.push(time);
-        if (into) found.push({ name: isInto ? into : out, time });
-      }
-    }
-    for (let i = 1; mode !== null && i < this.time.length; ++i) {
-      const [a, b] = [this.rows[i - 1][mode], this.rows[i][mode]];
-      if (a !== b) found.push({ name: b === 1 ? "surgeon_force" : "surgeon_stop", time: this.time[i] });
-    }
-    this.pieces = this.split([...this.pieces.map(([a]) => a), ...cuts]);
-    return found.sort((a, b) => a.time - b.time);
-  }
-
-  // The first piece after the first of some instants; undefined if none of them was.
-  instant(names) {
-    for (const name of names.split("|")) {
-      if (name === "begin") return 0;
-      if (name === "end") return this.pieces.length;
-      const [event, before] = name.split(" after "), first = this.events.findIndex((e) => e.name === before);
-      const found = this.events.find((e, i) => e.name === event && i > first);
-      if (found) return this.pieces.filter(([a, b]) => a + b < 2 * found.time).length;
-    }
-  }
-
-  // The numbers of `teleop-drake run --json`.
-  get metrics() {
-    if (this.measured || !this.events || !this.pieces) return this.measured ?? {};
-    const forms = {};
-    for (const name of this.loop.measures.forms) forms[name] = this.form(name);
-    if (forms.excess) {
-      // An overshoot is one in the direction of the command, which reverses where a piece ends.
-      const isBack = forms.command.map((y) => y.reduce((a, b) => a + b) < 0);
-      forms.excess = forms.excess.map((y, i) => (isBack[i] ? y.map((v) => -v) : y));
-    }
-    this.measured = {};
-    for (const [name, operation, used, from, until] of this.loop.measures.rows) {
-      const begin = this.instant(from), end = this.instant(until);
-      if (begin === undefined) continue;
-      this.measured[name] = OPERATIONS[operation](this, used.map((x) => forms[x]), begin, end);
-    }
-    return this.measured;
+    return columns.map((k) => weights.reduce((sum, w, a) => sum + w * this.rows[(i + a) * this.width + k], 0));
   }
 
   // The surfaces that are somewhere: {name, point, normal}.

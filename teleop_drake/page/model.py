@@ -16,18 +16,20 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, Source
 from teleop_drake.environments.surface import Surface, SurfacesOf
+from teleop_drake.integrator.measured_run import Measured
 from teleop_drake.integrator.problem import SAME
+from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.operators.hand import HandOperator
-from teleop_drake.page.measures import Measures, MeasuresOf
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import NamedSignals, UnitOf
-from teleop_drake.simulation.simulate import HasConstantCommand
+from teleop_drake.simulation.simulate import HasConstantCommand, JointRanges
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
+from teleop_drake.tasks.measures import Measures
 from teleop_drake.teleoperator import MakeTeleoperator
 
 Array = NDArray[np.float64]
@@ -44,6 +46,13 @@ PERIOD = 0.02
 # How long packets are drawn in a drive, whose duration is a bound, s.
 _LONGEST_FLIGHTS = 60.0
 
+# Of Measured: what does not begin as zeros.
+_GIVEN = ("bounds", *(f"record.{x}" for x in ("delay", "places", "forms")))
+_GIVEN += "record.columns", "record.table"
+
+# The largest number that can be squared in a sum.
+_LARGEST = 1e150
+
 # What a unit may be called that is none.
 _NO_UNIT = ("", "any", "of signal", "-", "1")
 
@@ -57,13 +66,14 @@ class Model:
         run: Its run, in Python, which has not begun.
         numbers: All that may differ between runs of one program, by name: the arrays of
             Problem, of Memory what does not begin as zeros, and what the page itself
-            takes: `run` (duration, accuracy, longest step, speed at which it has
-            diverged, delay of the command), `surfaces` (point, normal), `forms` (the
-            weights of measures), `arm` (place and axis of each joint, and the tool),
-            and `forward` and `return` (how long what is sent every PERIOD is under
-            way, s; if that is constant, once).
+            takes: `run` (duration, accuracy, longest step), those of Measured that are
+            given, `surfaces` (point, normal), `arm` (place and axis of each joint, and
+            the tool), and `forward` and `return` (how long what is sent every PERIOD is
+            under way, s; if that is constant, once).
         surfaces: Of the environment.
         measures: What is measured.
+        measured: The same as arrays.
+        reasons: Why a run ends at each of the bounds.
         joints: Of the arm, from its base to its tool; see _Arm().
     """
 
@@ -71,7 +81,9 @@ class Model:
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
+    measured: Measured
     measures: Measures = field(default_factory=Measures)
+    reasons: list[str] = field(default_factory=lambda: ["the run is not finite"])
     joints: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -84,21 +96,21 @@ class Model:
             program.sizes,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
             tuple(surface.name for surface in self.surfaces),
-            self.measures.columns,
+            (self.measures.columns, self.measures.late, self.measures.table),
             self.joints,
         )
 
     def Module(self) -> bytes:
         """Returns the run as WebAssembly; see wasm.MakeModule()."""
         run = self.run
-        arguments = (run.problem, run.memory, 0.0, 0.0, 0.0)
+        arguments = run.problem, run.memory, self.measured
         return MakeModule(run.evaluator.program, *arguments)
 
     def Headers(self) -> dict[str, list[Any]]:
         """Returns name, shape and whether numbers are whole of each array.
 
-        They stand in the order of a header of `problem` and of `memory`; see
-        typed_values.Header().
+        They stand in the order of a header of `problem`, `memory` and `measured`; see
+        typed_expressions.Header().
         """
         return {
             name: [
@@ -108,6 +120,7 @@ class Model:
             for name, value in (
                 ("problem", self.run.problem),
                 ("memory", self.run.memory),
+                ("measured", self.measured),
             )
         }
 
@@ -220,27 +233,51 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
         operator = HandOperator(num_axes=AsTeleoperation(scenario).num_axes)
         diagram = MakeTeleoperator(AsTeleoperation(scenario), operator=operator)
     channels = task.Channels(scenario)
-    model = MakeModel(
-        diagram,
-        scenario.simulator,
-        scenario.duration,
-        speed=task.MakeSpeedLimit(scenario).speed,
-        delay=channels["forward_channel"].delay if channels else 0.0,
-    )
+    model = MakeModel(diagram, scenario.simulator, scenario.duration)
     ports = model.Ports()
     signals = {name: ports[port] for name, port in model.Signals().items()}
-    measures = MeasuresOf(
-        scenario, signals, model.surfaces, is_constant=HasConstantCommand(diagram)
-    )
+    measures, kind = Measures(), type(task)
+    # Measures stand for the metrics of their own class only.
+    both = "Measures", "Metrics"
+    owner = next(x for x in kind.__mro__ if any(name in vars(x) for name in both))
+    if "Measures" in vars(owner):
+        is_constant = HasConstantCommand(diagram)
+        measures = task.Measures(
+            scenario, signals, model.surfaces, is_constant=is_constant
+        )
+    ranges = JointRanges(diagram) if "joint_position" in signals else {}
+    bounds = [(*signals["tool_velocity"][:2], 0.0, task.MakeSpeedLimit(scenario).speed)]
+    reasons = ["the tool exceeds its speed limit"]
+    for k, (name, (low, high)) in enumerate(ranges.items()):
+        if np.isfinite(high - low):
+            reasons.append(f"joint {name} leaves its range")
+            place = signals["joint_position"][0] + k
+            bounds.append((place, 1, (low + high) / 2, (high - low) / 2))
+    begin, size, _ = signals["tool_position"]
+    if size > 3:
+        reasons.append("the tool is turned too far")
+        bounds.append((begin + 3, size - 3, 0.0, MAX_ROTATION))
+    delay = channels["forward_channel"].delay if channels else 0.0
     joints, arm = _Arm(scenario.robot) if "joint_position" in signals else ([], [])
     lags = {
         name.partition("_")[0]: _Lags(channel, name, scenario.duration)
         for name, channel in channels.items()
     }
-    more = {"forms": measures.weights, "arm": np.ravel(arm), **lags}
+    measured = Measured(np.array(bounds, float), measures.Record(0, delay))
     return replace(
-        model, numbers=model.numbers | more, measures=measures, joints=joints
+        model,
+        numbers=model.numbers | _Given(measured) | {"arm": np.ravel(arm), **lags},
+        measured=measured,
+        measures=measures,
+        reasons=reasons,
+        joints=joints,
     )
+
+
+def _Given(measured: Measured) -> dict[str, Array]:
+    """Returns the arrays of what is measured that do not begin as zeros, by name."""
+    fields = Fields(measured)
+    return {f"measured.{x}": np.array(fields[x], float).ravel() for x in _GIVEN}
 
 
 def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
@@ -286,22 +323,13 @@ def _Arm(robot: RobotConfig) -> tuple[list[dict[str, Any]], list[Any]]:
     return joints, np.concatenate(places).tolist()
 
 
-def MakeModel(
-    diagram: Diagram,
-    config: SimulatorConfig,
-    duration: float,
-    *,
-    speed: float = np.inf,
-    delay: float = 0.0,
-) -> Model:
-    """Returns the run of a diagram.
+def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Model:
+    """Returns the run of a diagram, of which nothing is measured.
 
     Args:
         diagram: What to simulate.
         config: How accurately.
         duration: How long, s.
-        speed: Of the tool, at which the run has diverged, m/s.
-        delay: Of the command, s.
 
     Raises:
         UnsupportedSystem: If a block of it has no kernel; it is named.
@@ -320,6 +348,9 @@ def MakeModel(
     surfaces: tuple[Surface, ...] = ()
     if diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment")) or ()
+    # Whatever is computed has to stay finite.
+    bounds = np.array([[0.0, run.evaluator.program.sizes[0], 0.0, _LARGEST]])
+    measured = Measured(bounds, Measures().Record(0, 0.0))
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
     numbers = {
         **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
@@ -328,12 +359,16 @@ def MakeModel(
             for name, x in Fields(run.memory).items()
             if name in _START
         },
-        "run": np.array([duration, config.accuracy, max_step, speed, delay]),
+        "run": np.array([duration, config.accuracy, max_step]),
         "surfaces": np.array(planes, float),
     }
     return Model(
         diagram=diagram,
         run=run,
-        numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
+        numbers={
+            name: np.array(x, float).ravel()
+            for name, x in (numbers | _Given(measured)).items()
+        },
         surfaces=surfaces,
+        measured=measured,
     )

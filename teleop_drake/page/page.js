@@ -1,8 +1,8 @@
 // The page is the model: what it shows is simulated here; see loop.js.
 
 const $ = (id) => document.getElementById(id);
-const state = { values: {}, runs: [], pinned: [], level: "", tab: 0, scopes: [], cursor: 0, window: [0, 1],
-  version: 0, hand: [], keys: new Set() };
+const state = { runs: [], pinned: [], level: "", tab: 0, scopes: [], cursor: 0, window: [0, 1], version: 0,
+  hand: [], keys: new Set(), pull: [] };
 let data, loops, inputs;
 
 // Returns the data of the page; see page.py's _Bytes().
@@ -28,12 +28,12 @@ const safe = (text) => text.replace(/[&<>"]/g, (c) => `&#${c.charCodeAt()};`);
 
 // Returns a number in few digits.
 function show(x) {
-  if (x === null || x === undefined) return "–";
+  if (x === undefined) return "–";
   return Math.abs(x) >= 1e5 || (x && Math.abs(x) < 1e-4) ? x.toExponential(3) : String(+x.toPrecision(5));
 }
 
-// The loops of the kinds that the inputs choose.
-const chosen = () => loops.filter(({ choice }) => Object.keys(choice).every((x) => choice[x] === state.values[x]));
+// The loops of the kinds that the inputs choose, and what belongs to them.
+const chosen = () => loops.filter(({ choice }) => Object.keys(choice).every((x) => choice[x] === inputs[x].value));
 const shownLoop = () => chosen()[state.tab];
 const titled = (loop) => loop.kind.replaceAll("_", " ");
 const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
@@ -43,8 +43,7 @@ const inkOf = (loop) => (loop.color === "#000000" ? "currentColor" : loop.color)
 
 // A short line in a controller's colour, and its name.
 function keyOf(loop, text = "") {
-  const key = make("span", { className: "key" });
-  key.style.borderColor = inkOf(loop);
+  const key = make("span", { className: "key", style: `border-color: ${inkOf(loop)}` });
   return make("span", {}, key, `${titled(loop)} ${text}`);
 }
 
@@ -61,21 +60,22 @@ const nextFrame = () => new Promise((go) => { requestAnimationFrame(go); setTime
 
 // Sets an input, at a stop if it has stops; both delays at once for `delay`.
 function setInput(name, value) {
-  const input = inputs[name];
-  if (!input) throw new RangeError(`input ${name}: must be one of ${Object.keys(inputs)}`);
-  const { min, max, stops, choices } = input;
+  if (!inputs[name]) throw new RangeError(`input ${name}: must be one of ${Object.keys(inputs)}`);
+  const { min, max, stops, choices, parts = [name] } = inputs[name];
   if (choices ? !choices.includes(value) : !(value >= min && value <= max)) {
     throw new RangeError(`${name} = ${value}: must be ${choices ? `one of ${choices}` : `from ${min} to ${max}`}`);
   }
   if (stops) value = stops.reduce((a, b) => (Math.abs(b - value) < Math.abs(a - value) ? b : a));
-  const ways = ["forward_delay", "return_delay"], isBoth = name === "delay" && inputs.forward_delay;
-  for (const part of isBoth ? ways : [name]) state.values[part] = inputs[part].value = value;
-  if (inputs.delay && inputs.forward_delay) {
-    inputs.delay.value = (state.values.forward_delay + state.values.return_delay) / 2;
+  for (const part of parts) inputs[part].value = value;
+  for (const x of Object.values(inputs)) {
+    if (x.parts) x.value = x.parts.reduce((sum, part) => sum + inputs[part].value, 0) / x.parts.length;
+    x.show();
   }
-  for (const x of Object.values(inputs)) x.show();
   return refresh();
 }
+
+// The values of the inputs by their names.
+const values = () => Object.fromEntries(Object.values(inputs).map(({ name, value }) => [name, value]));
 
 // Simulates what the inputs say, again if they change meanwhile, and shows it.
 function refresh() {
@@ -88,50 +88,38 @@ function refresh() {
 
 // Simulates until no input has changed meanwhile.
 async function simulate() {
-  for (let mine = -1; mine !== state.version;) {
+  for (let mine = -1; mine !== state.version; await nextFrame()) {
     mine = state.version;
     const begin = performance.now(), runs = [];
     for (const loop of chosen()) {
-      runs.push(await loop.simulate(state.values, () => state.version !== mine, state.hand));
+      runs.push(await loop.simulate(values(), () => state.version !== mine, state.hand));
     }
     if (runs.includes(null)) continue;
-    const isFirst = !state.runs.length;
     state.runs = runs;
-    draw();
+    if (data.hand) state.window = [Math.max(0, duration() - 8), Math.max(8, duration())];
+    setCursor(data.hand ? duration() : state.cursor);
+    showMetrics();
     say(`${runs.length} runs simulated and drawn in ${(performance.now() - begin).toFixed(0)} ms`);
-    await nextFrame();
-    // The metrics wait until a slider rests.
-    if (!isFirst) await new Promise((go) => { setTimeout(go, mine === state.version ? 150 : 0); });
   }
-  showMetrics();
   document.body.classList.remove("stale");
-}
-
-// Shows all that depends on the runs.
-function draw() {
-  if (data.hand) state.window = [Math.max(0, duration() - 8), Math.max(8, duration())];
-  $("clock").max = duration();
-  setCursor(data.hand ? duration() : state.cursor);
 }
 
 // Makes a slider and a number for each input, or what chooses among kinds.
 function makeInputs() {
-  for (const [name, input] of Object.entries(inputs)) {
-    const { label, stops, choices } = input, set = (value) => {
-      try { setInput(name, value); } catch (error) { say(error.message, true); }
-    };
-    const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min: input.min, max: input.max, step: "any" };
-    const parts = choices ? [make("select", { ariaLabel: label }, ...choices.map((x) => make("option", {}, x)))]
-      : [make("input", { type: "range", ariaLabel: label, ...bounds }),
-        make("input", { type: "number", step: "any", ariaLabel: label })];
-    const [first, number] = parts;
+  for (const input of Object.values(inputs)) {
+    const { name, label: ariaLabel, stops, choices, min, max } = input, step = "any";
+    const set = (value) => { try { setInput(name, value); } catch (error) { say(error.message, true); } };
+    const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step };
+    const first = choices ? make("select", { ariaLabel }, ...choices.map((x) => make("option", {}, x)))
+      : make("input", { type: "range", ariaLabel, ...bounds });
+    const number = make("input", { type: "number", ariaLabel, step, hidden: Boolean(choices) });
     first.oninput = () => set(choices ? first.value : stops ? stops[first.value] : +first.value);
-    if (number) number.onchange = () => set(+number.value);
+    number.onchange = () => set(+number.value);
     input.show = () => {
       first.value = stops ? stops.indexOf(input.value) : input.value;
-      if (number && document.activeElement !== number) number.value = show(input.value);
+      if (!choices && document.activeElement !== number) number.value = show(input.value);
     };
-    input.row = make("div", { className: "row" }, make("label", {}, label), ...parts);
+    input.row = make("div", { className: "row" }, make("label", {}, ariaLabel), first, number);
     $("inputs").append(input.row);
     input.show();
   }
@@ -146,15 +134,14 @@ function togglePin() {
 
 // Shows the metrics of each controller, and how it ended.
 function showMetrics() {
-  const { runs } = state, cell = (text) => make("td", {}, text);
-  const names = [...new Set(runs.flatMap((run) => Object.keys(run.metrics)))];
-  const labels = Object.fromEntries(runs.flatMap(({ loop }) => loop.measures.rows.map((row) => [row[0], row.at(-1)])));
-  const rows = names.map((name) => make("tr", {}, cell(labels[name]),
-    ...runs.map((run) => cell(name in run.metrics ? show(run.metrics[name]) : ""))));
+  const { runs } = state, row = (tag, ...cells) => make("tr", {}, ...cells.map((x) => make(tag, {}, x)));
+  const labels = Object.assign({}, ...runs.map((run) => run.loop.labels));
+  const rows = Object.keys(labels).filter((name) => runs.some((run) => name in run.metrics))
+    .map((name) => row("td", labels[name], ...runs.map((run) => show(run.metrics[name]))));
   const ends = runs.filter((run) => run.reason).map((run) =>
-    make("div", {}, `${titled(run.loop)} diverged at ${show(run.time.at(-1))} s: ${run.reason}`));
-  const head = make("tr", {}, make("th"), ...runs.map((run) => make("th", {}, keyOf(run.loop))));
-  $("metrics").replaceChildren(...names.length ? [make("table", {}, head, ...rows)] : [], ...ends);
+    make("div", {}, `${titled(run.loop)} ended at ${show(run.time.at(-1))} s: ${run.reason}`));
+  const table = make("table", {}, row("th", "", ...runs.map((run) => keyOf(run.loop))), ...rows);
+  $("metrics").replaceChildren(...rows.length ? [table] : [], ...ends);
 }
 
 // ---- The diagram.
@@ -164,16 +151,6 @@ function showLevel(path) {
   const { levels } = shownLoop(), level = levels.find((x) => x.path === path) ?? levels[0];
   state.level = level.path;
   $("diagram").innerHTML = new TextDecoder().decode(level.svg);
-  for (const element of $("diagram").querySelectorAll("[data-at]")) {
-    const [number, port] = element.dataset.at.split(":"), box = level.boxes[number];
-    if (port) element.dataset.port = `${box.path}:${box[port[0]][port.slice(1)]}`;
-    else element.dataset.box = box.path;
-    element.classList.toggle("inner", !port && levels.some((x) => x.path === box.path));
-    element.onclick = () => (port ? toggleScope(element.dataset.port) : open(box));
-    element.onkeydown = (e) => { if (e.key === "Enter") element.onclick(); };
-    element.onmouseenter = element.onfocus = () => hover(element, box);
-    element.onmouseleave = element.onblur = () => { $("tip").hidden = true; };
-  }
   const parts = ["", ...level.path.split("/").filter((x) => x)];
   $("crumbs").replaceChildren(...parts.map((part, i) => make("button", { textContent: part || "loop",
     onclick: () => showLevel(parts.slice(1, i + 1).join("/")), disabled: i === parts.length - 1 })));
@@ -189,15 +166,18 @@ function markPorts() {
   }
 }
 
+// The box with a path, of the controller that is chosen.
+const boxAt = (path) => shownLoop().levels.flatMap((x) => x.boxes).find((box) => box.path === path);
+
 // Opens a box: says what it is, and shows its ports and the inputs that it has.
-function open(box) {
-  const loop = shownLoop(), title = `${box.path || data.title}: ${box.kind}`;
-  if (box.path !== state.level && loop.levels.some((x) => x.path === box.path)) showLevel(box.path);
-  const ports = [...box.u, ...box.y].map((name) => `${box.path}:${name}`).filter((x) => loop.ports[x]);
-  for (const input of Object.values(inputs)) $("inputs").append(input.row);
-  const own = Object.values(inputs).filter((x) => box.path && x.owners?.includes(box.path.split("/")[0]));
-  $("box").replaceChildren(make("h2", {}, title), box.says, ...own.map((x) => x.row), make("div", {}, ...ports.map(
-    (port) => make("button", { textContent: port.split(":")[1], onclick: () => toggleScope(port) }))));
+function open(path) {
+  const loop = shownLoop(), box = boxAt(path), [first] = path.split("/");
+  if (path !== state.level && loop.levels.some((x) => x.path === path)) showLevel(path);
+  const ports = [...box.u, ...box.y].map((name) => `${path}:${name}`).filter((x) => loop.ports[x]);
+  for (const { row, owners } of Object.values(inputs)) $(owners.includes(first) ? "box" : "inputs").append(row);
+  const own = $("box").querySelectorAll(".row");
+  $("box").replaceChildren(make("h2", {}, `${path || data.title}: ${box.kind}`), box.says, ...own, make("div", {},
+    ...ports.map((port) => make("button", { textContent: port.split(":")[1], onclick: () => toggleScope(port) }))));
 }
 
 // The values of a port at the cursor.
@@ -206,23 +186,26 @@ function valuesOf(run, port, most) {
   return run.vector(columns.slice(0, most), state.cursor).map(show).join(", ") + (columns.length > most ? " ..." : "");
 }
 
-// Says what a port, a wire or a box is, with the values at the cursor.
-function hover(element, box) {
-  const { port } = element.dataset, place = port && shownLoop().ports[port];
-  const values = state.runs.map((run) => `${titled(run.loop)}: ${place && valuesOf(run, port, 4)}`);
-  $("tip").textContent = !port ? `${box.path || data.title}: ${box.kind}\n${box.says}`
-    : [port, ...place ? [`[${place[1]}]  ${place[2]}`, ...values, `at ${show(state.cursor)} s`] : []].join("\n");
-  $("tip").hidden = false;
+// Answers to a pointer or the keys in the diagram: says what a port, a wire or a box is, with the
+// values at the cursor; a click opens a box, and puts a signal into the scopes.
+function answer({ type, target }) {
+  const element = target.closest("[tabindex]"), { box, port } = element?.dataset ?? {};
+  $("tip").hidden = !element || /out$/.test(type);
+  if ($("tip").hidden) return;
+  if (type === "click") { if (port) toggleScope(port); else open(box); }
+  const place = shownLoop().ports[port], { kind, says } = boxAt(box) ?? {};
+  const seen = () => state.runs.map((run) => `${titled(run.loop)}: ${valuesOf(run, port, 4)}`);
+  $("tip").textContent = !port ? `${box || data.title}: ${kind}\n${says}`
+    : [port, ...place ? [`[${place[1]}]  ${place[2]}`, ...seen(), `at ${show(state.cursor)} s`] : []].join("\n");
 }
 
 // Goes to the block or the port that the search names.
 function find() {
-  const text = $("search").value, loop = shownLoop(), [path] = text.split(":");
-  const box = loop.levels.flatMap((x) => x.boxes).find((x) => x.path === path && path);
-  if (!box) return;
+  const text = $("search").value, [path] = text.split(":");
+  if (!path || !boxAt(path)) return;
   showLevel(path.split("/").slice(0, -1).join("/"));
-  open(box);
-  if (text in loop.ports && !state.scopes.includes(text)) toggleScope(text);
+  open(path);
+  if (text in shownLoop().ports && !state.scopes.includes(text)) toggleScope(text);
   $("search").value = "";
 }
 
@@ -234,8 +217,8 @@ const MOST_LINES = 6, MARGIN = 58, RIGHT = 18;
 // Puts a signal into the scopes, or takes it out.
 function toggleScope(port) {
   if (!loops.some((loop) => loop.ports[port])) return;
-  const i = state.scopes.indexOf(port);
-  if (i >= 0) state.scopes.splice(i, 1); else state.scopes.unshift(port);
+  const others = state.scopes.filter((x) => x !== port);
+  state.scopes = others.length < state.scopes.length ? others : [port, ...others];
   makeScopes();
 }
 
@@ -262,7 +245,7 @@ function makeScopes() {
 function zoom(factor, around) {
   const [a, b] = state.window, end = duration();
   const low = Math.max(0, around - (around - a) * factor), high = Math.min(end, around + (b - around) * factor);
-  state.window = low >= 0 && high - low < end && high > low ? [low, high] : [0, end];
+  state.window = high - low < end && high > low ? [low, high] : [0, end];
   drawScopes();
 }
 
@@ -273,16 +256,16 @@ function ticks(low, high, most) {
   return range(Math.floor(high / step) - first + 1).map((i) => (first + i) * step);
 }
 
-// Returns the points of a line in the window: rows, and between them where they are far.
+// Returns the points of a line in the window: the ends of steps, and between them where these are far.
 function curve(run, column, width) {
   const [a, b] = state.window, fine = (b - a) / width * 3, points = [];
-  for (let s = run.step(a + 1e-12); s < run.ends.length; ++s) {
-    const last = run.ends[s], begin = Math.max(run.time[last - 4], a), end = Math.min(run.time[last], b);
-    if (begin > b) break;
+  for (let s = run.step(a + 1e-12); s < run.ends.length && run.time[run.ends[s] - 4] <= b; ++s) {
+    const begin = Math.max(run.time[run.ends[s] - 4], a), end = Math.min(run.time[run.ends[s]], b);
     const n = clamp(Math.ceil((end - begin) / fine), 1, 60);
-    for (let j = 0; j <= n; ++j) {
-      const t = begin + j * (end - begin) / n, [v] = run.vector([column], t, s), before = points.at(-1);
-      if (!before || before[0] !== t || before[1] !== v) points.push([t, v]);
+    // Where nothing jumps a step begins with the end of the one before.
+    for (let j = points.length && run.ends[s] - run.ends[s - 1] === 4 ? 1 : 0; j <= n; ++j) {
+      const t = begin + j * (end - begin) / n;
+      points.push([t, run.vector([column], t, s)[0]]);
     }
   }
   return points;
@@ -304,11 +287,11 @@ function plot(port, width, height) {
     stroke-dasharray="${DASHES[k % DASHES.length]}"/>`);
   const events = state.runs.flatMap((run) => run.events.map(({ time }) =>
     `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${inkOf(run.loop)}"/>`));
-  const values = ticks(low - gap, high + gap, 5).map((v) => `<text x="${MARGIN - 6}" y="${y(v)}" dy="4"
+  const marks = ticks(low - gap, high + gap, 5).map((v) => `<text x="${MARGIN - 6}" y="${y(v)}" dy="4"
     text-anchor="end">${show(v)}</text><path class="${v ? "" : "zero"}" d="M${MARGIN} ${y(v)}H${width}"/>`);
   const times = ticks(a, b, width / 90).map((t) =>
     `<text x="${MARGIN + +x(t)}" y="${height - 4}" text-anchor="middle">${show(t)} s</text>`);
-  return `${values.join("")}${times.join("")}
+  return `${marks.join("")}${times.join("")}
     <svg x="${MARGIN}" width="${width - MARGIN}" height="${bottom}">${events.join("")}${drawn.join("")}
     <path class="cursor" d="M0 0v${bottom}"/></svg>`;
 }
@@ -338,7 +321,7 @@ function drawScopes() {
 // Moves the cursor of all that is shown.
 function setCursor(t) {
   state.cursor = clamp(t, 0, duration());
-  $("clock").value = state.cursor;
+  Object.assign($("clock"), { max: duration(), value: state.cursor });
   $("now").textContent = `${state.cursor.toFixed(3)} s`;
   drawScopes();
   drawScene();
@@ -391,7 +374,7 @@ function drawScene() {
   const { clientWidth: width, clientHeight: height } = $("scene"), floor = height - 14 * shown.length - 8;
   const see = (q) => data.view.map((axis) => dot(axis.slice(0, q.length), q)), isPlane = data.view[1].some((x) => x);
   const pathOf = (run, end) => run.ends.filter((i) => run.time[i] <= end)
-    .map((i) => see(run.signal("tool_position").map((k) => run.rows[i][k])));
+    .map((i) => see(run.row(run.signal("tool_position"), i)));
   const surfaces = shown[0].surfaces.map((s) => ({ ...s, point: see(s.point), normal: see(s.normal) }));
   const arms = shown.map((run) => (run.loop.joints.length ? armAt(run).map(see) : []));
   const near = [...shown.flatMap((run) => pathOf(run, Infinity)), ...isPlane ? [] : surfaces.map((s) => s.point)];
@@ -446,17 +429,15 @@ const PICTURE = 1 / 60;
 // Returns what the hand commands, m/s: keys, a pointer that pulls, or a gamepad's sticks.
 function command() {
   const pad = navigator.getGamepads?.().find((x) => x), { num_axes: n, full_speed: most } = data.hand;
-  const sticks = pad ? [pad.axes[0], -pad.axes[1], -pad.axes[3]].map((x) => (Math.abs(x) < 0.1 ? 0 : x)) : [0, 0, 0];
-  return range(n).map((k) => {
-    const pressed = KEYS[k].map((key) => state.keys.has(key)), pull = state.pull?.[k] ?? 0;
-    return most * clamp(pressed[1] - pressed[0] + (sticks[k] ?? 0) + pull, -1, 1);
-  });
+  const sticks = [pad?.axes[0], -pad?.axes[1], -pad?.axes[3]].map((x) => (Math.abs(x) > 0.1 ? x : 0));
+  return KEYS.slice(0, n).map(([less, more], k) => most * clamp(
+    state.keys.has(more) - state.keys.has(less) + (sticks[k] ?? 0) + (state.pull[k] ?? 0), -1, 1));
 }
 
 // Drives the controller that is chosen, in real time, until that is enough.
 async function drive() {
   if (state.drive) { state.drive = null; return; }
-  const loop = shownLoop(), run = new Run(loop, loop.numbersAt(state.values));
+  const loop = shownLoop(), run = new Run(loop, loop.numbersAt(values()));
   const mine = (state.drive = {}), begin = performance.now();
   $("drive").textContent = "End (Esc)";
   state.hand = [[0, ...command().fill(0)]];
@@ -470,22 +451,21 @@ async function drive() {
       await run.follow(before, after);
       state.hand.push(after);
     }
-    const now = run.time.at(-1);
+    const now = run.time?.at(-1) ?? 0;
     state.window = [Math.max(0, now - 8), Math.max(8, now)];
-    $("clock").max = now;
-    setCursor(now);
+    if (now) setCursor(now);
     say(`driving ${titled(loop)}: ${now.toFixed(1)} s`);
-    const felt = run.signal("force_command"), size = felt && Math.hypot(...run.vector(felt, now));
+    const felt = run.signal("force_command"), size = felt && now && Math.hypot(...run.vector(felt, now));
     const pad = navigator.getGamepads?.().find((x) => x?.vibrationActuator);
-    if (pad && felt) pad.vibrationActuator.playEffect("dual-rumble", { duration: 50,
+    if (size) pad?.vibrationActuator.playEffect("dual-rumble", { duration: 50,
       strongMagnitude: Math.min(1, size / (data.hand.newtons || 1)) });
     await nextFrame();
   }
-  state.drive = null;
   $("drive").textContent = "Drive again";
   const rows = [["time", "v_x", "v_y", "v_z"].slice(0, 1 + data.hand.num_axes), ...state.hand];
   $("save").href = URL.createObjectURL(new Blob([rows.join("\n")], { type: "text/csv" }));
   $("saved").hidden = false;
+  state.runs = [];
   await refresh();
 }
 
@@ -494,7 +474,7 @@ function makeHand() {
   let from = null;
   $("scene").onpointerdown = (e) => { from = [e.clientX, e.clientY]; $("scene").setPointerCapture(e.pointerId); };
   $("scene").onpointermove = (e) => { if (from) state.pull = [(e.clientX - from[0]) / 80, (from[1] - e.clientY) / 80]; };
-  $("scene").onpointerup = $("scene").onpointercancel = () => { from = state.pull = null; };
+  $("scene").onpointerup = $("scene").onpointercancel = () => { from = null; state.pull = []; };
   $("drive").onclick = drive;
   $("repeat").textContent = data.hand.command;
   $("hand").hidden = false;
@@ -512,8 +492,9 @@ function press(e) {
     ArrowLeft: () => setCursor(state.cursor - step), ArrowRight: () => setCursor(state.cursor + step),
     "+": () => zoom(1 / 1.5, state.cursor), "-": () => zoom(1.5, state.cursor), 0: () => zoom(Infinity, 0),
     Escape: () => (state.drive ? drive() : showLevel(state.level.split("/").slice(0, -1).join("/"))),
+    Enter: () => answer({ type: "click", target: e.target }),
   };
-  if (!actions[e.key] || (e.key === " " && e.target.matches?.("button"))) return;
+  if (!actions[e.key] || ([" ", "Enter"].includes(e.key) && e.target.matches?.("button"))) return;
   e.preventDefault();
   actions[e.key]();
 }
@@ -522,14 +503,10 @@ function press(e) {
 async function start() {
   data = await unpack();
   inputs = Object.fromEntries(data.inputs.map((input) => [input.name, { ...input }]));
-  const { forward_delay: there, return_delay: back } = inputs;
-  if (there && back && !there.stops && !back.stops) {
-    inputs = { delay: { ...there, name: "delay", label: "delay each way [s]", value: (there.value + back.value) / 2,
-      owners: [], min: Math.max(there.min, back.min), max: Math.min(there.max, back.max) }, ...inputs };
-  }
-  for (const input of data.inputs) state.values[input.name] = input.value;
   loops = data.controllers.map((x) => new Loop(x, data.inputs));
   if (loops[0].module) for (const loop of chosen()) loop.compile();
+  for (const type of ["click", "mouseover", "mouseout", "focusin", "focusout"]) $("diagram").addEventListener(type, answer);
+  showLevel("");
   $("notes").textContent = data.notes.join("\n");
   $("tabs").append(...(chosen().length < 2 ? [] : chosen().map((loop, i) => make("button", {
     textContent: titled(loop), ariaPressed: i === 0, onclick: () => {
@@ -537,21 +514,21 @@ async function start() {
       [...$("tabs").children].forEach((tab, k) => { tab.ariaPressed = k === i; });
       showLevel(state.level);
     } }))));
-  const names = new Set(loops.flatMap((loop) => [...Object.keys(loop.ports),
-    ...loop.levels.flatMap((x) => x.boxes.map((box) => box.path))]));
-  $("found").append(...[...names].filter((x) => x).map((value) => make("option", { value })));
-  $("search").onchange = find;
-  $("theme").onclick = () => document.documentElement.classList.toggle("dark");
-  document.documentElement.classList.toggle("dark", matchMedia("(prefers-color-scheme: dark)").matches);
-  $("play").onclick = togglePlay;
-  $("pin").onclick = togglePin;
-  $("clock").oninput = () => setCursor(+$("clock").value);
+  const names = loops.flatMap((loop) => [...Object.keys(loop.ports),
+    ...loop.levels.flatMap((x) => x.boxes.map((box) => box.path))]);
+  $("found").append(...[...new Set(names)].filter((x) => x).map((value) => make("option", { value })));
+  const html = document.documentElement;
+  html.classList.toggle("dark", matchMedia("(prefers-color-scheme: dark)").matches);
+  Object.assign($("theme"), { onclick: () => html.classList.toggle("dark") });
+  Object.assign($("search"), { onchange: find });
+  Object.assign($("play"), { onclick: togglePlay });
+  Object.assign($("pin"), { onclick: togglePin });
+  Object.assign($("clock"), { oninput: () => setCursor(+$("clock").value) });
   document.addEventListener("keydown", press);
   document.addEventListener("keyup", (e) => state.keys.delete(e.key));
   addEventListener("resize", () => setCursor(state.cursor));
   if (data.hand) makeHand();
   makeInputs();
-  showLevel("");
   if (!loops[0].module) {
     document.body.classList.add("still");
     return say("");
@@ -569,10 +546,10 @@ async function runForScripts(kind) {
   const loop = chosen().find((x) => x.kind === kind);
   if (!loop) throw new RangeError(`controller ${kind}: must be one of ${window.teleop.controllers}`);
   await state.busy;
-  const run = await loop.simulate({ ...state.values }, undefined, state.hand);
-  const column = (name) => run.signal(name).map((k) => run.rows.map((row) => row[k]));
-  const result = { time: run.time, events: run.events, wall_time_ms: run.wall, diverged: Boolean(run.reason),
-    metrics: run.metrics, signals: Object.fromEntries(Object.keys(loop.signals).map((x) => [x, column(x)])) };
+  const run = await loop.simulate(values(), undefined, state.hand), { time, events, metrics, wall } = run;
+  const signals = Object.fromEntries(Object.keys(loop.signals).map((name) => [name,
+    run.signal(name).map((k) => range(time.length).map((i) => run.rows[i * run.width + k]))]));
+  const result = { time: [...time], events, metrics, signals, wall_time_ms: wall, diverged: Boolean(run.reason) };
   return Object.defineProperty(result, "run", { value: run });
 }
 
@@ -583,7 +560,7 @@ window.teleop = {
   get controllers() { return chosen().map((loop) => loop.kind); },
   // What can be set, as it is.
   get inputs() {
-    return Object.fromEntries(Object.entries(inputs).map(([name, { value, min, max, unit, choices }]) =>
+    return Object.fromEntries(Object.values(inputs).map(({ name, value, min, max, unit, choices }) =>
       [name, choices ? { value, choices } : { value, min, max, unit }]));
   },
   set: setInput,

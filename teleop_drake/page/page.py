@@ -242,7 +242,7 @@ def MakePage(
         models = {which: make({}) for which, make in makers.items()}
         view = _View(scenario, next(iter(models.values())).surfaces)
         inputs = _Inputs(scenario, vary, makers, models, notes)
-        if not next(iter(models.values())).measures.rows:
+        if not next(iter(models.values())).measures.names:
             notes.append("the metrics of this task are its own: `run` prints them")
     known = set().union(*(model.Signals() for model in models.values()))
     for signal in signals:
@@ -462,29 +462,7 @@ def _Data(
         "title": title,
         "version": _Version(),
         "notes": notes,
-        "inputs": [
-            {
-                "name": one.key,
-                "label": AxisLabel(one.key),
-                "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
-                "owners": _OwnersOf(one.key),
-                "value": one.value,
-                "min": one.low if one.is_continuous else one.stops[0],
-                "max": one.high if one.is_continuous else one.stops[-1],
-                "stops": None if one.is_continuous else one.stops,
-            }
-            for one in inputs
-        ]
-        + [
-            {
-                "name": key,
-                "label": AxisLabel(key),
-                "owners": _OwnersOf(key),
-                "value": values[0],
-                "choices": values,
-            }
-            for key, values in choices.items()
-        ],
+        "inputs": _DataOfInputs(inputs, choices),
         "controllers": [
             {
                 "kind": which[0],
@@ -492,7 +470,9 @@ def _Data(
                 "color": COLORS[kinds.index(which[0]) % len(COLORS)],
                 "module": model.Module(),
                 "headers": model.Headers(),
-                "measures": model.measures.Data(),
+                "labels": model.measures.names,
+                "events": model.measures.EventNames(),
+                "reasons": model.reasons,
                 "joints": model.joints,
                 "width": model.run.evaluator.program.sizes[0],
                 "numbers": model.numbers,
@@ -512,6 +492,43 @@ def _Data(
             for i, (which, model) in enumerate(models.items())
         ],
     }
+
+
+def _DataOfInputs(
+    inputs: Sequence[_Input], choices: Mapping[str, list[str]]
+) -> list[dict[str, Any]]:
+    """Returns what the page says of inputs: that of both delays comes first."""
+    result: list[dict[str, Any]] = [
+        {
+            "name": one.key,
+            "label": AxisLabel(one.key),
+            "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
+            "owners": _OwnersOf(one.key),
+            "value": one.value,
+            "min": one.low if one.is_continuous else one.stops[0],
+            "max": one.high if one.is_continuous else one.stops[-1],
+            "stops": None if one.is_continuous else one.stops,
+        }
+        for one in inputs
+    ]
+    ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
+    if len(ways) == 2:
+        both = {**ways[0], "name": "delay", "parts": _DELAYS, "owners": []}
+        both["label"] = "delay each way [s]"
+        both["value"] = sum(x["value"] for x in ways) / 2
+        both["min"] = max(x["min"] for x in ways)
+        both["max"] = min(x["max"] for x in ways)
+        result.insert(0, both)
+    return result + [
+        {
+            "name": key,
+            "label": AxisLabel(key),
+            "owners": _OwnersOf(key),
+            "value": values[0],
+            "choices": values,
+        }
+        for key, values in choices.items()
+    ]
 
 
 def _OwnersOf(key: str) -> list[str]:

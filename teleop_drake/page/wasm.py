@@ -10,21 +10,24 @@ from types import FunctionType
 from typing import Any, cast
 
 from teleop_drake.compiler.source import Program
-from teleop_drake.integrator.advance import advance
+from teleop_drake.integrator.measured_run import advance_and_measure
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
+from teleop_drake.machine_code.typed_expressions import BOOLEAN, EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 
-# Returns what advance() does, or -1 after an index outside of an array.
+# Returns what advance_and_measure() does, or -1 after an index outside of an array.
 _RUN = """
 @fault = external global ptr
-declare i64 @advance(ptr, ptr, ptr, double, double, double)
+declare i64 @advance_and_measure(ptr, ptr, ptr, ptr, double, double, double, i1)
 declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, ptr, i32)
-define i32 @run(ptr %problem, ptr %memory, double %end, double %accuracy, double %max) {
-  %status = call i64 @advance(ptr @evaluate, ptr %problem, ptr %memory, double %end,
-                              double %accuracy, double %max)
+define i32 @run(ptr %problem, ptr %memory, ptr %measured, double %end,
+                double %accuracy, double %max, i32 %last) {
+  %is_last = icmp ne i32 %last, 0
+  %status = call i64 @advance_and_measure(
+      ptr @evaluate, ptr %problem, ptr %memory, ptr %measured, double %end,
+      double %accuracy, double %max, i1 %is_last)
   %fault = load ptr, ptr @fault
   %is_whole = icmp eq ptr %fault, null
   %short = trunc i64 %status to i32
@@ -33,21 +36,22 @@ define i32 @run(ptr %problem, ptr %memory, double %end, double %accuracy, double
 }
 """
 
-# Numbers of sections, and of what the section `linking` says of symbols.
-_CUSTOM, _IMPORTS, _MEMORY_EXPORTS, _LAST = 0, 2, 7, 12
-_SYMBOL_TABLE, _FUNCTION, _DATA, _SECTION = 8, 0, 1, 3
-_IS_UNDEFINED, _HAS_NAME = 0x10, 0x40
+# Numbers of sections.
+_CUSTOM, _IMPORTS, _EXPORTS = 0, 2, 7
+
+# Imports that are no functions.
+_NO_FUNCTIONS = b"__linear_memory", b"__indirect_function_table"
 
 
 def MakeModule(program: Program, *arguments: Any) -> bytes:
-    """Returns a module that exports `run(problem, memory, end, accuracy, max_step)`.
+    """Returns a module that exports `run(problem, memory, measured, ..., is_last)`.
 
-    It imports its memory and C's mathematics from `env`. Addresses below its memory's
-    minimum are its own.
+    It does what advance_and_measure() does, and imports its memory and C's mathematics
+    from `env`. Addresses below its memory's minimum are its own.
 
     Args:
         program: What is simulated.
-        *arguments: As advance() takes them after the function that it integrates.
+        *arguments: The named tuples of arrays that it takes.
 
     Raises:
         Untraceable: If a function does what a graph of operations cannot.
@@ -56,8 +60,9 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
     traced = TraceProgram(
         program.text, dict(program.names), program.sizes, len(parameters), integers
     )
-    types = (EVALUATE, *map(TypeOf, arguments))
-    return _Emit(MakeTypedCode(cast(FunctionType, advance), types), MakeCode(traced))
+    types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)), BOOLEAN)
+    code = MakeTypedCode(cast(FunctionType, advance_and_measure), types)
+    return _Emit(code, MakeCode(traced))
 
 
 @functools.lru_cache(maxsize=16)
@@ -69,7 +74,7 @@ def _Emit(*codes: str) -> bytes:
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=2)
     head = f'target triple = "{_TRIPLE}"\ntarget datalayout = "{machine.target_data}"\n'
-    module, *others = [llvm.parse_assembly(head + code) for code in (*codes, _RUN)]
+    module, *others = [llvm.parse_assembly(head + code) for code in (_RUN, *codes)]
     for other in others:
         module.link_in(other)
     module.verify()
@@ -79,24 +84,22 @@ def _Emit(*codes: str) -> bytes:
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    return _WithExport(machine.emit_object(module), "run")
+    return _WithExport(machine.emit_object(module), b"run")
 
 
-def _WithExport(data: bytes, name: str) -> bytes:
-    """Returns an object file as a module that exports one of its functions."""
-    sections = list(_Sections(data))
-    symbols = next(
-        body for kind, body in sections if kind == _CUSTOM and body[1:8] == b"linking"
-    )
-    text = name.encode()
-    export = bytes([1, len(text)]) + text + b"\0" + _Leb(_IndexOf(symbols[8:], name))
-    parts = [data[:8]]
-    for kind, body in sections:
+def _WithExport(data: bytes, name: bytes) -> bytes:
+    """Returns an object file as a module that exports the first of its functions."""
+    parts, export = [data[:8]], b""
+    for kind, body in _Sections(data):
+        if kind == _IMPORTS:  # They have the first numbers.
+            num, _ = _ReadLeb(body, 0)
+            index = _Leb(num - sum(x in body for x in _NO_FUNCTIONS))
+            export = bytes([1, len(name)]) + name + b"\0" + index
+        # Sections stand by their numbers; 12 counts the data and stands before 10.
+        if export and kind > _EXPORTS:
+            parts.append(_Section(_EXPORTS, export))
+            export = b""
         if kind != _CUSTOM:
-            # Sections stand by their numbers; 12 counts the data and stands before 10.
-            if export and (kind > _MEMORY_EXPORTS):
-                parts.append(_Section(_MEMORY_EXPORTS, export))
-                export = b""
             parts.append(_Section(kind, body))
     return b"".join(parts)
 
@@ -113,33 +116,6 @@ def _Sections(data: bytes) -> Any:
 
 def _Section(kind: int, body: bytes) -> bytes:
     return bytes([kind]) + _Leb(len(body)) + body
-
-
-def _IndexOf(linking: bytes, name: str) -> int:
-    """Returns the index of a function in the content of the section `linking`."""
-    _, place = _ReadLeb(linking, 0)  # The version.
-    while linking[place] != _SYMBOL_TABLE:
-        size, place = _ReadLeb(linking, place + 1)
-        place += size
-    _, place = _ReadLeb(linking, place + 1)
-    count, place = _ReadLeb(linking, place)
-    for _ in range(count):
-        kind = linking[place]
-        flags, place = _ReadLeb(linking, place + 1)
-        index, has_name = 0, kind == _DATA or not flags & _IS_UNDEFINED
-        if kind != _DATA:
-            index, place = _ReadLeb(linking, place)
-            has_name = kind != _SECTION and (has_name or bool(flags & _HAS_NAME))
-        if has_name:
-            size, place = _ReadLeb(linking, place)
-            symbol = linking[place : place + size].decode()
-            place += size
-            if kind == _FUNCTION and symbol == name:
-                return index
-        if kind == _DATA and not flags & _IS_UNDEFINED:
-            for _ in range(3):
-                _, place = _ReadLeb(linking, place)
-    raise ValueError(f"the object file has no function {name}")
 
 
 def _Leb(number: int) -> bytes:

@@ -284,6 +284,27 @@ def HasConstantCommand(diagram: Diagram) -> bool:
 _TOLERANCE = 1e-9
 
 
+def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
+    """Returns the ranges of the joints of the robot's plant by their names.
+
+    None of a robot without a system `plant`.
+    """
+    if not diagram.HasSubsystemNamed("robot"):
+        return {}
+    robot = diagram.GetSubsystemByName("robot")
+    if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
+        return {}
+    plant = robot.GetSubsystemByName("plant")
+    if not isinstance(plant, MultibodyPlant):
+        return {}
+    lower = plant.GetPositionLowerLimits() - _TOLERANCE
+    upper = plant.GetPositionUpperLimits() + _TOLERANCE
+    names = plant.GetPositionNames(
+        add_model_instance_prefix=False, always_add_suffix=False
+    )
+    return dict(zip(names, zip(lower, upper, strict=True), strict=True))
+
+
 def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     """Ends a run, in place, where a joint of the robot's plant leaves its range.
 
@@ -292,15 +313,11 @@ def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     The plant itself knows no stops: what it does beyond is left out. A robot without a
     system `plant`, or whose joints turn without limit, is left as it is.
     """
-    robot = diagram.GetSubsystemByName("robot")
-    if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
-        return
     times, signals, steps = run.series
-    plant, q = robot.GetSubsystemByName("plant"), signals.get("joint_position")
-    if not isinstance(plant, MultibodyPlant) or q is None or len(steps) == 0:
+    ranges, q = JointRanges(diagram), signals.get("joint_position")
+    if not ranges or q is None or len(steps) == 0:
         return
-    lower = plant.GetPositionLowerLimits() - _TOLERANCE
-    upper = plant.GetPositionUpperLimits() + _TOLERANCE
+    lower, upper = np.transpose([*ranges.values()])
     turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1) - MAX_ROTATION
     beyond = np.column_stack([np.maximum(lower - q, q - upper), turned])
     if not (beyond >= 0).any():
@@ -314,9 +331,7 @@ def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
     if joint == len(lower):
         run.reason = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
         return
-    name = plant.GetPositionNames(
-        add_model_instance_prefix=False, always_add_suffix=False
-    )[joint]
+    name = list(ranges)[joint]
     run.reason = (
         f"joint {name} leaves its range, {lower[joint]:.4g} to {upper[joint]:.4g}"
     )

@@ -1,34 +1,38 @@
 """Insertion: a teleoperated tool is pushed into what the environment is made of.
 
 Its metrics are overshoots, the puncture, the collision and the errors. Instants are
-located, not sampled; see teleop_drake.tasks.pieces.
+located, not sampled; see teleop_drake.integrator.measuring.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
-from teleop_drake.numerics.step_polynomials import lagrange, shares
+from teleop_drake.integrator.measuring import (
+    BEFORE,
+    DISTANCE,
+    MAXIMUM,
+    MINIMUM,
+    RMS,
+    SETTLING,
+    TIME,
+    VARIATION,
+)
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.measures import Measures, Places, PlacesOf
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
-from teleop_drake.tasks.pieces import Pieces, Split, Traces
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # A command that is slower than this share of |v_d| points nowhere: it may be zero but
 # for rounding.
 AT_REST = 1e-6
-
-# Longer than what instants are rounded by, s.
-_INSTANT = 1e-11
 
 SETTLING_RATIO = 0.05
 """Share of |v_d| under which the tool counts as settled; of the force too at rest."""
@@ -55,6 +59,8 @@ UNITS = {
     "diverged_at": "s",
 }
 """Scalar metrics of an insertion and their units; * stands for each task axis."""
+
+_WATCHED = "tool_position", "tool_velocity", "environment_force", "control_force"
 
 # What it is called to cross a surface into it and out of it.
 CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
@@ -96,26 +102,99 @@ class Insertion(Task[Scenario]):
             name=f"{ratio:g} times the commanded speed",
         )
 
+    def Measures(
+        self,
+        scenario: Scenario,
+        places: Places,
+        surfaces: tuple[Surface, ...],
+        *,
+        is_constant: bool,
+    ) -> Measures:
+        """Returns what Metrics() describes.
+
+        Args:
+            is_constant: Whether the operator commands surgeon.velocity all the time.
+        """
+        v_d = np.asarray(scenario.surgeon.velocity, float)
+        n, speed = v_d.size, float(np.linalg.norm(v_d))
+        result = Measures(mode=places.get("surgeon_mode", (-1,))[0])
+        result.Watch(*(places[name] for name in _WATCHED))
+        is_felt = "felt_velocity" in places or "return_packet_received" in places
+        if "felt_velocity" in places or not is_felt:
+            result.Watch(places["felt_velocity" if is_felt else "tool_velocity"])
+        else:
+            result.Watch((places["return_packet_received"][0] + n, n, "m/s"))
+        if "velocity_command" in places:
+            sent = places["force_command"], places["velocity_command"]
+            result.Watch(*sent, late=True)
+        else:
+            result.Watch(places["forward_packet_received"])
+        p, v, F, F_c, felt, F_hd, v_dd = result.Vectors(n)
+        one = result.One()
+        for surface in surfaces:
+            depth = surface.normal_W @ p
+            # A layer may begin at infinity, along axes on which its normal has a part.
+            is_along = surface.normal_W != 0
+            begin = surface.point_W[is_along] @ surface.normal_W[is_along]
+            depth -= np.where(one, begin, 0.0)
+            is_first = FindSurface(surfaces, surface.name) is surface
+            names = CROSSINGS.get(surface.name, ()) if is_first else ()
+            result.AddEvent(depth, *names)
+        normal = FirstNormal(surfaces, v_d)
+        along = v_d @ normal * one if is_constant else normal @ v_dd
+        result.AddEvent(along + AT_REST * speed * one)
+        excess = normal @ v - along + result.One(1)
+        until = PUNCTURE, CONTACT
+        start = [excess, 0 * one]
+        result.Add(self, "start_velocity_overshoot", MAXIMUM, start, "", until)
+        if (found := FindSurface(surfaces, PUNCTURE)) is not None:
+            for name, operation, form, *ends in (
+                ("time", TIME, 0 * one),
+                ("velocity", BEFORE, found.normal_W @ v),
+                ("force", BEFORE, found.normal_W @ F),
+                ("velocity_overshoot", MAXIMUM, excess, CONTACT),
+            ):
+                result.Add(self, f"puncture.{name}", operation, [form], PUNCTURE, ends)
+        if (found := FindSurface(surfaces, CONTACT)) is not None:
+            v_x, F_x = found.normal_W @ v, found.normal_W @ F
+            slow = SETTLING_RATIO * speed * result.One(2)
+            near = SETTLING_RATIO * result.One(3)
+            for name, operation, forms, *ends in (
+                ("time", TIME, []),
+                ("velocity", BEFORE, [v_x]),
+                ("initial_impact_force", MAXIMUM, [F_x], "release"),
+                ("peak_force", MAXIMUM, [F_x]),
+                ("rebound_velocity", MINIMUM, [v_x]),
+                ("settling_time", SETTLING, [v_x + slow]),
+                ("rest_time", SETTLING, [*(v + slow), *(F + near)]),
+            ):
+                result.Add(self, f"collision.{name}", operation, forms, CONTACT, ends)
+        result.AddPerAxis(self, "velocity_rms_error", RMS, v - v_dd)
+        result.AddPerAxis(self, "force_rms_error", RMS, F - F_hd)
+        if is_felt:
+            name = "coordination_rms_error"
+            result.AddPerAxis(self, name, DISTANCE, felt[:3], p[:3])
+        result.AddPerAxis(self, "control_force_peak", MAXIMUM, F_c, -F_c)
+        result.AddPerAxis(self, "control_force_variation", VARIATION, F_c)
+        return result
+
     def FindEvents(self, recording: Recording) -> list[Event]:
         """Returns when the tool crosses a surface and when the operator switches.
 
         Args:
             recording: A run, its events not found yet.
         """
-        times, pieces = recording.time, Split(recording)
-        p = pieces.Sample(recording["tool_position"])
-        surfaces = {name: recording.FindSurface(name) for name in CROSSINGS}
-        depths = {name: x.Depth(p) for name, x in surfaces.items() if x is not None}
-        names = [CROSSINGS[name] for name in depths]
-        events = [
-            Event(name=names[i][0 if is_inwards else 1], time=time)
-            for time, i, is_inwards in pieces.Crossings(*depths.values())
-        ]
-        mode = recording["surgeon_mode"][:, 0]
-        for i in np.flatnonzero(np.diff(mode)):
-            name = "surgeon_force" if mode[i + 1] == 1 else "surgeon_stop"
-            events.append(Event(name=name, time=float(times[i + 1])))
-        return sorted(events, key=lambda event: event.time)
+        return self._Of(recording)[0]
+
+    def _Of(self, recording: Recording) -> tuple[list[Event], dict[str, Any]]:
+        scenario = recording.teleoperation
+        measures = self.Measures(
+            scenario,
+            PlacesOf(recording),
+            recording.surfaces,
+            is_constant=recording.has_constant_command,
+        )
+        return measures.Of(recording, scenario.forward_channel.delay)
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
         """Returns the metrics of an insertion.
@@ -175,71 +254,15 @@ class Insertion(Task[Scenario]):
             The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
             them with one entry per task axis, bool and None.
         """
-        signals = _MakeSignals(recording)
-        pieces, excess, F_c = signals.pieces, signals.excess, Traces(signals.F_c)
-        pierced, surface = map(recording.FindSurface, (PUNCTURE, CONTACT))
-        t_puncture = signals.FirstCrossing(pierced, True)
-        t_contact = signals.FirstCrossing(surface, True)
-        t_start_end = t_puncture if t_puncture < math.inf else t_contact
         has_diverged = recording.termination == "diverged"
-
-        stretches = {"start": (excess, -math.inf, t_start_end)}
-        puncture: dict[str, Any] | None = None
-        collision: dict[str, Any] | None = None
-        if pierced is not None and t_puncture < math.inf:
-            v_x, F_x = pierced.Along(signals.v), pierced.Along(signals.F_e)
-            puncture = {
-                "time": t_puncture,
-                "velocity": pieces.ValueBefore(v_x, t_puncture),
-                "force": pieces.ValueBefore(F_x, t_puncture),
-            }
-            t_next = signals.FirstCrossing(surface, True, after=t_puncture)
-            stretches["free"] = excess, t_puncture, t_next
-        if surface is not None and t_contact < math.inf:
-            v_x, F_x = surface.Along(signals.v), surface.Along(signals.F_e)
-            collision = {
-                "time": t_contact,
-                "velocity": pieces.ValueBefore(v_x, t_contact),
-            }
-            t_release = signals.FirstCrossing(surface, False, after=t_contact)
-            stretches["impact"] = F_x, t_contact, t_release
-            stretches["contact"] = F_x, t_contact, math.inf
-            stretches["rebound"] = -v_x, t_contact, math.inf
-        largest = pieces.Maxima(stretches)
-        if puncture is not None:
-            puncture["velocity_overshoot"] = largest["free"]
-        if collision is not None:
-            collision["initial_impact_force"] = largest["impact"]
-            collision["peak_force"] = largest["contact"]
-            collision["rebound_velocity"] = -largest["rebound"]
-            v_d = recording.teleoperation.surgeon.velocity
-            slow = SETTLING_RATIO * float(np.linalg.norm(v_d))
-            v, F_e = signals.v, signals.F_e
-            parts = [slice(0, 3), slice(3, 6)][: math.ceil(v.shape[2] / 3)]
-            motions = {
-                "settling_time": [_Exceeding(v_x[..., None], slow)],
-                "rest_time": [
-                    *(_Exceeding(v[..., part], slow) for part in parts),
-                    *(
-                        _Leaving(F_e[..., part])
-                        for part in parts
-                        if F_e[..., part].any()
-                    ),
-                ],
-            }
-            for name, moving in motions.items():
-                after = _SettlingTime(pieces, moving, t_contact)
-                collision[name] = None if has_diverged else after
-        errors = pieces.RootMeanSquare(signals.errors)
+        _, found = self._Of(recording)
+        puncture, collision = (found.pop(x, {}) for x in ("puncture", "collision"))
         return {
-            "start_velocity_overshoot": max(largest["start"], 0.0),
-            "puncture": puncture,
-            "collision": collision,
-            "velocity_rms_error": errors[len(F_c) :],
-            "force_rms_error": errors[: len(F_c)],
-            "coordination_rms_error": _CoordinationError(recording, pieces),
-            "control_force_peak": np.abs(F_c).max(axis=1).tolist(),
-            "control_force_variation": np.abs(np.diff(F_c)).sum(axis=1).tolist(),
+            "start_velocity_overshoot": found.pop("start_velocity_overshoot"),
+            "puncture": puncture if puncture.get("time") is not None else None,
+            "collision": collision if collision.get("time") is not None else None,
+            "coordination_rms_error": None,
+            **{name: list(axes.values()) for name, axes in found.items()},
             "diverged": has_diverged,
             "diverged_at": float(recording.time[-1]) if has_diverged else None,
         }
@@ -283,39 +306,6 @@ class Insertion(Task[Scenario]):
         ]
 
 
-@dataclass(kw_only=True)
-class _Signals:
-    """The signals in pieces that end where a surface is crossed.
-
-    Attributes:
-        pieces: M.
-        v: (M, d + 1, n) tool velocity in the pieces, and so on.
-        excess: (M, d + 1) how far v exceeds the command, in the direction of it.
-        errors: (M, d + 1, 2n) [F_e - F_hd; v - v_dd].
-        crossings: (time, number of the surface, whether into it), ascending.
-        surfaces: Of the environment.
-    """
-
-    pieces: Pieces
-    v: np.ndarray
-    F_e: np.ndarray
-    F_c: np.ndarray
-    excess: np.ndarray
-    errors: np.ndarray
-    crossings: list[tuple[float, int, bool]]
-    surfaces: tuple[Surface, ...]
-
-    def FirstCrossing(
-        self, surface: Surface | None, inwards: bool, after: float = -math.inf
-    ) -> float:
-        """Returns when a surface is first crossed, infinity if it is not."""
-        for time, crossed, is_inwards in self.crossings:
-            is_it = self.surfaces[crossed] is surface
-            if is_it and is_inwards == inwards and time > after:
-                return time
-        return math.inf
-
-
 def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
     """Returns the normal of the surface that comes first, else where v_d points."""
     named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
@@ -323,126 +313,3 @@ def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
         if surface is not None:
             return surface.normal_W
     return v_d / np.linalg.norm(v_d)
-
-
-def _MakeSignals(recording: Recording) -> _Signals:
-    surfaces = recording.surfaces
-    v_d = np.asarray(recording.teleoperation.surgeon.velocity, dtype=float)
-    normal = FirstNormal(surfaces, v_d)
-    n = len(normal)
-
-    instants = _Echoes(recording)
-    pieces = Split(recording, instants)
-    p = pieces.Sample(recording["tool_position"])
-    crossings = pieces.Crossings(*(surface.Depth(p) for surface in surfaces))
-    instants += [crossing for crossing, _, _ in crossings]
-    slowest = AT_REST * float(np.linalg.norm(v_d))
-    if not recording.has_constant_command:
-        along = _ReceivedCommands(recording, pieces)[:, :, n:] @ normal
-        instants += [reversal for reversal, _, _ in pieces.Crossings(along + slowest)]
-    pieces = Split(recording, instants)
-
-    v, F_e, F_c = (
-        pieces.Sample(recording[name])
-        for name in ("tool_velocity", "environment_force", "control_force")
-    )
-    commands = _ReceivedCommands(recording, pieces)
-    is_constant = recording.has_constant_command
-    along = (v_d[None, None] if is_constant else commands[:, :, n:]) @ normal
-    # The command reverses only where a piece ends.
-    is_back = along.mean(axis=1, keepdims=True) < -slowest
-    return _Signals(
-        pieces=pieces,
-        v=v,
-        F_e=F_e,
-        F_c=F_c,
-        excess=np.where(is_back, -1.0, 1.0) * (np.einsum("...i,i", v, normal) - along),
-        errors=np.concatenate([F_e, v], axis=2) - commands,
-        crossings=crossings,
-        surfaces=surfaces,
-    )
-
-
-def _Echoes(recording: Recording) -> list[float]:
-    """Returns when the jumps of a command that is not sent would arrive, in s."""
-    if "velocity_command" not in recording.signals:
-        return []
-    time, commands = recording.time, recording.commands
-    has_jumped = (np.diff(time) == 0) & np.any(np.diff(commands, axis=0), axis=1)
-    jumps = np.append(time[0], time[1:][has_jumped])
-    return list(jumps + recording.teleoperation.forward_channel.delay)
-
-
-def _ReceivedCommands(recording: Recording, pieces: Pieces) -> np.ndarray:
-    """Returns [F_hd; v_dd] (M, d + 1, 2n) in the pieces."""
-    if "velocity_command" not in recording.signals:
-        return pieces.Sample(recording["forward_packet_received"])
-    times = pieces.Times(shares(pieces.rows.shape[1] - 1))
-    # Within the piece, where a jump at its ends has happened, or has not.
-    inwards = np.minimum(_INSTANT, (pieces.end - pieces.begin) / 8)
-    times[:, 0] += inwards
-    times[:, -1] -= inwards
-    times -= recording.teleoperation.forward_channel.delay
-    values = np.concatenate(
-        [
-            recording.Interpolate(name, times.ravel()).reshape(*times.shape, -1)
-            for name in ("force_command", "velocity_command")
-        ],
-        axis=2,
-    )
-    values[times < 0] = 0.0
-    return values
-
-
-def _CoordinationError(recording: Recording, pieces: Pieces) -> list[float] | None:
-    """Returns the rms of x_m - p_WT, None if what is felt was not recorded."""
-    p = pieces.Sample(recording["tool_position"])
-    n = p.shape[2]
-    if "felt_velocity" in recording.signals:
-        felt = pieces.Sample(recording["felt_velocity"])
-    elif "return_packet_received" in recording.signals:
-        felt = pieces.Sample(recording["return_packet_received"])[:, :, n : 2 * n]
-    else:
-        return None
-    # An angular velocity is not the rate of a rotation vector.
-    p, felt = p[:, :, :3], felt[:, :, :3]
-    return pieces.RootMeanSquare(p[0, 0] + pieces.Integral(felt) - p)
-
-
-def _Exceeding(x: np.ndarray, limit: float) -> np.ndarray:
-    """Returns |x|^2 - limit^2 (M, 2d + 1), of which x (M, d + 1, k) is made."""
-    degree = x.shape[1] - 1
-    x = lagrange(shares(2 * degree), degree) @ x
-    return np.asarray((x * x).sum(axis=2) - limit**2)
-
-
-def _Leaving(x: np.ndarray) -> np.ndarray:
-    """Returns what is positive where x is not within 5 % of where it ends."""
-    end = x[-1, -1]
-    return _Exceeding(x - end, SETTLING_RATIO * float(np.linalg.norm(end)))
-
-
-def _SettlingTime(
-    pieces: Pieces, moving: Sequence[np.ndarray], t_contact: float
-) -> float | None:
-    """Returns how long after contact no signal is positive, None if one ever is again.
-
-    It is None as well if that lasts no longer than it has before.
-    """
-    first = pieces.CountBefore(t_contact)
-    if first == len(pieces.end):
-        return None
-    is_moving = [bool(signal[first, 0] >= 0) for signal in moving]
-    slow_since = None if any(is_moving) else t_contact
-    longest = 0.0
-    for time, number, is_upwards in pieces.Crossings(*moving):
-        if time <= t_contact:
-            continue
-        is_moving[number] = is_upwards
-        if slow_since is not None and is_upwards:
-            longest = max(longest, time - slow_since)
-        if slow_since is None or is_upwards:
-            slow_since = None if any(is_moving) else time
-    if slow_since is None or pieces.end[-1] - slow_since <= longest:
-        return None
-    return slow_since - t_contact

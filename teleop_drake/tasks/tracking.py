@@ -1,12 +1,13 @@
 """Tracking: the demonstration of chapter 3, in which an arm learns a disturbance."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
+from teleop_drake.environments import Surface
+from teleop_drake.integrator.measuring import MAXIMUM, RMS
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
@@ -15,8 +16,8 @@ from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.measures import Measures, Places, PlacesOf
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
-from teleop_drake.tasks.pieces import Split, Traces
 from teleop_drake.validation import GainMatrix
 
 UNITS = {
@@ -25,6 +26,14 @@ UNITS = {
     "disturbance_rms_error.*": "N",
 }
 """Scalar metrics of a tracking and their units; * stands for each task axis."""
+
+
+_WATCHED = (
+    "tool_position",
+    "desired_position",
+    "disturbance_estimate",
+    "environment_force",
+)
 
 
 class Tracking(Task[TrackingScenario]):
@@ -50,6 +59,24 @@ class Tracking(Task[TrackingScenario]):
         """Returns no event: nothing is met and nobody switches."""
         return []
 
+    def Measures(
+        self,
+        scenario: TrackingScenario,
+        places: Places,
+        surfaces: tuple[Surface, ...],
+        *,
+        is_constant: bool,
+    ) -> Measures:
+        """Returns what Metrics() describes."""
+        result = Measures()
+        result.Watch(*(places[name] for name in _WATCHED))
+        p, desired, estimate, F = result.Vectors(scenario.num_axes)
+        error = p - desired
+        result.AddPerAxis(self, "max_error", MAXIMUM, error, -error)
+        result.AddPerAxis(self, "rms_error", RMS, error)
+        result.AddPerAxis(self, "disturbance_rms_error", RMS, estimate - F)
+        return result
+
     def Metrics(self, recording: Recording) -> dict[str, Any]:
         """Returns the metrics of a tracking, each per task axis.
 
@@ -61,19 +88,11 @@ class Tracking(Task[TrackingScenario]):
         Args:
             recording: A run, all of its numbers finite.
         """
-        pieces = Split(recording)
-        error, unknown = (
-            pieces.Sample(recording[first] - recording[second])
-            for first, second in (
-                ("tool_position", "desired_position"),
-                ("disturbance_estimate", "environment_force"),
-            )
-        )
-        return {
-            "max_error": np.abs(Traces(error)).max(axis=1).tolist(),
-            "rms_error": pieces.RootMeanSquare(error),
-            "disturbance_rms_error": pieces.RootMeanSquare(unknown),
-        }
+        scenario = cast(TrackingScenario, recording.scenario)
+        places = PlacesOf(recording)
+        measures = self.Measures(scenario, places, (), is_constant=False)
+        _, found = measures.Of(recording, 0.0)
+        return {name: list(axes.values()) for name, axes in found.items()}
 
     def Particulars(self, recording: Recording) -> dict[str, Any]:
         """Returns diverged, and diverged_at in s or None."""

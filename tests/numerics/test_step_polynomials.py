@@ -1,7 +1,6 @@
 """Tests of signals that are polynomials in steps."""
 
 import numpy as np
-import pytest
 
 from teleop_drake.numerics.step_polynomials import (
     DEGREE,
@@ -9,11 +8,8 @@ from teleop_drake.numerics.step_polynomials import (
     finite_part,
     integrate_product,
     interpolate,
-    maxima,
-    mean_square,
     part,
     straight_steps,
-    trace,
 )
 
 # Three steps of unequal lengths; everything jumps at 2.
@@ -65,7 +61,7 @@ def test_the_finite_part_ends_with_a_step():
         assert steps.size == 0 or steps.max() == rows - 1
 
 
-def test_crossings_and_extremes_are_roots():
+def test_crossings_are_roots():
     times, signals, steps = series(jump=0.0)
     begin, length = times[steps[:, 0]], np.ptp(times[steps], axis=1)
     y = signals["x"][steps][:, :, 0]
@@ -73,17 +69,6 @@ def test_crossings_and_extremes_are_roots():
     roots = [x.real for x in POWERS.roots() if x.imag == 0 and 0 < x.real < 2.1]
     np.testing.assert_allclose(begin[i] + at * length[i], np.sort(roots), rtol=1e-12)
     assert is_upwards.tolist() == (POWERS.deriv()(np.sort(roots)) > 0).tolist()
-    inside = [x.real for x in POWERS.deriv().roots() if 0 < x.real < 2.1]
-    values = POWERS(np.array([0.0, 2.1, *inside]))
-    found = trace(y)
-    assert found.max() == pytest.approx(values.max(), rel=1e-12)
-    assert found.min() == pytest.approx(values.min(), rel=1e-12)
-
-
-def test_maxima_are_those_of_all_extremes():
-    y = np.random.default_rng(0).normal(size=(200, 5))
-    parts = [y[:50], y[50:51], y[51:], np.ones((2, 5))]
-    assert maxima(parts) == pytest.approx([trace(x).max() for x in parts], rel=1e-14)
 
 
 def test_products_are_integrated_exactly():
@@ -93,7 +78,6 @@ def test_products_are_integrated_exactly():
     length = np.ptp(times[steps], axis=1)
     expected = np.diff(integral[steps]) / length[:, np.newaxis]
     np.testing.assert_allclose(integrate_product(y, y)[:, :, 0], expected, rtol=1e-10)
-    np.testing.assert_allclose(mean_square(y)[:, 0], expected.sum(axis=1), rtol=1e-12)
 
 
 def test_rows_without_steps_are_joined_by_straight_lines():

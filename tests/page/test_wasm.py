@@ -1,22 +1,31 @@
 """WebAssembly of a run against its native run."""
 
+import math
+
 import numpy as np
 import pytest
-from wasm_runs import RunModule
+from wasm_runs import Instance
 
+from teleop_drake.integrator.measured_run import BEYOND
 from teleop_drake.numerics.step_polynomials import interpolate
 from teleop_drake.page.model import ModelOf
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
 from teleop_drake.simulation import simulate
+from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.tasks.metrics import RunMetrics
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
 
 
-def AssertSame(scenario):
-    """Compares jumps, and signals halfway between the rows that both runs have."""
-    model, native = ModelOf(scenario), simulate(scenario, engine="compiled")
-    times, rows, steps = RunModule(model)
+def AssertSame(scenario, model=None):
+    """Compares the end, jumps, metrics, and signals between the rows of both runs."""
+    model = model or ModelOf(scenario)
+    native, instance = simulate(scenario, engine="compiled"), Instance(model)
+    status = instance.Run(*model.numbers["run"])
+    assert (status >= BEYOND) == (native.termination == "diverged")
+    times, rows, steps = instance.Rows()
+    assert times[-1] == pytest.approx(native.time[-1], rel=0, abs=1e-9)
     jumps, native_jumps = (t[1:][np.diff(t) == 0] for t in (times, native.time))
     assert jumps == pytest.approx(native_jumps, rel=0, abs=1e-9)
     ports, looked = model.Ports(), np.linspace(0.0, times[-1], 400)
@@ -26,10 +35,27 @@ def AssertSame(scenario):
         reference = native.Interpolate(name, looked)
         error = np.abs(signal - reference).max(initial=0.0)
         assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
+    results = dict(
+        zip(model.measures.names, instance.Read("record.results"), strict=True)
+    )
+    expected = FlattenMetrics(RunMetrics(native))
+    for name, x in results.items():
+        value = math.nan if expected.get(name) is None else expected[name]
+        assert x == pytest.approx(value, rel=1e-6, abs=1e-12, nan_ok=True), name
+    return native
 
 
 def test_it_is_the_native_run():
     AssertSame(LoadScenario("one_dof"))
+
+
+def test_it_ends_where_the_native_run_does():
+    """At the range of a joint, and at a speed."""
+    back = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}
+    back["controller.kind"] = "direct_force"
+    away = {"disturbance.gain": -100.0}
+    for case in (("puma560_insertion", back), ("network_tracking_coupled", away)):
+        assert AssertSame(LoadScenario(*case)).termination == "diverged"
 
 
 @pytest.mark.slow

@@ -9,10 +9,12 @@ import runs
 from hypothesis import given
 from hypothesis import strategies as st
 
+from teleop_drake.integrator.measuring import MAXIMUM, MINIMUM, RMS
 from teleop_drake.numerics.step_polynomials import DEGREE, shares
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.tasks import Insertion
+from teleop_drake.tasks.measures import Measures
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -657,3 +659,28 @@ def test_real_runs(task, kind):
     if metrics["collision"]:
         F_e = recording["environment_force"][:, 0].max()
         assert F_e <= metrics["collision"]["peak_force"] * (1 + 1e-12) < 1.1 * F_e
+
+
+def test_measures_of_random_steps_are_those_of_their_polynomials():
+    y = np.random.default_rng(0).normal(size=(60, DEGREE + 1))
+    recording = dataclasses.replace(
+        Record([Still(0.0, 1.0)], RegularSteps(1 / 60)),
+        signals={"y": y.ravel()[:, np.newaxis]},
+        time=np.concatenate([(k + shares(DEGREE)) / 60 for k in range(60)]),
+        steps=np.arange(y.size).reshape(y.shape),
+    )
+    task, measures = Insertion(), Measures()
+    measures.Watch((0, 1, ""))
+    form, nodes = measures.Vectors(1)[0, 0], shares(DEGREE)
+    for k, operation in enumerate((MAXIMUM, MINIMUM, RMS)):
+        measures.Add(task, f"m{k}", operation, [form])
+    _, found = measures.Of(recording, 0.0)
+    polynomials = [np.polynomial.Polynomial.fit(nodes, x, DEGREE, (0, 1)) for x in y]
+    roots = [[x.real for x in p.deriv().roots() if not x.imag] for p in polynomials]
+    places = [[0, *sorted(x for x in xs if 0 < x < 1), 1] for xs in roots]
+    values = np.concatenate(
+        [p(np.array(x)) for p, x in zip(polynomials, places, strict=True)]
+    )
+    square = np.mean([(p * p).integ()(1) - (p * p).integ()(0) for p in polynomials])
+    expected = values.max(), values.min(), square**0.5
+    assert list(found.values()) == pytest.approx(expected, rel=1e-9)
