@@ -9,10 +9,7 @@ from teleop_drake.integrator.problem import ROWS
 from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.page.model import Model
 
-# All rows stay, as in the page.
-_ROOM = dict.fromkeys(("row_times", "row_ends", "rows", "steps", "values"), 30_000)
-_ROOM |= dict.fromkeys(("instants", "pieces", "piece_rows", "ends"), 30_000)
-_ROOM["breaks"] = 20_000
+_ROOM = 30_000  # For rows, which all stay.
 
 
 class Instance:
@@ -39,8 +36,8 @@ class Instance:
         self._headers = []
         for group, fields in model.Headers().items():
             header = []
-            for name, shape, is_whole in fields:
-                shape = [_ROOM.get(name.rpartition(".")[2], shape[0]), *shape[1:]]
+            for name, shape, is_whole, grows in fields:
+                shape = [_ROOM, *shape[1:]] if grows else shape
                 values = model.numbers.get(f"{group}.{name}")
                 place = self._Allocate(8 * math.prod(shape))
                 self._places[name] = place, shape, is_whole

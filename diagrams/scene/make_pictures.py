@@ -123,8 +123,8 @@ class Browser:
         """Returns what the page looks like at a time of the runs, in s."""
         # Two frames later everything is drawn.
         self.Evaluate(
-            "new Promise((done) => { const scrub = document.getElementById('time');"
-            f"scrub.value = {time}; scrub.oninput();"
+            "new Promise((done) => { viewer.gui.hide(); viewer.animator.pause();"
+            f"viewer.animator.seek({time});"
             "requestAnimationFrame(() => requestAnimationFrame(() => "
             "requestAnimationFrame(() => done(1)))); })"
         )
@@ -173,7 +173,7 @@ def main(folder: Path) -> None:
         MakeReplay(recordings).Save(page)
         browser = Browser(page)
         try:
-            ready = "!!document.getElementById('clock')?.textContent"
+            ready = "viewer.animator.actions.length > 0"
             while not browser.Evaluate(ready):
                 pass
             browser.Picture(STILL).save(folder / "scene.png", optimize=True)

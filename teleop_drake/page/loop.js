@@ -6,38 +6,25 @@
 const [FULL, STUCK, BEYOND] = [1, 2, 3], [ROWS, TRIES] = [4, 6];
 const MOST_TRIES = 4e6, MOST_ROOM = 1 << 19;
 
-// C's mathematics that Math does not have.
-const FUNCTIONS = { fmod: (x, y) => x % y };
-
-// Whole numbers from 0 on.
+// Whole numbers from 0 on, a number within bounds, and the sum of products.
 const range = (n) => Array.from({ length: n }, (_, i) => i);
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
-
-// The sum of products.
 const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 // The module of a controller, and its memory.
 class Loop {
-  constructor(data, inputs) {
-    Object.assign(this, data, { inputs });
-    const growing = ["row_times", "row_ends", "rows", "steps", "values", "breaks"];
-    const measured = ["instants", "pieces", "piece_rows", "ends"].map((x) => `record.${x}`);
-    this.room = Object.fromEntries([...growing, ...measured].map((x) => [x, 4096]));
-  }
+  constructor(data, inputs) { Object.assign(this, data, { inputs, room: 4096 }); }
 
   // Compiles the module, once.
   compile() { return (this.compiled ??= this.instantiate()); }
 
   // Makes the module's function, which works on its memory.
   async instantiate() {
-    const name = "__linear_memory", code = this.module;
-    // The import says how many pages the module's own constants take.
-    const pages = code[new TextDecoder("latin1").decode(code).indexOf(name) + name.length + 2];
-    this.start = 65536 * pages;
-    this.memory = new WebAssembly.Memory({ initial: pages + 16 });
-    const module = await WebAssembly.compile(code), env = {};
+    this.memory = new WebAssembly.Memory({ initial: this.start / 65536 + 16 });
+    const module = await WebAssembly.compile(this.module), env = {};
     for (const { name, kind } of WebAssembly.Module.imports(module)) {
-      env[name] = kind === "memory" ? this.memory : Math[name] ?? FUNCTIONS[name];
+      // Of C's mathematics Math lacks fmod() alone.
+      env[name] = kind === "memory" ? this.memory : Math[name] ?? ((x, y) => x % y);
     }
     this.exports = (await WebAssembly.instantiate(module, { env })).exports;
   }
@@ -66,9 +53,9 @@ class Loop {
     const take = (count) => { const at = end; end += 8 * count; return { at, count }; };
     for (const [group, fields] of Object.entries(this.headers)) {
       const header = [];
-      for (const [field, [size, ...rest], isWhole] of fields) {
+      for (const [field, [size, ...rest], isWhole, grows] of fields) {
         const x = z[`${group}.${field}`], width = rest.reduce((a, b) => a * b, 1);
-        const first = this.room[field] ?? (x && width ? x.length / width : size);
+        const first = grows ? this.room : x && width ? x.length / width : size;
         places[field] = take(first * width);
         header.push(places[field].at, first, ...rest);
         writes.push([places[field], x, isWhole]);
@@ -107,6 +94,7 @@ class Run {
     Object.assign(this, { loop, z, width: loop.width, reason: "", events: [], metrics: {} });
     [this.duration, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
+    this.take();
   }
 
   // An array in memory as it is now, of 32 bits for whole numbers, which are every second one.
@@ -116,9 +104,8 @@ class Run {
 
   // Gives the arrays that can be full twice the room, in this run and later ones.
   grow() {
-    const { room } = this.loop, old = Object.keys(this.places).map((x) => [x, this.array(x, Uint8Array).slice()]);
-    for (const name in room) room[name] *= 2;
-    if (room.rows > MOST_ROOM) throw new Error("the run needs too many steps");
+    const old = Object.keys(this.places).map((x) => [x, this.array(x, Uint8Array).slice()]);
+    if ((this.loop.room *= 2) > MOST_ROOM) throw new Error("the run needs too many steps");
     [this.headers, this.places] = this.loop.layOut(this.z);
     for (const [name, bytes] of old) this.array(name, Uint8Array).set(bytes);
   }
@@ -196,13 +183,5 @@ class Run {
     const x = 4 * clamp((t - this.time[i]) / (this.time[last] - this.time[i]), 0, 1), weights = [1, 1, 1, 1, 1];
     for (let a = 0; a < 5; ++a) for (let b = 0; b < 5; ++b) if (a !== b) weights[a] *= (x - b) / (a - b);
     return columns.map((k) => weights.reduce((sum, w, a) => sum + w * this.rows[(i + a) * this.width + k], 0));
-  }
-
-  // The surfaces that are somewhere: {name, point, normal}.
-  get surfaces() {
-    const { surfaces: names } = this.loop, n = this.z.surfaces.length / names.length / 2;
-    const part = (i) => Array.from(this.z.surfaces.slice(i * n, (i + 1) * n));
-    return names.map((name, i) => ({ name, point: part(2 * i), normal: part(2 * i + 1) }))
-      .filter((s) => s.point.every(Number.isFinite));
   }
 }

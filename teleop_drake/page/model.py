@@ -50,6 +50,12 @@ _LONGEST_FLIGHTS = 60.0
 _GIVEN = ("bounds", *(f"record.{x}" for x in ("delay", "places", "forms")))
 _GIVEN += "record.columns", "record.table"
 
+# What has as much room as a run takes.
+_GROWING = (
+    *("row_times", "row_ends", "rows", "steps", "values", "breaks"),
+    *(f"record.{x}" for x in ("instants", "pieces", "piece_rows", "ends")),
+)
+
 # The largest number that can be squared in a sum.
 _LARGEST = 1e150
 
@@ -107,14 +113,14 @@ class Model:
         return MakeModule(run.evaluator.program, *arguments)
 
     def Headers(self) -> dict[str, list[Any]]:
-        """Returns name, shape and whether numbers are whole of each array.
+        """Returns name, shape, whether it is of whole numbers and grows, of each array.
 
         They stand in the order of a header of `problem`, `memory` and `measured`; see
         typed_expressions.Header().
         """
         return {
             name: [
-                [field, list(array.shape), array.dtype.kind == "i"]
+                [field, list(array.shape), array.dtype.kind == "i", field in _GROWING]
                 for field, array in Fields(value).items()
             ]
             for name, value in (

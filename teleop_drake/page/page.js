@@ -17,46 +17,30 @@ async function unpack() {
 }
 
 // Makes an element with properties and children.
-function make(tag, properties = {}, ...children) {
+const make = (tag, properties, ...children) => {
   const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
   return element;
-}
-
+};
 // Returns text that says nothing to HTML.
 const safe = (text) => text.replace(/[&<>"]/g, (c) => `&#${c.charCodeAt()};`);
-
 // Returns a number in few digits.
-function show(x) {
-  if (x === undefined) return "–";
-  return Math.abs(x) >= 1e5 || (x && Math.abs(x) < 1e-4) ? x.toExponential(3) : String(+x.toPrecision(5));
-}
-
+const show = (x) => (x === undefined ? "–"
+  : Math.abs(x) >= 1e5 || (x && Math.abs(x) < 1e-4) ? x.toExponential(3) : String(+x.toPrecision(5)));
 // The loops of the kinds that the inputs choose, and what belongs to them.
 const chosen = () => loops.filter(({ choice }) => Object.keys(choice).every((x) => choice[x] === inputs[x].value));
 const shownLoop = () => chosen()[state.tab];
-const titled = (loop) => loop.kind.replaceAll("_", " ");
+const boxAt = (path) => shownLoop().levels.flatMap((x) => x.boxes).find((box) => box.path === path);
 const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
-
-// The colour of a controller; black is the page's ink.
-const inkOf = (loop) => (loop.color === "#000000" ? "currentColor" : loop.color);
-
+// The values of the inputs by their names.
+const values = () => Object.fromEntries(Object.values(inputs).map(({ name, value }) => [name, value]));
 // A short line in a controller's colour, and its name.
-function keyOf(loop, text = "") {
-  const key = make("span", { className: "key", style: `border-color: ${inkOf(loop)}` });
-  return make("span", {}, key, `${titled(loop)} ${text}`);
-}
-
+const keyOf = ({ color, title }, text = "") =>
+  make("span", {}, make("span", { className: "key", style: `border-color: ${color}` }), `${title} ${text}`);
 // Says something in the line of the status.
-function say(text, isBad = false) {
-  $("status").textContent = text;
-  $("status").classList.toggle("bad", isBad);
-}
-
+const say = (text, className = "") => Object.assign($("status"), { textContent: text, className });
 // Waits for the next picture; a page that is not shown has none.
 const nextFrame = () => new Promise((go) => { requestAnimationFrame(go); setTimeout(go, 50); });
-
-// ---- Inputs and runs.
 
 // Sets an input, at a stop if it has stops; both delays at once for `delay`.
 function setInput(name, value) {
@@ -74,30 +58,24 @@ function setInput(name, value) {
   return refresh();
 }
 
-// The values of the inputs by their names.
-const values = () => Object.fromEntries(Object.values(inputs).map(({ name, value }) => [name, value]));
-
 // Simulates what the inputs say, again if they change meanwhile, and shows it.
 function refresh() {
   ++state.version;
   state.drive = null;
   // What is shown belongs to other values; if this takes long it becomes pale.
   document.body.classList.add("stale");
-  return (state.busy ??= simulate().catch((error) => say(error.message, true)).finally(() => { state.busy = null; }));
+  return (state.busy ??= simulate().catch((error) => say(error.message, "bad")).finally(() => { state.busy = null; }));
 }
 
 // Simulates until no input has changed meanwhile.
 async function simulate() {
   for (let mine = -1; mine !== state.version; await nextFrame()) {
     mine = state.version;
-    const begin = performance.now(), runs = [];
-    for (const loop of chosen()) {
-      runs.push(await loop.simulate(values(), () => state.version !== mine, state.hand));
-    }
+    const begin = performance.now(), isStale = () => state.version !== mine, runs = [];
+    for (const loop of chosen()) runs.push(await loop.simulate(values(), isStale, state.hand));
     if (runs.includes(null)) continue;
     state.runs = runs;
-    if (data.hand) state.window = [Math.max(0, duration() - 8), Math.max(8, duration())];
-    setCursor(data.hand ? duration() : state.cursor);
+    if (data.hand) showLast(duration()); else setCursor(state.cursor);
     showMetrics();
     say(`${runs.length} runs simulated and drawn in ${(performance.now() - begin).toFixed(0)} ms`);
   }
@@ -108,10 +86,10 @@ async function simulate() {
 function makeInputs() {
   for (const input of Object.values(inputs)) {
     const { name, label: ariaLabel, stops, choices, min, max } = input, step = "any";
-    const set = (value) => { try { setInput(name, value); } catch (error) { say(error.message, true); } };
-    const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step };
-    const first = choices ? make("select", { ariaLabel }, ...choices.map((x) => make("option", {}, x)))
-      : make("input", { type: "range", ariaLabel, ...bounds });
+    const set = (value) => { try { setInput(name, value); } catch (error) { say(error.message, "bad"); } };
+    const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step }, type = "range";
+    const first = !choices ? make("input", { type, ariaLabel, ...bounds })
+      : make("select", { ariaLabel }, ...choices.map((x) => make("option", {}, x)));
     const number = make("input", { type: "number", ariaLabel, step, hidden: Boolean(choices) });
     first.oninput = () => set(choices ? first.value : stops ? stops[first.value] : +first.value);
     number.onchange = () => set(+number.value);
@@ -138,13 +116,11 @@ function showMetrics() {
   const labels = Object.assign({}, ...runs.map((run) => run.loop.labels));
   const rows = Object.keys(labels).filter((name) => runs.some((run) => name in run.metrics))
     .map((name) => row("td", labels[name], ...runs.map((run) => show(run.metrics[name]))));
-  const ends = runs.filter((run) => run.reason).map((run) =>
-    make("div", {}, `${titled(run.loop)} ended at ${show(run.time.at(-1))} s: ${run.reason}`));
-  const table = make("table", {}, row("th", "", ...runs.map((run) => keyOf(run.loop))), ...rows);
-  $("metrics").replaceChildren(...rows.length ? [table] : [], ...ends);
+  const ends = runs.map(({ reason, time }) => (reason ? `${show(time.at(-1))} s: ${reason}` : ""));
+  if (ends.some((x) => x)) rows.unshift(row("td", "ended at", ...ends));
+  if (rows.length) rows.unshift(row("th", "", ...runs.map((run) => keyOf(run.loop))));
+  $("metrics").replaceChildren(...rows.length ? [make("table", {}, ...rows)] : []);
 }
-
-// ---- The diagram.
 
 // Shows a level of the diagram of the controller that is chosen.
 function showLevel(path) {
@@ -159,15 +135,11 @@ function showLevel(path) {
 
 // Marks the ports and wires whose signals are in the scopes.
 function markPorts() {
-  const { ports } = shownLoop(), places = state.scopes.map((port) => String(ports[port]));
+  const { ports } = shownLoop(), placeOf = (port) => String(ports[port] ?? port), on = state.scopes.map(placeOf);
   for (const element of $("diagram").querySelectorAll("[data-port]")) {
-    const place = ports[element.dataset.port];
-    element.classList.toggle("on", Boolean(place) && places.includes(String(place)));
+    element.classList.toggle("on", on.includes(placeOf(element.dataset.port)));
   }
 }
-
-// The box with a path, of the controller that is chosen.
-const boxAt = (path) => shownLoop().levels.flatMap((x) => x.boxes).find((box) => box.path === path);
 
 // Opens a box: says what it is, and shows its ports and the inputs that it has.
 function open(path) {
@@ -175,9 +147,10 @@ function open(path) {
   if (path !== state.level && loop.levels.some((x) => x.path === path)) showLevel(path);
   const ports = [...box.u, ...box.y].map((name) => `${path}:${name}`).filter((x) => loop.ports[x]);
   for (const { row, owners } of Object.values(inputs)) $(owners.includes(first) ? "box" : "inputs").append(row);
-  const own = $("box").querySelectorAll(".row");
-  $("box").replaceChildren(make("h2", {}, `${path || data.title}: ${box.kind}`), box.says, ...own, make("div", {},
-    ...ports.map((port) => make("button", { textContent: port.split(":")[1], onclick: () => toggleScope(port) }))));
+  const buttons = ports.map((port) =>
+    make("button", { textContent: port.split(":")[1], onclick: () => toggleScope(port) }));
+  $("box").replaceChildren(make("h2", {}, `${path || data.title}: ${box.kind}`), box.says,
+    ...$("box").querySelectorAll(".row"), ...buttons);
 }
 
 // The values of a port at the cursor.
@@ -194,7 +167,7 @@ function answer({ type, target }) {
   if ($("tip").hidden) return;
   if (type === "click") { if (port) toggleScope(port); else open(box); }
   const place = shownLoop().ports[port], { kind, says } = boxAt(box) ?? {};
-  const seen = () => state.runs.map((run) => `${titled(run.loop)}: ${valuesOf(run, port, 4)}`);
+  const seen = () => state.runs.map((run) => `${run.loop.title}: ${valuesOf(run, port, 4)}`);
   $("tip").textContent = !port ? `${box || data.title}: ${kind}\n${says}`
     : [port, ...place ? [`[${place[1]}]  ${place[2]}`, ...seen(), `at ${show(state.cursor)} s`] : []].join("\n");
 }
@@ -209,16 +182,13 @@ function find() {
   $("search").value = "";
 }
 
-// ---- The scopes.
-
 const DASHES = ["", "7 4", "2 3", "9 3 2 3"];
 const MOST_LINES = 6, MARGIN = 58, RIGHT = 18;
 
 // Puts a signal into the scopes, or takes it out.
 function toggleScope(port) {
   if (!loops.some((loop) => loop.ports[port])) return;
-  const others = state.scopes.filter((x) => x !== port);
-  state.scopes = others.length < state.scopes.length ? others : [port, ...others];
+  state.scopes = state.scopes.includes(port) ? state.scopes.filter((x) => x !== port) : [port, ...state.scopes];
   makeScopes();
 }
 
@@ -283,10 +253,10 @@ function plot(port, width, height) {
   const x = (t) => ((t - a) / (b - a) * (width - MARGIN - RIGHT)).toFixed(1);
   const y = (v) => (4 + (high + gap - v) / (high - low + 2 * gap) * (bottom - 6)).toFixed(1);
   const drawn = lines.map(({ run, k, points, isPale }) => `<polyline class="${isPale ? "pale" : ""}"
-    points="${points.map(([t, v]) => `${x(t)},${y(v)}`).join(" ")}" stroke="${inkOf(run.loop)}"
+    points="${points.map(([t, v]) => `${x(t)},${y(v)}`).join(" ")}" stroke="${run.loop.color}"
     stroke-dasharray="${DASHES[k % DASHES.length]}"/>`);
   const events = state.runs.flatMap((run) => run.events.map(({ time }) =>
-    `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${inkOf(run.loop)}"/>`));
+    `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${run.loop.color}"/>`));
   const marks = ticks(low - gap, high + gap, 5).map((v) => `<text x="${MARGIN - 6}" y="${y(v)}" dy="4"
     text-anchor="end">${show(v)}</text><path class="${v ? "" : "zero"}" d="M${MARGIN} ${y(v)}H${width}"/>`);
   const times = ticks(a, b, width / 90).map((t) =>
@@ -316,8 +286,6 @@ function drawScopes() {
   }
 }
 
-// ---- The task.
-
 // Moves the cursor of all that is shown.
 function setCursor(t) {
   state.cursor = clamp(t, 0, duration());
@@ -329,41 +297,30 @@ function setCursor(t) {
 
 // Returns where the joints of an arm and its tool are: each joint turns or moves all behind it.
 function armAt(run) {
-  const { joints } = run.loop, q = run.vector(run.signal("joint_position"), state.cursor), n = joints.length;
-  const points = range(n + 1).map((j) => Array.from(run.z.arm.slice(6 * j, 6 * j + 3)));
-  for (let j = n - 1; j >= 0; --j) {
-    const [at, u] = [6 * j, 6 * j + 3].map((i) => run.z.arm.slice(i, i + 3)), angle = q[joints[j].position];
-    const [c, s] = [Math.cos(angle), Math.sin(angle)];
-    for (let i = j + 1; i <= n; ++i) {
-      const r = points[i].map((x, k) => x - at[k]), along = (1 - c) * dot(u, r);
-      points[i] = points[i].map((x, k) => (!joints[j].turns ? x + angle * u[k] : at[k] + c * r[k] + along * u[k]
-        + s * (u[(k + 1) % 3] * r[(k + 2) % 3] - u[(k + 2) % 3] * r[(k + 1) % 3])));
-    }
-  }
-  return points;
-}
-
-// Returns marks of the packets under way, which are sent every data.period.
-function flights(lags, from, to, y) {
-  const longest = lags.reduce((a, b) => (b < Infinity ? Math.max(a, b) : a), 0), { cursor } = state;
-  const sent = range(Math.floor(cursor / data.period) + 1).filter((k) => cursor - k * data.period < longest);
-  const shares = sent.map((k) => (cursor - k * data.period) / lags[Math.min(k, lags.length - 1)]).reverse();
-  return shares.filter((x) => x > 0 && x < 1).map((x) => `M${from + x * (to - from)} ${y}h5`).join("");
+  const q = run.vector(run.signal("joint_position"), state.cursor), place = (i) => run.z.arm.slice(3 * i, 3 * i + 3);
+  let all = new DOMMatrix();
+  const pointAt = (i) => { const { x, y, z } = all.transformPoint(new DOMPoint(...place(i))); return [x, y, z]; };
+  const points = run.loop.joints.map(({ position, turns }, j) => {
+    const [at, axis] = [place(2 * j), place(2 * j + 1)], point = pointAt(2 * j);
+    all = !turns ? all.translate(...axis.map((x) => x * q[position]))
+      : all.translate(...at).rotateAxisAngle(...axis, q[position] * 180 / Math.PI).translate(...at.map((x) => -x));
+    return point;
+  });
+  return [...points, pointAt(2 * points.length)];
 }
 
 // Returns what maps a point of the drawing to pixels, with all of the arms, unless the tools' paths
 // become too small; without a second axis the runs are in lanes.
 function fitScene(paths, arms, width, height, lanes) {
   const span = (points, k) => [-1, 1].map((sign) => sign * Math.max(...points.map((p) => sign * p[k])));
-  const most = 4 * Math.max(...[0, 1].map((k) => span(paths, k)).map(([low, high]) => high - low));
-  const [[left, right], [bottom, top]] = [0, 1].map((k) => {
-    const [low, high] = span(paths, k), [back, far] = span([...paths, ...arms], k);
+  const own = [0, 1].map((k) => span(paths, k)), most = 4 * Math.max(...own.map(([low, high]) => high - low));
+  const [[left, right], [bottom, top]] = own.map(([low, high], k) => {
+    const [back, far] = span([...paths, ...arms], k);
     return [Math.max(low - most, back), Math.min(high + most, far)];
   });
   const scale = Math.min(0.85 * width / (right - left || 1e-6), lanes ? Infinity : (height - 40) / (top - bottom));
-  const x = (p) => width / 2 + (p[0] - (left + right) / 2) * scale;
-  const y = (p, lane) => (lanes ? (lane + 0.5) * height / lanes : height / 2 + 8 - (p[1] - (bottom + top) / 2) * scale);
-  return (p, lane) => [x(p), y(p, lane)].map((v) => v.toFixed(1));
+  return ([x, y], lane) => [width / 2 + (x - (left + right) / 2) * scale, lanes ? (lane + 0.5) * height / lanes
+    : height / 2 + 8 - (y - (bottom + top) / 2) * scale].map((v) => v.toFixed(1));
 }
 
 // Draws the task at the cursor: surfaces, arms, tools, what is felt and packets under way.
@@ -375,11 +332,15 @@ function drawScene() {
   const see = (q) => data.view.map((axis) => dot(axis.slice(0, q.length), q)), isPlane = data.view[1].some((x) => x);
   const pathOf = (run, end) => run.ends.filter((i) => run.time[i] <= end)
     .map((i) => see(run.row(run.signal("tool_position"), i)));
-  const surfaces = shown[0].surfaces.map((s) => ({ ...s, point: see(s.point), normal: see(s.normal) }));
+  const { loop: { surfaces: names }, z: { surfaces: all } } = shown[0], n = all.length / names.length / 2;
+  const part = (i) => see(Array.from(all.slice(i * n, (i + 1) * n)));
+  const surfaces = names.map((name, i) => ({ name, point: part(2 * i), normal: part(2 * i + 1) }))
+    .filter((x) => x.point.every(Number.isFinite));
   const arms = shown.map((run) => (run.loop.joints.length ? armAt(run).map(see) : []));
   const near = [...shown.flatMap((run) => pathOf(run, Infinity)), ...isPlane ? [] : surfaces.map((s) => s.point)];
   const pixels = fitScene(near, arms.flat(), width, floor, isPlane ? 0 : shown.length);
-  // The half-plane behind each surface.
+  // When packets are sent, and the half-plane behind each surface.
+  const sent = range(Math.floor(state.cursor / data.period) + 1).map((k) => k * data.period);
   const slabs = surfaces.map(({ name, point, normal: [nx, ny] }, i) => {
     const [x, y] = pixels(point, 0), angle = Math.atan2(-ny, nx) * 180 / Math.PI;
     return `<rect class="${safe(name)}" y="-3000" width="3000" height="6000"
@@ -387,41 +348,41 @@ function drawScene() {
       <text x="${clamp(+x + 3, 4, width - 60)}" y="${12 + 13 * (i % 2)}">${safe(name)}</text>`;
   });
   const drawn = shown.map((run, lane) => {
-    const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position"), rail = floor + 10 + 14 * lane;
+    const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position");
     const [[x, y], [u, v]] = [run.signal("tool_position"), felt ?? run.signal("tool_position")]
       .map((columns) => pixels(see(run.vector(columns, state.cursor)), lane));
-    const line = (points, name) => `<polyline class="${name}" points="${points.map((p) => pixels(p, lane)).join(" ")}"/>`;
-    const packets = flights(run.z.forward ?? [], 70, width - 55, rail) + flights(run.z.return ?? [], width - 55, 70, rail + 6);
-    return `<g stroke="${inkOf(run.loop)}" fill="${inkOf(run.loop)}">${line(pathOf(run, state.cursor), "path")}
+    const line = (points, name) => `<polyline class="${name}" points="${points.map((p) => pixels(p, lane))}"/>`;
+    const { forward, return: back } = run.z, rail = floor + 10 + 14 * lane, way = width - 125;
+    const packets = [[forward, 70, way, rail], [back, width - 55, -way, rail + 6]].flatMap(([lags, from, long, at]) =>
+      sent.map((t, k) => (state.cursor - t) / lags?.[Math.min(k, lags.length - 1)]).reverse()
+        .filter((x) => x > 0 && x < 1).map((x) => `M${from + x * long} ${at}h5`)).join("");
+    return `<g stroke="${run.loop.color}" fill="${run.loop.color}">${line(pathOf(run, state.cursor), "path")}
       ${line(arms[lane], "arm")}<circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
       <circle cx="${x}" cy="${y}" r="5"/><path class="packets" d="${packets}"/>
-      <text x="4" y="${+y + 18}">${isPlane ? "" : safe(titled(run.loop))}</text></g>`;
+      <text x="4" y="${+y + 18}">${isPlane ? "" : safe(run.loop.title)}</text></g>`;
   });
-  const ends = shown[0].z.forward ? ["operator", "robot"] : ["", ""];
-  $("scene").innerHTML = `${slabs.join("")}${drawn.join("")}<text x="4" y="${height - 12}">${ends[0]}</text>
-    <text x="${width - 4}" y="${height - 12}" text-anchor="end">${ends[1]}</text>
+  const sides = shown[0].z.forward ? ["operator", "robot"] : ["", ""];
+  $("scene").innerHTML = `${slabs.join("")}${drawn.join("")}<text x="4" y="${height - 12}">${sides[0]}</text>
+    <text x="${width - 4}" y="${height - 12}" text-anchor="end">${sides[1]}</text>
     <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
 }
 
-// Plays on, ten times slower around events if that is wanted.
-function play(now, before = now) {
-  if (!state.isPlaying) return;
-  const near = state.runs.some((run) => run.events.some((e) => Math.abs(e.time - state.cursor) < 0.1));
-  const speed = $("speed").value * ($("slow").checked && near ? 0.1 : 1);
-  setCursor(state.cursor + Math.min(now - before, 100) / 1000 * speed);
-  if (state.cursor >= duration()) togglePlay();
-  else requestAnimationFrame((next) => play(next, now));
-}
-
-// Begins to play, or ends it.
+// Begins to play, ten times slower around events if that is wanted, or ends it.
 function togglePlay() {
   state.isPlaying = !state.isPlaying;
   $("play").textContent = state.isPlaying ? "❚❚" : "▶";
   if (state.isPlaying && state.cursor >= duration()) setCursor(0);
-  if (state.isPlaying) requestAnimationFrame((now) => play(now));
+  let before = performance.now();
+  const play = (now) => {
+    if (!state.isPlaying) return;
+    const isNear = state.runs.some((run) => run.events.some((e) => Math.abs(e.time - state.cursor) < 0.1));
+    const speed = $("speed").value * ($("slow").checked && isNear ? 0.1 : 1);
+    setCursor(state.cursor + clamp(now - before, 0, 100) / 1000 * speed);
+    before = now;
+    if (state.cursor >= duration()) togglePlay(); else requestAnimationFrame(play);
+  };
+  requestAnimationFrame(play);
 }
-
-// ---- One's own hand.
 
 const KEYS = [["ArrowLeft", "ArrowRight"], ["ArrowDown", "ArrowUp"], ["s", "w"], ["j", "l"], ["k", "i"], ["o", "u"]];
 const PICTURE = 1 / 60;
@@ -432,6 +393,12 @@ function command() {
   const sticks = [pad?.axes[0], -pad?.axes[1], -pad?.axes[3]].map((x) => (Math.abs(x) > 0.1 ? x : 0));
   return KEYS.slice(0, n).map(([less, more], k) => most * clamp(
     state.keys.has(more) - state.keys.has(less) + (sticks[k] ?? 0) + (state.pull[k] ?? 0), -1, 1));
+}
+
+// Moves the cursor to a time, and shows what was before.
+function showLast(t) {
+  state.window = [Math.max(0, t - 8), Math.max(8, t)];
+  setCursor(t);
 }
 
 // Drives the controller that is chosen, in real time, until that is enough.
@@ -447,23 +414,21 @@ async function drive() {
     const late = (performance.now() - begin) / 1000 - state.hand.at(-1)[0];
     // At most a tenth of a second is made up for; then simulated time is slower.
     for (let i = 0; i < Math.min(late / PICTURE, 6) && !run.reason; ++i) {
-      const before = state.hand.at(-1), after = [before[0] + PICTURE, ...command()];
-      await run.follow(before, after);
-      state.hand.push(after);
+      const before = state.hand.at(-1);
+      state.hand.push([before[0] + PICTURE, ...command()]);
+      await run.follow(before, state.hand.at(-1));
     }
-    const now = run.time?.at(-1) ?? 0;
-    state.window = [Math.max(0, now - 8), Math.max(8, now)];
-    if (now) setCursor(now);
-    say(`driving ${titled(loop)}: ${now.toFixed(1)} s`);
-    const felt = run.signal("force_command"), size = felt && now && Math.hypot(...run.vector(felt, now));
-    const pad = navigator.getGamepads?.().find((x) => x?.vibrationActuator);
-    if (size) pad?.vibrationActuator.playEffect("dual-rumble", { duration: 50,
-      strongMagnitude: Math.min(1, size / (data.hand.newtons || 1)) });
+    const now = run.time.at(-1) ?? 0;
+    showLast(now);
+    say(`driving ${loop.title}: ${now.toFixed(1)} s`);
+    const felt = run.signal("force_command"), size = felt ? Math.hypot(...run.vector(felt, now)) : 0;
+    navigator.getGamepads?.().find((x) => x?.vibrationActuator)?.vibrationActuator.playEffect("dual-rumble", {
+      duration: 50, strongMagnitude: Math.min(1, size / (data.hand.newtons || 1)) });
     await nextFrame();
   }
   $("drive").textContent = "Drive again";
-  const rows = [["time", "v_x", "v_y", "v_z"].slice(0, 1 + data.hand.num_axes), ...state.hand];
-  $("save").href = URL.createObjectURL(new Blob([rows.join("\n")], { type: "text/csv" }));
+  const names = ["time", "v_x", "v_y", "v_z"].slice(0, 1 + data.hand.num_axes);
+  $("save").href = URL.createObjectURL(new Blob([[names, ...state.hand].join("\n")], { type: "text/csv" }));
   $("saved").hidden = false;
   state.runs = [];
   await refresh();
@@ -472,31 +437,32 @@ async function drive() {
 // Lets a pointer on the scene pull the tool, as far as it is from where it went down.
 function makeHand() {
   let from = null;
-  $("scene").onpointerdown = (e) => { from = [e.clientX, e.clientY]; $("scene").setPointerCapture(e.pointerId); };
-  $("scene").onpointermove = (e) => { if (from) state.pull = [(e.clientX - from[0]) / 80, (from[1] - e.clientY) / 80]; };
-  $("scene").onpointerup = $("scene").onpointercancel = () => { from = null; state.pull = []; };
+  const move = ({ clientX: x, clientY: y, type, pointerId }) => {
+    if (type === "pointerdown") { from = [x, y]; $("scene").setPointerCapture(pointerId); }
+    if (/up|cancel/.test(type)) from = null;
+    state.pull = from ? [(x - from[0]) / 80, (from[1] - y) / 80] : [];
+  };
+  for (const type of ["down", "move", "up", "cancel"]) $("scene").addEventListener(`pointer${type}`, move);
   $("drive").onclick = drive;
   $("repeat").textContent = data.hand.command;
   $("hand").hidden = false;
 }
 
-// ---- The page.
-
 // Does what a key says.
 function press(e) {
-  if (e.target.matches?.("input, select") && e.key !== "Escape") return;
-  if (state.drive && KEYS.flat().includes(e.key)) { e.preventDefault(); state.keys.add(e.key); return; }
-  const step = (state.window[1] - state.window[0]) / 200;
+  const { key, target } = e, { window: [a, b], cursor } = state, isField = target.matches?.("input, select");
+  if (isField && key !== "Escape" || target.matches?.("button") && [" ", "Enter"].includes(key)) return;
   const actions = {
     " ": togglePlay, p: togglePin, d: () => data.hand && drive(), "/": () => $("search").focus(),
-    ArrowLeft: () => setCursor(state.cursor - step), ArrowRight: () => setCursor(state.cursor + step),
-    "+": () => zoom(1 / 1.5, state.cursor), "-": () => zoom(1.5, state.cursor), 0: () => zoom(Infinity, 0),
+    ArrowLeft: () => setCursor(cursor - (b - a) / 200), ArrowRight: () => setCursor(cursor + (b - a) / 200),
+    "+": () => zoom(1 / 1.5, cursor), "-": () => zoom(1.5, cursor), 0: () => zoom(Infinity, 0),
     Escape: () => (state.drive ? drive() : showLevel(state.level.split("/").slice(0, -1).join("/"))),
-    Enter: () => answer({ type: "click", target: e.target }),
+    Enter: () => answer({ type: "click", target }),
   };
-  if (!actions[e.key] || ([" ", "Enter"].includes(e.key) && e.target.matches?.("button"))) return;
+  const action = state.drive && KEYS.flat().includes(key) ? () => state.keys.add(key) : actions[key];
+  if (!action) return;
   e.preventDefault();
-  actions[e.key]();
+  action();
 }
 
 // Makes the page.
@@ -505,57 +471,43 @@ async function start() {
   inputs = Object.fromEntries(data.inputs.map((input) => [input.name, { ...input }]));
   loops = data.controllers.map((x) => new Loop(x, data.inputs));
   if (loops[0].module) for (const loop of chosen()) loop.compile();
-  for (const type of ["click", "mouseover", "mouseout", "focusin", "focusout"]) $("diagram").addEventListener(type, answer);
-  showLevel("");
+  for (const x of "click mouseover mouseout focusin focusout".split(" ")) $("diagram").addEventListener(x, answer);
   $("notes").textContent = data.notes.join("\n");
-  $("tabs").append(...(chosen().length < 2 ? [] : chosen().map((loop, i) => make("button", {
-    textContent: titled(loop), ariaPressed: i === 0, onclick: () => {
-      state.tab = i;
-      [...$("tabs").children].forEach((tab, k) => { tab.ariaPressed = k === i; });
-      showLevel(state.level);
-    } }))));
-  const names = loops.flatMap((loop) => [...Object.keys(loop.ports),
-    ...loop.levels.flatMap((x) => x.boxes.map((box) => box.path))]);
-  $("found").append(...[...new Set(names)].filter((x) => x).map((value) => make("option", { value })));
-  const html = document.documentElement;
-  html.classList.toggle("dark", matchMedia("(prefers-color-scheme: dark)").matches);
-  Object.assign($("theme"), { onclick: () => html.classList.toggle("dark") });
-  Object.assign($("search"), { onchange: find });
-  Object.assign($("play"), { onclick: togglePlay });
-  Object.assign($("pin"), { onclick: togglePin });
-  Object.assign($("clock"), { oninput: () => setCursor(+$("clock").value) });
+  const choose = (i) => {
+    state.tab = i;
+    tabs.forEach((tab, k) => { tab.ariaPressed = k === i; });
+    showLevel(state.level);
+  };
+  const tabs = chosen().map(({ title }, i) => make("button", { textContent: title, onclick: () => choose(i) }));
+  choose(0);
+  $("tabs").append(...tabs.length > 1 ? tabs : []);
+  const paths = loops.flatMap((loop) => loop.levels.flatMap((x) => x.boxes.map((box) => box.path)));
+  const names = new Set([...paths, ...loops.flatMap((loop) => Object.keys(loop.ports))].filter((x) => x));
+  $("found").append(...Array.from(names, (value) => make("option", { value })));
+  const root = document.documentElement.style;
+  root.colorScheme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  $("theme").onclick = () => { root.colorScheme = root.colorScheme === "dark" ? "light" : "dark"; };
+  $("search").onchange = find;
+  $("play").onclick = togglePlay;
+  $("pin").onclick = togglePin;
+  $("clock").oninput = () => setCursor(+$("clock").value);
   document.addEventListener("keydown", press);
   document.addEventListener("keyup", (e) => state.keys.delete(e.key));
   addEventListener("resize", () => setCursor(state.cursor));
   if (data.hand) makeHand();
   makeInputs();
-  if (!loops[0].module) {
-    document.body.classList.add("still");
-    return say("");
-  }
+  if (!loops[0].module) return document.body.classList.add("still");
   const { signals, ports } = loops[0], first = ["tool_velocity", "environment_force", "tool_position"];
   const usual = signals.tool_velocity ? first : Object.keys(signals).slice(0, 3);
-  state.scopes = (data.scopes.length ? data.scopes : usual).map((name) => signals[name]).filter((port) => ports[port]);
+  state.scopes = [data.scopes, usual].find((x) => x.length).map((x) => signals[x]).filter((port) => ports[port]);
   state.window = [0, loops[0].numbers.run[0]];
   makeScopes();
   await refresh();
 }
 
-// Runs a controller at the values of the inputs, for scripts.
-async function runForScripts(kind) {
-  const loop = chosen().find((x) => x.kind === kind);
-  if (!loop) throw new RangeError(`controller ${kind}: must be one of ${window.teleop.controllers}`);
-  await state.busy;
-  const run = await loop.simulate(values(), undefined, state.hand), { time, events, metrics, wall } = run;
-  const signals = Object.fromEntries(Object.keys(loop.signals).map((name) => [name,
-    run.signal(name).map((k) => range(time.length).map((i) => run.rows[i * run.width + k]))]));
-  const result = { time: [...time], events, metrics, signals, wall_time_ms: wall, diverged: Boolean(run.reason) };
-  return Object.defineProperty(result, "run", { value: run });
-}
-
 // For scripts.
 window.teleop = {
-  ready: start().catch((error) => { say(error.message, true); throw error; }),
+  ready: start().catch((error) => { say(error.message, "bad"); throw error; }),
   // The kinds that are shown.
   get controllers() { return chosen().map((loop) => loop.kind); },
   // What can be set, as it is.
@@ -564,11 +516,21 @@ window.teleop = {
       [name, choices ? { value, choices } : { value, min, max, unit }]));
   },
   set: setInput,
-  run: runForScripts,
-  sample: ({ run }, name, times) => {
+  // Runs a controller at the values of the inputs.
+  async run(kind) {
+    const loop = chosen().find((x) => x.kind === kind);
+    if (!loop) throw new RangeError(`controller ${kind}: must be one of ${this.controllers}`);
+    await state.busy;
+    const run = await loop.simulate(values(), undefined, state.hand), { time, events, metrics, wall } = run;
+    const signals = Object.fromEntries(Object.keys(loop.signals).map((name) => [name,
+      run.signal(name).map((k) => range(time.length).map((i) => run.rows[i * run.width + k]))]));
+    return Object.defineProperty({ time: [...time], events, metrics, signals, wall_time_ms: wall,
+      diverged: Boolean(run.reason) }, "run", { value: run });
+  },
+  // Returns a signal of such a run at times.
+  sample({ run }, name, times) {
     const columns = run.signal(name) ?? run.columns(name);
     if (!columns) throw new RangeError(`signal ${name}: must be one of ${Object.keys(run.loop.signals)}`);
-    const rows = times.map((t) => run.vector(columns, t));
-    return columns.map((_, k) => rows.map((row) => row[k]));
+    return columns.map((column) => times.map((t) => run.vector([column], t)[0]));
   },
 };

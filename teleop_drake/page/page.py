@@ -23,7 +23,7 @@ from teleop_drake.files import Replacing
 from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
-from teleop_drake.page.wasm import Packed
+from teleop_drake.page.wasm import ConstantsOf, Packed
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -255,7 +255,7 @@ def MakePage(
 def DiagramPage(diagram: Diagram) -> Page:
     """Makes a page that shows any block diagram of Drake and simulates nothing."""
     title = diagram.get_name() or "diagram"
-    shown: dict[str, Any] = {"kind": title, "levels": Levels(diagram)}
+    shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
     shown |= {"ports": {}, "signals": {}, "choice": {}}
     data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
     return Page(_Html(title, data), [])
@@ -467,8 +467,10 @@ def _Data(
             {
                 "kind": which[0],
                 "choice": dict(zip(choices, which[1:], strict=True)),
-                "color": COLORS[kinds.index(which[0]) % len(COLORS)],
+                "title": which[0].replace("_", " "),
+                "color": _ColorOf(kinds.index(which[0])),
                 "module": model.Module(),
+                "start": ConstantsOf(model.Module()),
                 "headers": model.Headers(),
                 "labels": model.measures.names,
                 "events": model.measures.EventNames(),
@@ -492,6 +494,12 @@ def _Data(
             for i, (which, model) in enumerate(models.items())
         ],
     }
+
+
+def _ColorOf(index: int) -> str:
+    """Returns the colour of a controller; black is the page's ink, dark or light."""
+    color = COLORS[index % len(COLORS)]
+    return "currentColor" if color == "#000000" else color
 
 
 def _DataOfInputs(

@@ -136,6 +136,14 @@ def _ReadLeb(data: bytes, place: int) -> tuple[int, int]:
     return number | data[place] << shift, place + 1
 
 
+def ConstantsOf(module: bytes) -> int:
+    """Returns the size in memory of what is a module's own."""
+    name = _NO_FUNCTIONS[0]
+    # Behind the name stand the kind of the import and that of its limit.
+    pages, _ = _ReadLeb(module, module.index(name) + len(name) + 2)
+    return pages << 16
+
+
 def Packed(data: bytes) -> bytes:
     """Returns data in fewer bytes, always the same for the same data."""
     return gzip.compress(data, mtime=0)

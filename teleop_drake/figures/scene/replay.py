@@ -29,6 +29,9 @@ from teleop_drake.recording import Recording
 # has been felt, s. Of a run that bounces the first contacts are shown so.
 _SLOW_BEFORE, _SLOW_AFTER, _NUM_SLOW = 0.05, 0.15, 3
 
+_PANEL = "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
+_PANEL += "background: #ffffffb0"
+
 _FRAME_HEIGHT = 620  # pixels, in a notebook
 
 
@@ -87,11 +90,10 @@ def MakeReplay(
     AnimateRuns(recordings, meshcat)
     runs = recordings.values()
     title = next(iter(runs)).scenario.name
-    end = max(float(run.time[-1]) for run in runs)
-    data = {"end": end, "slow": [span for run in runs for span in _SlowSpans(run)]}
+    data = {"slow": [span for run in runs for span in _SlowSpans(run)]}
     player = (resources.files(__package__) / "player.html").read_text(encoding="utf-8")
     head, _, rest = meshcat.StaticHtml().rpartition("</body>")
-    page = f"""{head}<div id="panel">{_Panel(title, recordings)}</div>
+    page = f"""{head}<div id="panel" style="{_PANEL}">{_Panel(title, recordings)}</div>
 <script>const replay = {json.dumps(data, allow_nan=False)};</script>
 {player}</body>{rest}"""
     return Replay(title, page)

@@ -13,7 +13,7 @@ from teleop_drake.scenario import LoadScenario
 
 
 def Panel(replay):
-    return re.findall(r'<div id="panel">(.*)</div>', replay.html)[0]
+    return re.findall(r'<div id="panel" [^>]*>(.*)</div>', replay.html)[0]
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,6 @@ def test_the_page_says_what_is_seen(replay):
     assert marks[3:] == ["tissue", "free", "bone"]
     (text,) = re.findall(r"<script>const replay = (.*);</script>", replay.html)
     data = json.loads(text)
-    assert data["end"] == 2.0
     assert data["slow"][0] == pytest.approx([0.95, 1.35])
 
 
