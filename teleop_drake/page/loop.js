@@ -63,8 +63,7 @@ class Loop {
       writes.push([take(header.length), header, true]);
       headers.push(writes.at(-1)[0].at);
     }
-    const missing = end - this.memory.buffer.byteLength;
-    if (missing > 0) this.memory.grow(Math.ceil(missing / 65536));
+    this.memory.grow(Math.max(0, Math.ceil((end - this.memory.buffer.byteLength) / 65536)));
     for (const [{ at, count }, x, isWhole] of writes) {
       const array = new (isWhole ? BigInt64Array : Float64Array)(this.memory.buffer, at, count);
       array.fill(isWhole ? 0n : 0);
@@ -79,9 +78,7 @@ class Loop {
     await this.compile();
     const begin = performance.now(), run = new Run(this, this.numbersAt(values));
     if (this.feed) run.duration = hand.at(-1)?.[0] ?? 8;
-    for (let i = 1; this.feed && i < hand.length; ++i) {
-      if (!await run.follow(hand[i - 1], hand[i], isStale)) return null;
-    }
+    for (let i = 1; i < hand.length; ++i) if (!await run.follow(hand[i - 1], hand[i], isStale)) return null;
     if (!await run.advance(run.duration, isStale)) return null;
     run.wall = performance.now() - begin;
     return run;

@@ -7,7 +7,8 @@ let data, loops, inputs;
 
 // Returns the data of the page; see page.py's _Bytes().
 async function unpack() {
-  const packed = Uint8Array.from(atob($("model").textContent), (c) => c.charCodeAt(0));
+  const text = atob($("model").textContent);
+  const packed = new Uint8Array(text.length).map((_, i) => text.charCodeAt(i));
   const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = await new Response(plain).arrayBuffer();
   const size = Number(new DataView(bytes).getBigUint64(0, true)), base = 8 + size;
@@ -72,7 +73,11 @@ async function simulate() {
   for (let mine = -1; mine !== state.version; await nextFrame()) {
     mine = state.version;
     const begin = performance.now(), isStale = () => state.version !== mine, runs = [];
-    for (const loop of chosen()) runs.push(await loop.simulate(values(), isStale, state.hand));
+    for (const loop of chosen()) {
+      runs.push(await loop.simulate(values(), isStale, state.hand));
+      // The first picture of all does not wait for the second run.
+      if (!state.runs.length && runs[0]) { state.runs = [...runs]; setCursor(0); await nextFrame(); }
+    }
     if (runs.includes(null)) continue;
     state.runs = runs;
     if (data.hand) showLast(duration()); else setCursor(state.cursor);
@@ -182,8 +187,7 @@ function find() {
   $("search").value = "";
 }
 
-const DASHES = ["", "7 4", "2 3", "9 3 2 3"];
-const MOST_LINES = 6, MARGIN = 58, RIGHT = 18;
+const DASHES = ["", "7 4", "2 3", "9 3 2 3"], MOST_LINES = 6, MARGIN = 58, RIGHT = 18;
 
 // Puts a signal into the scopes, or takes it out.
 function toggleScope(port) {
@@ -470,7 +474,6 @@ async function start() {
   data = await unpack();
   inputs = Object.fromEntries(data.inputs.map((input) => [input.name, { ...input }]));
   loops = data.controllers.map((x) => new Loop(x, data.inputs));
-  if (loops[0].module) for (const loop of chosen()) loop.compile();
   for (const x of "click mouseover mouseout focusin focusout".split(" ")) $("diagram").addEventListener(x, answer);
   $("notes").textContent = data.notes.join("\n");
   const choose = (i) => {
