@@ -1,6 +1,11 @@
 """A page's module run by wasmtime, as the page's own script runs it in a browser."""
 
+import base64
+import gzip
+import json
 import math
+import re
+from typing import Any
 
 import numpy as np
 import wasmtime
@@ -84,3 +89,18 @@ def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     instance = Instance(model)
     assert instance.Run(*model.numbers["run"]) == 0
     return instance.Rows()
+
+
+def DataOf(html: str) -> dict[str, Any]:
+    """Returns what is in a page, as its script unpacks it."""
+    (text,) = re.findall('<script id="model"[^>]*>(.*)</script>', html)
+    data = gzip.decompress(base64.b64decode(text))
+    base = 8 + int.from_bytes(data[:8], "little")
+
+    def Unpack(value: dict[str, Any]) -> Any:
+        if value.keys() == {"$f"}:
+            place, count = value["$f"]
+            return np.frombuffer(data, float, count, base + place)
+        return value
+
+    return json.loads(data[8:base], object_hook=Unpack)

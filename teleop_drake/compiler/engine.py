@@ -16,7 +16,7 @@ from teleop_drake.integrator import problem
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Evaluate, Integrator, Library
+from teleop_drake.machine_code.native import Evaluate, Library, TypedFunction
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
@@ -255,7 +255,7 @@ class CompiledRun:
         self.memory = memory._replace(steps=steps, values=values, breaks=breaks)
 
 
-def CompileIntegrator(*arguments: Any) -> Integrator:
+def CompileIntegrator(*arguments: Any) -> TypedFunction:
     """Returns integrator.advance.advance() as machine code.
 
     It is compiled once a process for all diagrams, as nothing in it is a user's, and
@@ -265,11 +265,11 @@ def CompileIntegrator(*arguments: Any) -> Integrator:
 
 
 @functools.cache
-def _Integrator(types: tuple[Any, ...]) -> Integrator:
+def _Integrator(types: tuple[Any, ...]) -> TypedFunction:
     data, _ = Kept(
         "advance", MakeTypedCode(cast(FunctionType, integrator.advance), types)
     )
-    return Integrator(Library(data, "advance", "fault"))
+    return TypedFunction(Library(data, "advance", "fault"), "advance")
 
 
 def _Delays(program: Program, start: float, end: float) -> problem.Delays:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_drake.integrator.problem import ROWS, Memory
+from teleop_drake.numerics.step_polynomials import DEGREE, to_powers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,17 +24,8 @@ TIME, BEFORE, SETTLING, MAXIMUM, MINIMUM, VARIATION, RMS, DISTANCE = range(8)
 # The places in `counts`.
 NUM_INSTANTS, NUM_PIECES, NUM_STEPS = range(3)
 
-# The coefficients of a polynomial in [0, 1], times 3, from five values.
-_TO_POWERS = np.array(
-    [
-        [3, 0, 0, 0, 0],
-        [-25, 48, -36, 16, -3],
-        [70, -208, 228, -112, 22],
-        [-80, 288, -384, 224, -48],
-        [32, -128, 192, -128, 32],
-    ],
-    float,
-)
+# The coefficients of a polynomial in [0, 1] from five values, times 3: whole numbers.
+_TO_POWERS = np.rint(3 * to_powers(DEGREE))
 
 # Longer than what instants are rounded by, s.
 _INSTANT = 1e-11
@@ -268,6 +260,9 @@ def _find_instants(record: Record, memory: AnyRows) -> None:
                     has_jumped = True
         if has_jumped and len(record.columns) > num_now:
             _add_instant(times[row] + record.delay[0], -1, record)
+        if row > 0 and mode >= 0 and rows[row, mode] != rows[row - 1, mode]:
+            event = 2 * num_forms if rows[row, mode] == 1.0 else 2 * num_forms + 1
+            _add_instant(times[row], event, record)
     _split(record, memory)
     for k in range(num_forms):
         for i in range(counts[NUM_PIECES]):
@@ -280,11 +275,6 @@ def _find_instants(record: Record, memory: AnyRows) -> None:
                     event = 2 * k + 1 if is_in else 2 * k
                     _add_instant(begin + x * (end - begin), event, record)
     _split(record, memory)
-    if mode >= 0:
-        for row in range(1, memory.counts[ROWS]):
-            if rows[row, mode] != rows[row - 1, mode]:
-                event = 2 * num_forms if rows[row, mode] == 1.0 else 2 * num_forms + 1
-                _add_instant(times[row], event, record)
     for i in range(counts[NUM_PIECES] if num_forms > 0 else 0):
         _sample(num_forms - 1, i, record, memory)
         total = 0.0

@@ -147,36 +147,28 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     return call
 
 
-class Integrator:
-    """integrator.advance.advance() in machine code."""
-
-    def __init__(self, library: Library):
-        self._library = library
-        pointers, numbers = [ctypes.c_void_p] * 3, [ctypes.c_double] * 3
-        kind = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)
-        self._function = kind(library.Address("advance"))
-
-    def __call__(
-        self, evaluate: Evaluate, problem: Any, memory: Any, *numbers: float
-    ) -> int:
-        """Integrates, as the function in Python does."""
-        headers = [np.array(Header(value), np.int64) for value in (problem, memory)]
-        pointers = (header.ctypes.data for header in headers)
-        status = int(self._function(evaluate.address, *pointers, *numbers))
-        self._library.RaiseFault()
-        return status
-
-
 class TypedFunction:
-    """A function of named tuples of arrays in machine code; see typed_code."""
+    """A function of arrays in machine code; see typed_code."""
 
     def __init__(self, library: Library, name: str):
-        self._library, self._address = library, library.Address(name)
+        self._library = library
+        self._function = ctypes.CFUNCTYPE(ctypes.c_int64)(library.Address(name))
 
-    def __call__(self, *tuples: Any) -> None:
-        """Calls it."""
-        headers = [np.array(Header(value), np.int64) for value in tuples]
-        pointers = [ctypes.c_void_p] * len(headers)
-        function = ctypes.CFUNCTYPE(None, *pointers)(self._address)
-        function(*(header.ctypes.data for header in headers))
+    def __call__(self, *arguments: Any) -> int:
+        """Calls it with numbers, named tuples of arrays and a function `evaluate`."""
+        headers = [
+            np.array(Header(x), np.int64) for x in arguments if isinstance(x, tuple)
+        ]
+        tuples = iter(headers)
+        status: int = self._function(
+            *(
+                ctypes.c_void_p(next(tuples).ctypes.data)
+                if isinstance(x, tuple)
+                else ctypes.c_void_p(x.address)
+                if isinstance(x, Evaluate)
+                else ctypes.c_double(x)
+                for x in arguments
+            )
+        )
         self._library.RaiseFault()
+        return status

@@ -35,7 +35,7 @@ def shares(degree: int) -> Array:
 
 
 @cache
-def _to_powers(degree: int) -> Array:
+def to_powers(degree: int) -> Array:
     """Returns the matrix from values to coefficients of ascending powers."""
     powers = np.vander(shares(degree), increasing=True)
     return np.asarray(np.linalg.inv(powers), np.float64)
@@ -51,7 +51,7 @@ def _mass(degree: int) -> Array:
     powers = powers[:, None] + powers + 1
     nodes = shares(degree)[:, None, None]
     hilbert = (nodes[1:] ** powers - nodes[:-1] ** powers) / powers
-    mass: Array = _to_powers(degree).T @ hilbert @ _to_powers(degree)
+    mass: Array = to_powers(degree).T @ hilbert @ to_powers(degree)
     return mass
 
 
@@ -169,7 +169,7 @@ def crossings(y: Array) -> tuple[Indices, Array, NDArray[np.bool_]]:
     is_above = y >= 0
     i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
     nodes = shares(degree)
-    c = _to_powers(degree) @ y[i].T
+    c = to_powers(degree) @ y[i].T
     # By the secant at first.
     at = nodes[j] + (nodes[j + 1] - nodes[j]) * y[i, j] / (y[i, j] - y[i, j + 1])
     at = _roots(c, at, nodes[j], nodes[j + 1], is_above[i, j])

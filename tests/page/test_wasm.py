@@ -1,14 +1,18 @@
 """WebAssembly of a run against its native run."""
 
+import dataclasses
 import math
+import secrets
 
 import numpy as np
 import pytest
-from wasm_runs import Instance
+from wasm_runs import DataOf, Instance
 
 from teleop_drake.integrator.measured_run import BEYOND
 from teleop_drake.numerics.step_polynomials import interpolate
+from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
+from teleop_drake.page.page import MakePage
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import FlattenMetrics
@@ -56,6 +60,58 @@ def test_it_ends_where_the_native_run_does():
     away = {"disturbance.gain": -100.0}
     for case in (("puma560_insertion", back), ("network_tracking_coupled", away)):
         assert AssertSame(LoadScenario(*case)).termination == "diverged"
+
+
+NETWORK = {
+    "forward_channel": {
+        **{"kind": "network", "delay": 0.1, "sample_period": 0.02},
+        "jitter": {"kind": "normal", "std": 0.01},
+    }
+}
+STIFFNESS = {"environment.layers.bone.stiffness": (50.0, 400.0)}
+SEED = {"forward_channel.seed": (0.0, 5.0)}
+SINE = {"surgeon.kind": ["constant_velocity", "sine"]}
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "vary"),
+    [
+        ("one_dof", {}, STIFFNESS | SINE),
+        pytest.param("one_dof", NETWORK, SEED, marks=pytest.mark.slow),
+        pytest.param("two_dof_combined", {}, STIFFNESS | SINE, marks=pytest.mark.slow),
+    ],
+)
+def test_random_values_of_every_input(request, name, more, vary):
+    """What a page adds up is the run of the scenario with these values."""
+    is_long = request.config.option.markexpr == "slow"
+    seed = secrets.randbits(32) if is_long else 0
+    print(f"seed {seed}")
+    generator = np.random.default_rng(seed)
+    data = DataOf(MakePage(name, overrides=more, vary=vary).html)
+    for loop in data["controllers"] * (8 if is_long else 1):
+        values, numbers = {}, dict(loop["numbers"])
+        for one in data["inputs"]:
+            key = one["name"]
+            if key not in loop["changes"]:
+                continue
+            value = generator.uniform(one["min"], one["max"])
+            values[key] = generator.choice(one["stops"]) if one["stops"] else value
+            slopes, tables = loop["changes"][key].values()
+            slopes = {k: (x.astype(int), rates) for k, (x, rates) in slopes.items()}
+            change, stops = Change(slopes=slopes, stops=tables), one["stops"] or []
+            numbers = {
+                name: Added(x, z, name, values[key], one["value"], stops, change)
+                for (name, z), x in zip(
+                    numbers.items(), loop["numbers"].values(), strict=True
+                )
+            }
+        chosen = {"controller.kind": loop["kind"], **loop["choice"]}
+        aliases = {"forward_delay": "forward_channel.delay"}
+        aliases["return_delay"] = "return_channel.delay"
+        given = {aliases.get(key, key): float(x) for key, x in values.items()}
+        given |= {key: int(x) for key, x in given.items() if key.endswith("seed")}
+        scenario = LoadScenario(name, {**more, **chosen, **given})
+        AssertSame(scenario, dataclasses.replace(ModelOf(scenario), numbers=numbers))
 
 
 @pytest.mark.slow
