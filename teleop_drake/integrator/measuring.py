@@ -100,13 +100,15 @@ def weigh(t: float, row: int, record: Record, memory: AnyRows) -> None:
     begin, end = memory.row_times[row - 4], memory.row_times[row]
     x = 4 * min(max((t - begin) / (end - begin), 0.0), 1.0) if end > begin else 0.0
     near = int(x + 0.5)
-    if abs(x - near) < 1e-12:  # A row is exactly what it is.
-        x = float(near)
+    is_row = abs(x - near) < 1e-12  # A row is exactly what it is.
     for a in range(5):
         share = 1.0
-        for b in range(5):
-            if a != b:
-                share *= (x - b) / (a - b)
+        if is_row:
+            share = 1.0 if a == near else 0.0
+        else:
+            for b in range(5):
+                if a != b:
+                    share *= (x - b) / (a - b)
         record.weights[a] = share
 
 
@@ -150,40 +152,41 @@ def _row_at(t: float, record: Record, memory: AnyRows) -> int:
     return record.ends[low]
 
 
-def _sum(
-    k: int, late: int, t: float, row: int, record: Record, memory: AnyRows
-) -> float:
-    """Returns a form's part of the columns as they are, or of the late ones."""
-    num, total = record.places[0], 0.0
-    first = num if late else 0
-    weigh(t, row, record, memory)
-    for w in range(first, len(record.columns) if late else num):
-        if record.forms[k, w] != 0.0:
-            mixed = mix(record.columns[w], row, record, memory)
-            total += record.forms[k, w] * mixed
-    return total
-
-
 def _sample(k: int, i: int, record: Record, memory: AnyRows) -> None:
     """Finds the values and the powers of a form in a piece."""
-    num = len(record.columns)
+    columns, weights, num_now = record.columns, record.forms[k], record.places[0]
     begin, end, row = record.pieces[i, 0], record.pieces[i, 1], record.piece_rows[i]
-    y, c = record.values[k], record.powers[k]
+    y, num = record.values[k], len(columns)
+    is_step = begin == memory.row_times[row - 4] and end == memory.row_times[row]
     # A jump at an end of the piece has happened, or has not.
     inwards = min(_INSTANT, (end - begin) / 8)
     for node in range(5):
+        y[node] = weights[num]
         t = begin + node * (end - begin) / 4
-        y[node] = record.forms[k, num] + _sum(k, 0, t, row, record, memory)
+        if not is_step:
+            weigh(t, row, record, memory)
+            for w in range(num_now):
+                if weights[w] != 0.0:
+                    y[node] += weights[w] * mix(columns[w], row, record, memory)
         sent = t - record.delay[0]
         if node == 0:
             sent += inwards
         elif node == 4:
             sent -= inwards
-        if num > record.places[0] and sent >= 0.0:
-            y[node] += _sum(k, 1, sent, _row_at(sent, record, memory), record, memory)
-        if record.forms[k, num + 1] != 0.0:
+        if num > num_now and sent >= 0.0:
+            last = _row_at(sent, record, memory)
+            weigh(sent, last, record, memory)
+            for w in range(num_now, num):
+                if weights[w] != 0.0:
+                    y[node] += weights[w] * mix(columns[w], last, record, memory)
+    for w in range(num_now if is_step else 0):
+        if weights[w] != 0.0:
+            for node in range(5):
+                y[node] += weights[w] * memory.rows[row - 4 + node, columns[w]]
+    if weights[num + 1] != 0.0:
+        for node in range(5):
             y[node] *= record.pieces[i, 2]
-    _fit(y, c)
+    _fit(y, record.powers[k])
 
 
 def _fit(y: Array, c: Array) -> None:
@@ -344,6 +347,9 @@ def _measure_one(r: int, i: int, end: int, record: Record, memory: AnyRows) -> f
         h = h if h > 0.0 else 1.0  # The only piece of a run without steps.
         duration += h
         for k in range(first, last):
+            if operation >= RMS:
+                _sample(k, piece, record, memory)
+                continue
             for j in range(_trace(k, piece, record, memory)):
                 y = record.trace[j]
                 largest = max(largest, sign * y)

@@ -1,13 +1,12 @@
 """The living diagram in a real browser: it opens, simulates, and answers to clicks."""
 
-import importlib.util
 import math
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browsers import MakePictures
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator, Sine
@@ -80,15 +79,8 @@ LOOK = """
 """.replace("STIFFNESS", STIFFNESS)
 
 
-def OpenBrowser(page, size=(1280, 720)):
-    """The browser that makes the pictures of the README, with a page."""
-    if not (shutil.which("chromium") or shutil.which("google-chrome")):
-        pytest.skip("no browser: `apt-get install chromium` brings one")
-    script = Path(__file__).parents[2] / "diagrams/scene/make_pictures.py"
-    spec = importlib.util.spec_from_file_location("make_pictures", script)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.Browser(page, size)
+def OpenBrowser(page):
+    return MakePictures().Browser(page, (1280, 720))
 
 
 @pytest.fixture(scope="module")
@@ -172,11 +164,6 @@ CHOOSE = """
     [
         ("one_dof", ["wave_variables"], ["sine"]),
         ("network_tracking_linear", [], []),
-        pytest.param("two_dof_combined", [], ["trapezoid"], marks=pytest.mark.slow),
-        pytest.param(
-            "puma560_insertion", ["proportional_damping"], [], marks=pytest.mark.slow
-        ),
-        pytest.param("needle_insertion", [], [], marks=pytest.mark.slow),
         ("puma560_six_axes", ["damped_force"], []),
     ],
 )

@@ -1,11 +1,8 @@
 """The page of a replay in a real browser: it opens, objects are there, they move."""
 
-import importlib.util
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
+from browsers import MakePictures
 from PIL import Image
 from scene_recordings import MakeRecording
 
@@ -52,17 +49,6 @@ LOOK = """
   };
 })()
 """
-
-
-def MakePictures():
-    """The script that makes the pictures of the README, whose browser this is."""
-    if not (shutil.which("chromium") or shutil.which("google-chrome")):
-        pytest.skip("no browser: `apt-get install chromium` brings one")
-    script = Path(__file__).parents[3] / "diagrams/scene/make_pictures.py"
-    spec = importlib.util.spec_from_file_location("make_pictures", script)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_the_page_shows_a_run_and_plays_it(tmp_path):
