@@ -67,9 +67,8 @@ def InWebAssembly(
     instance, (_, accuracy, max_step, *_) = Instance(model), model.numbers["run"]
     rows = []
     for time in times:
-        _, piece, _, status = instance.Run(time, accuracy, max_step)
-        assert status == 0
-        rows.append(piece[-1])
+        assert instance.Run(time, accuracy, max_step) == 0
+        rows.append(instance.Rows()[1][-1])
     places = SignalPlaces(model.run.evaluator, diagram)
     return {name: np.array(rows)[:, place] for name, place in places.items()}
 

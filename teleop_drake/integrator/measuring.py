@@ -56,8 +56,9 @@ class Record(NamedTuple):
             the run ended too early, after which nothing has settled (4).
         columns: The columns (c).
         forms: Their weights and that of 1; whether the form has the direction of the
-            command; and for SETTLING how far it may be from 0,
-            or, as a share of all such forms, from where it ends (k, c + 4).
+            command; and for SETTLING how long the vector may be whose last form it is,
+            or, as a share of where that ends, how far from there; and whether a vector
+            begins with it (k, c + 5).
         table: Operation, first form, the one after the last, the event at which it
             begins (-1: the run) and two of which it ends at the first that comes, the
             second only if the first does not (r, 6). Twice the number of its form is
@@ -72,7 +73,8 @@ class Record(NamedTuple):
         powers: The same as coefficients (k, 5).
         slope: Coefficients of the derivative (4).
         trace: Values between which a form is monotonic (6).
-        around: What forms come to rest at, and how near (k, 2).
+        around: What forms come to rest at, the square of how near the vector must be
+            up to this form, and whether it begins there (k, 3).
         results: Of the measures; not a number where there is none (r).
     """
 
@@ -382,27 +384,53 @@ def _move(at: float, h: float, c: Array, distance: Array, p: Array) -> float:
 
 
 def _is_moving(x: float, first: int, last: int, record: Record) -> bool:
-    """Returns whether a form is not at rest, at a place in the piece."""
+    """Returns whether a vector is not at rest, at a place in the piece."""
+    square = 0.0
     for k in range(first, last):
-        value = _value(record.powers[k], x)
-        if abs(value - record.around[k, 0]) >= record.around[k, 1]:
+        value = _value(record.powers[k], x) - record.around[k, 0]
+        square = value * value + (square if record.around[k, 2] == 0.0 else 0.0)
+        if square >= record.around[k, 1]:
             return True
     return False
 
 
+def _is_nothing(first: int, last: int, record: Record, memory: AnyRows) -> bool:
+    """Returns whether forms are 0 all the time."""
+    for i in range(record.counts[NUM_PIECES]):
+        for k in range(first, last):
+            _sample(k, i, record, memory)
+            for node in range(5):
+                if record.values[k, node] != 0.0:
+                    return False
+    return True
+
+
+def _find_rest(first: int, last: int, record: Record, memory: AnyRows) -> None:
+    """Finds where vectors come to rest, and how near they must be."""
+    n, around, start, square = len(record.columns) + 2, record.around, first, 0.0
+    for k in range(first, last):
+        limit, share = record.forms[k, n], record.forms[k, n + 1]
+        _sample(k, record.counts[NUM_PIECES] - 1, record, memory)
+        around[k, 0] = record.values[k, 4] if share > 0.0 else 0.0
+        around[k, 1], around[k, 2] = math.inf, record.forms[k, n + 2]
+        if around[k, 2] != 0.0:
+            start, square = k, 0.0
+        square += around[k, 0] ** 2
+        # The whole vector is known behind its last form.
+        if k + 1 == last or record.forms[k + 1, n + 2] != 0.0:
+            around[k, 1] = limit**2
+            if share > 0.0:
+                around[k, 1] = share**2 * square
+                if square == 0.0 and _is_nothing(start, k + 1, record, memory):
+                    around[k, 1] = math.inf
+
+
 def _settling(first: int, last: int, i: int, record: Record, memory: AnyRows) -> float:
-    """Returns how long from a piece on until forms rest, which must last longest."""
-    n, num, size = len(record.columns) + 2, record.counts[NUM_PIECES], 0.0
+    """Returns how long from a piece on until vectors rest, which must last longest."""
+    num = record.counts[NUM_PIECES]
     if i == num or record.places[3] != 0:
         return math.nan
-    for k in range(first, last):
-        _sample(k, num - 1, record, memory)
-        if record.forms[k, n + 1] > 0.0:
-            size += record.values[k, 4] ** 2
-    for k in range(first, last):
-        share = record.forms[k, n + 1]
-        record.around[k, 0] = record.values[k, 4] if share > 0.0 else 0.0
-        record.around[k, 1] = share * size**0.5 if share > 0.0 else record.forms[k, n]
+    _find_rest(first, last, record, memory)
     begin, longest, was_moving = record.pieces[i, 0], 0.0, False
     since = begin
     for piece in range(i, num):

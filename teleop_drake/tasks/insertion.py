@@ -158,15 +158,17 @@ class Insertion(Task[Scenario]):
         if (found := FindSurface(surfaces, CONTACT)) is not None:
             v_x, F_x = found.normal_W @ v, found.normal_W @ F
             slow = SETTLING_RATIO * speed * result.One(2)
-            near = SETTLING_RATIO * result.One(3)
+            near, alone = SETTLING_RATIO * result.One(3), result.One(4)
+            # Translation and rotation, each by itself.
+            apart = np.outer(np.arange(n) % 3 == 0, alone)
             for name, operation, forms, *ends in (
                 ("time", TIME, []),
                 ("velocity", BEFORE, [v_x]),
                 ("initial_impact_force", MAXIMUM, [F_x], "release"),
                 ("peak_force", MAXIMUM, [F_x]),
                 ("rebound_velocity", MINIMUM, [v_x]),
-                ("settling_time", SETTLING, [v_x + slow]),
-                ("rest_time", SETTLING, [*(v + slow), *(F + near)]),
+                ("settling_time", SETTLING, [v_x + slow + alone]),
+                ("rest_time", SETTLING, [*(v + slow + apart), *(F + near + apart)]),
             ):
                 result.Add(self, f"collision.{name}", operation, forms, CONTACT, ends)
         result.AddPerAxis(self, "velocity_rms_error", RMS, v - v_dd)
@@ -257,12 +259,12 @@ class Insertion(Task[Scenario]):
         has_diverged = recording.termination == "diverged"
         _, found = self._Of(recording)
         puncture, collision = (found.pop(x, {}) for x in ("puncture", "collision"))
+        per_axis = [name[:-2] for name in UNITS if name.endswith(".*")]
         return {
             "start_velocity_overshoot": found.pop("start_velocity_overshoot"),
             "puncture": puncture if puncture.get("time") is not None else None,
             "collision": collision if collision.get("time") is not None else None,
-            "coordination_rms_error": None,
-            **{name: list(axes.values()) for name, axes in found.items()},
+            **{x: list(found[x].values()) if x in found else None for x in per_axis},
             "diverged": has_diverged,
             "diverged_at": float(recording.time[-1]) if has_diverged else None,
         }

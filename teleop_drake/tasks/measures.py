@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Places = Mapping[str, tuple[int, int, str]]
 
 # What a form has behind the weights of columns: that of 1, and what Record says.
-_MORE = 4
+_MORE = 5
 
 
 @dataclass(kw_only=True)
@@ -37,7 +37,7 @@ class Measures:
         columns: Of the rows that are watched.
         late: Those that are watched as they were the delay of the command ago.
         mode: The column of the operator's mode, -1 without.
-        forms: The weights (C + 4) of each; see Record.
+        forms: The weights (C + 5) of each; see Record.
         events: What it is called where one of the first forms crosses 0 upwards and
             downwards, "" without a name.
         names: Of the measures, with their labels.
@@ -58,7 +58,7 @@ class Measures:
         columns += [i for begin, size, _ in places for i in range(begin, begin + size)]
 
     def Vectors(self, num_axes: int) -> Array:
-        """Returns the forms (k, n, C + 4) of the k vectors that are watched."""
+        """Returns the forms (k, n, C + 5) of the k vectors that are watched."""
         size = len(self.columns) + len(self.late)
         return np.eye(size, size + _MORE).reshape(-1, num_axes, size + _MORE)
 
@@ -123,7 +123,7 @@ class Measures:
             powers=np.zeros((num, DEGREE + 1)),
             slope=np.zeros(DEGREE),
             trace=np.zeros(DEGREE + 2),
-            around=np.zeros((num, 2)),
+            around=np.zeros((num, 3)),
             results=np.zeros(len(self.table)),
         )
 
