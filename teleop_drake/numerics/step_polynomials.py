@@ -11,6 +11,7 @@ import math
 from functools import cache
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -19,12 +20,6 @@ Series = tuple[Array, dict[str, Array], Indices]
 
 DEGREE = 4
 """Of the polynomials of a run: three rows between the ends of a step."""
-
-# Newton's method takes some seven; bisection of a bracket alone as many as these.
-_MAX_ITERATIONS = 60
-
-# A step of Newton's method that is shorter has squared its error away.
-_SHORT_STEP = 1e-10
 
 
 @cache
@@ -159,23 +154,6 @@ def finite_part(series: Series) -> Series:
     return times[:count], {name: x[:count] for name, x in signals.items()}, steps
 
 
-def crossings(y: Array) -> tuple[Indices, Array, NDArray[np.bool_]]:
-    """Returns where a signal crosses 0: the steps, the shares, and whether upwards.
-
-    Args:
-        y: (S, d + 1) the signal in its steps.
-    """
-    degree = y.shape[1] - 1
-    is_above = y >= 0
-    i, j = np.nonzero(is_above[:, :-1] != is_above[:, 1:])
-    nodes = shares(degree)
-    c = to_powers(degree) @ y[i].T
-    # By the secant at first.
-    at = nodes[j] + (nodes[j + 1] - nodes[j]) * y[i, j] / (y[i, j] - y[i, j + 1])
-    at = _roots(c, at, nodes[j], nodes[j + 1], is_above[i, j])
-    return i, at, is_above[i, j + 1]
-
-
 def first_crossing(times: Array, y: Array, steps: Indices) -> float:
     """Returns when a signal first crosses 0 upwards, infinity if it does not.
 
@@ -184,9 +162,19 @@ def first_crossing(times: Array, y: Array, steps: Indices) -> float:
         y: (S, d + 1) the signal in its steps.
         steps: (S, d + 1).
     """
-    i, at, is_upwards = crossings(y)
-    begin, end = times[steps[i, 0]], times[steps[i, -1]]
-    return float((begin + at * (end - begin))[is_upwards].min(initial=np.inf))
+    places = np.argwhere((y[:, :-1] < 0) & (y[:, 1:] >= 0))
+    if len(places) == 0:
+        return math.inf
+    i, j = places[0]
+    degree = y.shape[1] - 1
+    c, (low, high) = to_powers(degree) @ y[i], shares(degree)[j : j + 2]
+    while low < (middle := (low + high) / 2) < high:
+        if polyval(middle, c) < 0:
+            low = middle
+        else:
+            high = middle
+    begin, end = times[steps[i, [0, -1]]]
+    return float(begin + high * (end - begin))
 
 
 def integrate_product(first: Array, second: Array) -> Array:
@@ -200,38 +188,3 @@ def integrate_product(first: Array, second: Array) -> Array:
     mass = _mass(first.shape[1] - 1)
     integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)
     return integrals
-
-
-def _roots(
-    c: Array, x: Array, low: Array, high: Array, is_positive_at_low: NDArray[np.bool_]
-) -> Array:
-    """Returns where polynomials c (d, K) change their sign, each in its bracket.
-
-    By Newton's method from x on, and by bisection where that leaves the bracket.
-    """
-    slope = _derivative(c)
-    for _ in range(_MAX_ITERATIONS if x.size else 0):
-        y = _value(c, x)
-        is_low = (y >= 0) == is_positive_at_low
-        low, high = np.where(is_low, x, low), np.where(is_low, high, x)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            newton = x - y / _value(slope, x)
-        is_there = np.abs(newton - x) <= _SHORT_STEP
-        is_inside = (low < newton) & (newton < high)
-        x = np.where(is_there | is_inside, newton, (low + high) / 2)
-        if (is_there | (high - low <= 2e-16)).all():
-            break
-    return np.clip(x, low, high)
-
-
-def _derivative(c: Array) -> Array:
-    """Returns the coefficients (d - 1, K) of the derivatives of polynomials (d, K)."""
-    return c[1:] * np.arange(1, len(c))[:, None]
-
-
-def _value(c: Array, x: Array) -> Array:
-    """Returns the values (K,) of polynomials c (d, K) at x (K,)."""
-    value: Array = c[-1] if len(c) else np.zeros_like(x)
-    for coefficient in c[-2::-1]:
-        value = value * x + coefficient
-    return value

@@ -14,11 +14,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.machine_code.compiled import Interpreted
-from teleop_drake.numerics.step_polynomials import (
-    finite_part,
-    first_crossing,
-    part,
-)
+from teleop_drake.numerics.step_polynomials import finite_part, first_crossing, part
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
@@ -153,9 +149,7 @@ def simulate(
     config, duration = scenario.simulator, scenario.duration
     job = Job(diagram, config, duration, speed_limit, progress)
     run, notes = _Run(job, engine, structure, loop)
-    _EndAtJointLimit(diagram, run)
-    if run.is_too_fast:
-        _EndAtSpeed(speed_limit.speed, run)
+    _EndAtLimit(diagram, speed_limit, run)
     recording = MakeRecording(scenario, diagram, config, run, notes, loop)
     with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
         recording.events = task.FindEvents(recording)
@@ -305,42 +299,30 @@ def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
     return dict(zip(names, zip(lower, upper, strict=True), strict=True))
 
 
-def _EndAtJointLimit(diagram: Diagram, run: Outcome) -> None:
+def _EndAtLimit(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
     """Ends a run, in place, where a joint of the robot's plant leaves its range.
 
-    Or where its tool is turned by MAX_ROTATION.
+    Or where its tool is turned by MAX_ROTATION, or as fast as its speed limit.
 
     The plant itself knows no stops: what it does beyond is left out. A robot without a
-    system `plant`, or whose joints turn without limit, is left as it is.
+    system `plant`, or whose joints turn without limit, has no ranges.
     """
     times, signals, steps = run.series
     ranges, q = JointRanges(diagram), signals.get("joint_position")
-    if not ranges or q is None or len(steps) == 0:
-        return
-    lower, upper = np.transpose([*ranges.values()])
-    turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1) - MAX_ROTATION
-    beyond = np.column_stack([np.maximum(lower - q, q - upper), turned])
-    if not (beyond >= 0).any():
-        return
-    ends = [first_crossing(times, y[steps], steps) for y in beyond.T]
-    joint = int(np.argmin(ends))
-    if ends[joint] == math.inf:
-        return
-    run.series = part(run.series, times[0], ends[joint])
-    run.termination, run.is_too_fast = "diverged", False
-    if joint == len(lower):
-        run.reason = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
-        return
-    name = list(ranges)[joint]
-    run.reason = (
-        f"joint {name} leaves its range, {lower[joint]:.4g} to {upper[joint]:.4g}"
-    )
-
-
-def _EndAtSpeed(limit: float, run: Outcome) -> None:
-    """Ends a run, in place, where the speed of the tool has its limit."""
-    times, signals, steps = run.series
-    # Less may be an overflow's.
-    excess = np.linalg.norm(signals["tool_velocity"] / limit, axis=1) - 1.0
-    end = first_crossing(times, excess[steps], steps)
-    run.series = part(run.series, times[0], end)
+    beyond = {}
+    if ranges and q is not None:
+        for (name, (lower, upper)), x in zip(ranges.items(), q.T, strict=True):
+            reason = f"joint {name} leaves its range, {lower:.4g} to {upper:.4g}"
+            beyond[reason] = np.maximum(lower - x, x - upper)
+        reason = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
+        turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1)
+        beyond[reason] = turned - MAX_ROTATION
+    if run.is_too_fast:  # Less may be an overflow's.
+        speeds = np.linalg.norm(signals["tool_velocity"] / limit.speed, axis=1)
+        beyond[run.reason] = speeds - 1.0
+    ends = {x: first_crossing(times, y[steps], steps) for x, y in beyond.items()}
+    reason = min(ends, key=ends.__getitem__, default="")
+    if ends.get(reason, math.inf) < math.inf:
+        run.series = part(run.series, times[0], ends[reason])
+        if reason != run.reason:
+            run.termination, run.reason = "diverged", reason

@@ -4,8 +4,8 @@ import numpy as np
 
 from teleop_drake.numerics.step_polynomials import (
     DEGREE,
-    crossings,
     finite_part,
+    first_crossing,
     integrate_product,
     interpolate,
     part,
@@ -61,14 +61,14 @@ def test_the_finite_part_ends_with_a_step():
         assert steps.size == 0 or steps.max() == rows - 1
 
 
-def test_crossings_are_roots():
+def test_the_first_crossing_upwards_is_a_root():
     times, signals, steps = series(jump=0.0)
-    begin, length = times[steps[:, 0]], np.ptp(times[steps], axis=1)
     y = signals["x"][steps][:, :, 0]
-    i, at, is_upwards = crossings(y)
     roots = [x.real for x in POWERS.roots() if x.imag == 0 and 0 < x.real < 2.1]
-    np.testing.assert_allclose(begin[i] + at * length[i], np.sort(roots), rtol=1e-12)
-    assert is_upwards.tolist() == (POWERS.deriv()(np.sort(roots)) > 0).tolist()
+    for sign in (1, -1):
+        first = min(x for x in roots if sign * POWERS.deriv()(x) > 0)
+        found = first_crossing(times, sign * y, steps)
+        np.testing.assert_allclose(found, first, rtol=1e-12)
 
 
 def test_products_are_integrated_exactly():
