@@ -12,7 +12,9 @@ from dataclasses import field, fields
 from typing import Any, NoReturn, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from teleop_drake.arrays import Array
 
 # The default of a field that has none. Every config is constructible without
 # arguments; its checks refuse what is missing.
@@ -54,7 +56,7 @@ class FixedFields:
             place = f"{path}.{name}"
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
 
-    def Gain(self, name: str, num_axes: int) -> NDArray[np.float64]:
+    def Gain(self, name: str, num_axes: int) -> Array:
         """Returns a field of GainField() as a matrix (n, n); refuses null."""
         sign = next(sign for x, *_, sign in self._FieldsOf(_GAIN) if x == name)
         return CheckGain(name, getattr(self, name), num_axes, **sign)
@@ -173,7 +175,7 @@ def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
         Refuse(path, value, f"a list of {entries} ({unit})")
 
 
-def GainMatrix(gain: ArrayLike, num_axes: int) -> NDArray[np.float64]:
+def GainMatrix(gain: ArrayLike, num_axes: int) -> Array:
     """Returns a gain as an n x n matrix; a number means that times the identity."""
     matrix = np.asarray(gain, dtype=float)
     return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
@@ -186,7 +188,7 @@ def CheckGain(
     *,
     may_be_zero: bool = False,
     may_be_null: bool = False,
-) -> NDArray[np.float64]:
+) -> Array:
     """Checks a gain, a number or a symmetric matrix, and returns it as a matrix (n, n).
 
     Args:

@@ -13,13 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.numerics.step_polynomials import integrate_product
 from teleop_drake.recording import Recording
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.arrays import ComplexArray
 from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.linear_model.loop import FindHeldForce, Linearizer
 from teleop_drake.linear_model.loop_model import CutLoop, LoopModel
@@ -65,8 +66,6 @@ from teleop_drake.numerics.delay_margin import (
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
-
-Array = NDArray[np.float64]
 
 MAX_DELAY = 2.0
 """Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
@@ -116,7 +115,7 @@ class PointStability:
     crossings: list[Crossing]
     margin: Crossing | None
     stable_delays: list[tuple[float, float]]
-    hidden_modes: NDArray[np.complex128]
+    hidden_modes: ComplexArray
     num_neutral: int
     unresolved: float
     slave_root: complex | None
@@ -153,7 +152,7 @@ class PointStability:
         _, counts = unstable_roots(self.loop, delay, self.crossings, self.unresolved)
         return int(counts[-1]) == 0
 
-    def Roots(self, delay: float, count: int = 8) -> NDArray[np.complex128]:
+    def Roots(self, delay: float, count: int = 8) -> ComplexArray:
         """Returns the rightmost characteristic roots, by descending real part.
 
         They come from collocation (characteristic_roots), not from the frequency
@@ -171,7 +170,7 @@ class PointStability:
         roots = np.concatenate([roots, self.hidden_modes])
         return _RightmostFirst(roots)[:count]
 
-    def _AreNeutral(self, roots: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
         """Returns which roots of the loop are not told from those at 0."""
         # Those at 0 at every delay are known to be, with the accuracy of collocation.
         exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
@@ -331,12 +330,12 @@ def AnalyzeModel(
     )
 
 
-def _RightmostFirst(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _RightmostFirst(roots: ComplexArray) -> ComplexArray:
     """Sorts roots by descending real part, and the upper one of a pair first."""
     return roots[np.lexsort((-roots.imag, -roots.real.round(12)))]
 
 
-def _AllDecay(modes: NDArray[np.complex128]) -> bool:
+def _AllDecay(modes: ComplexArray) -> bool:
     """Returns whether no mode lies right of the imaginary axis or on it."""
     return bool(np.all(modes.real < -_ON_AXIS * np.abs(modes)))
 

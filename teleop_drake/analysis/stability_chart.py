@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from teleop_drake.analysis.stability import (
     MAX_DELAY,
@@ -13,12 +13,11 @@ from teleop_drake.analysis.stability import (
     AnalyzeStability,
     StabilityAnalysis,
 )
+from teleop_drake.arrays import Array
 from teleop_drake.linear_model.operating_point import POSITION, OperatingPointAt
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.tree import ParseOverrides
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

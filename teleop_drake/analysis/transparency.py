@@ -23,15 +23,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.laws.two_port import llewellyn
 from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoint, OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import Array
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.laws.backstepping import (
@@ -33,8 +33,6 @@ from teleop_drake.validation import (
     ScenarioError,
     Show,
 )
-
-Array = NDArray[np.float64]
 
 # The solver stays away from the limit of Psi by its own error; that is far less.
 _AT_LIMIT = 1e-5

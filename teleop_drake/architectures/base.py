@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import Array
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import Refuse
@@ -79,7 +80,7 @@ class SlaveSide(_Side):
     inputs = ("forward_packet", *LAW_INPUTS[2:])
 
 
-def CheckStart(start: ArrayLike) -> NDArray[np.float64]:
+def CheckStart(start: ArrayLike) -> Array:
     """Returns a position as a vector, or refuses it."""
     vector = np.array(start, dtype=float)
     if vector.ndim != 1 or not np.all(np.isfinite(vector)):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.numerics.transfer_function import (
     low_frequency_resistance,
@@ -12,8 +12,6 @@ from teleop_drake.numerics.transfer_function import (
 )
 from teleop_drake.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.validation import Refuse, ScenarioError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
@@ -18,8 +17,6 @@ from teleop_drake.laws.robust_backstepping import (
     robust_rate,
 )
 from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
-
-Array = NDArray[np.float64]
 
 
 class RobustBackstepping(AdaptiveBackstepping):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import Array
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Refuse
@@ -131,9 +132,7 @@ class ChannelConfig(KindConfig, ABC):
         """
         return ConstantDelay(delay=self.delay)
 
-    def Arrivals(
-        self, sent: ArrayLike, duration: float, stream: str = ""
-    ) -> NDArray[np.float64]:
+    def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns when what is sent at given times arrives, s; lost: infinity.
 
         Here a delay that is constant, which pictures of a channel of one's own show.

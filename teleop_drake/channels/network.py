@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels.base import ChannelBlock, ConstantDelay
 from teleop_drake.channels.packet_network import (
     ComputePacketStatistics,
@@ -157,9 +158,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
         """Returns the sample period in s."""
         return self.sample_period
 
-    def Arrivals(
-        self, sent: ArrayLike, duration: float, stream: str = ""
-    ) -> NDArray[np.float64]:
+    def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns when the packets sent nearest to given times arrive."""
         network = self.Network(duration, stream=stream)
         last = math.floor(duration / self.sample_period)

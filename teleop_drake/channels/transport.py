@@ -5,13 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from teleop_drake.arrays import Array
 from teleop_drake.channels.base import ChannelBlock, ChannelConfig
 from teleop_drake.kernel.linear_part import LinearPart
-
-Array = NDArray[np.float64]
 
 
 class TransportDelay(ChannelBlock):

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
     ChannelBlock,
@@ -252,9 +253,7 @@ class VaryingDelayConfig(ChannelConfig):
         """Returns an upper bound of dT/dt, jitter apart."""
         return self.Profile(duration).max_slope
 
-    def Arrivals(
-        self, sent: ArrayLike, duration: float, stream: str = ""
-    ) -> NDArray[np.float64]:
+    def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns when what is sent at given times arrives in s, jitter apart.
 
         What arrives at t was sent at t - T(t). What arrives after the end is taken to

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -20,13 +19,13 @@ from pydrake.systems.framework import (
 from pydrake.systems.framework import PortDataType as Kind
 from pydrake.systems.primitives import Sine
 
+from teleop_drake.arrays import Array
 from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
 
 __all__ = ["CheckKernel", "CheckVisited", "Compare", "KernelDisagrees"]
 
-Array = NDArray[np.float64]
 
 # Between what a kernel and its block compute, as a share of the largest element; the
 # order of their operations differs.

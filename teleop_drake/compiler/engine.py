@@ -6,9 +6,9 @@ from types import FunctionType
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.source import Program
 from teleop_drake.integrator import advance as integrator
@@ -21,9 +21,6 @@ from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
 

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
@@ -20,8 +20,6 @@ from teleop_drake.machine_code.native import Evaluate, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
-
-Array = NDArray[np.float64]
 
 
 def KernelOf(system: System, context: Context) -> Kernel:

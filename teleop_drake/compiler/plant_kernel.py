@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.plant_tree import ReadPlantTree
 from teleop_drake.kernel import Kernel, Term
 from teleop_drake.laws import task_space, tracking
@@ -20,8 +20,6 @@ from teleop_drake.systems.gravity_compensation import GravityCompensation
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.systems.posture_hold import PostureHold
 from teleop_drake.systems.tool_interface import ToolInterface
-
-Array = NDArray[np.float64]
 
 
 class Tool(NamedTuple):
@@ -63,7 +61,7 @@ def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
 
 def plant_rate(
     tree: RigidBodyTree,
-    actuated: NDArray[np.int64],
+    actuated: Indices,
     effort_limits: Array,
     state: Array,
     actuation: Array,
@@ -87,7 +85,7 @@ def plant_rate(
 
 def body_accelerations(
     tree: RigidBodyTree,
-    links: NDArray[np.int64],
+    links: Indices,
     points: Array,
     state: Array,
     rate: Array,

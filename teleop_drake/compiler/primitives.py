@@ -4,14 +4,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems import primitives
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Name, Term, Transition, times
-
-Array = NDArray[np.float64]
 
 
 def affine(constant: Array, A: Array, x: Array) -> Array:

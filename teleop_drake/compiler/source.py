@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.flatten import Block, Source, UnsupportedSystem
 from teleop_drake.contexts import DiscreteState
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
@@ -87,7 +87,7 @@ class Parameters:
             self._shared[key] = self.Add(value)
         return self._shared[key]
 
-    def as_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def as_arrays(self) -> tuple[Array, Indices]:
         """Returns the arrays p and q of the source."""
         return np.array(self._numbers, np.float64), np.array(self._integers, np.int64)
 

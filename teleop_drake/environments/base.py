@@ -4,9 +4,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments.surface import (
     MaterialAt,
     StackNormal,
@@ -15,8 +16,6 @@ from teleop_drake.environments.surface import (
 )
 from teleop_drake.kinds import KindConfig
 from teleop_drake.numerics.differences import differentiate
-
-Array = NDArray[np.float64]
 
 # The longest steps of the differences, in m and m/s; the first at most as a share of
 # the way to the nearest surface.

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.surface import (
     CONTACT,
@@ -32,8 +33,6 @@ from teleop_drake.validation import (
     Number,
     Refuse,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True, eq=False)

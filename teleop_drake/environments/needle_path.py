@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.layered_force_field import layer_at, outside
 from teleop_drake.environments.surface import PlaneSurface, Surface, UnitNormal
@@ -13,8 +14,6 @@ from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.needle import NeedlePath, needle_wrench
 from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True, eq=False)

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import CheckVector, Refuse, Show
-
-Array = NDArray[np.float64]
 
 CONTACT = "contact"
 """Name of the hard surface: where the operator perceives contact."""

@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
 from teleop_drake.analysis.stability import PointStability, StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import Transparency
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.style import FONT_SIZE, GREY, WIDTH, AddLegend, Figure, Key
@@ -99,9 +99,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     return figure
 
 
-def _DrawLoci(
-    top: Axes, bottom: Axes, point: PointStability, w: NDArray[np.float64]
-) -> list[float]:
+def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[float]:
     """Draws the eigenloci of a point; returns phases in degrees that are to be seen."""
     loci = _TrackedLoci(point, w)
     shown: list[float] = []
@@ -374,7 +372,7 @@ def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     ]
 
 
-def _BodeFrequencies(point: PointStability, count: int = 1500) -> NDArray[np.float64]:
+def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
     """Returns frequencies around the crossovers, close together at resonances."""
     sweep = sweep_frequencies(point.loop)
     crossovers = [x.frequency for x in point.crossings if x.frequency > 0]
@@ -387,9 +385,7 @@ def _BodeFrequencies(point: PointStability, count: int = 1500) -> NDArray[np.flo
     return np.unique(np.concatenate([np.geomspace(low, high, count), inner]))
 
 
-def _TrackedLoci(
-    point: PointStability, w: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
     """Returns the eigenloci (K, m), each one continuous."""
     loci = eigenloci(point.loop, w)
     if loci.shape[1] == 1:
@@ -403,7 +399,7 @@ def _TrackedLoci(
     return loci
 
 
-def _Unwrap(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _Unwrap(phase: Array) -> Array:
     """Returns a phase in degrees without its jumps by 360.
 
     Half a turn at a resonance without damping is one down: what any damping makes it.

@@ -21,8 +21,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.integrator.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.integrator.problem import (
     BREAKS,
@@ -45,7 +45,6 @@ from teleop_drake.integrator.transitions import (
     note_guards,
 )
 
-Array = NDArray[np.float64]
 Evaluate = Callable[..., None]
 
 # Points of a step at which signals are recorded, as shares of the step.

@@ -6,14 +6,10 @@ All functions here are in the part of Python that machine_code/typed_code compil
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from teleop_drake.arrays import Array
 from teleop_drake.integrator.advance import DONE, FULL, advance
 from teleop_drake.integrator.measuring import Record, measure, mix, weigh
 from teleop_drake.integrator.problem import ROWS, SAME, Memory, Problem
-
-Array = NDArray[np.float64]
 
 # How advance_and_measure() ended beside advance()'s own ways, or by how much more.
 BEYOND = 3

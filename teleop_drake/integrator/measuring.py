@@ -10,13 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.integrator.problem import ROWS, Memory
 from teleop_drake.numerics.step_polynomials import DEGREE, to_powers
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 TIME, BEFORE, SETTLING, MAXIMUM, MINIMUM, VARIATION, RMS, DISTANCE = range(8)
 """What is measured from one instant to another; see _measure_one()."""

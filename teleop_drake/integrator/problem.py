@@ -3,10 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from teleop_drake.arrays import Array, Indices
 
 SAME = 1e-12
 """Instants closer together than this, in s, are one."""

@@ -4,7 +4,6 @@ import math
 from bisect import bisect_left, bisect_right
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
@@ -14,6 +13,7 @@ from pydrake.systems.framework import (
     State,
 )
 
+from teleop_drake.arrays import Array
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
@@ -97,7 +97,7 @@ class DelayLine:
             return self._FetchTime(history.times[-1])
         return math.inf
 
-    def Eval(self, context: Context) -> NDArray[np.float64]:
+    def Eval(self, context: Context) -> Array:
         """Returns the delayed signal."""
         key = self._FetchKey(context.get_time())
         value = self._Deliver(self._GetHistory(context), key)
@@ -170,9 +170,7 @@ class DelayLine:
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
 
-    def _Deliver(
-        self, history: SampleHistory, key: float
-    ) -> NDArray[np.float64] | None:
+    def _Deliver(self, history: SampleHistory, key: float) -> Array | None:
         """Returns the signal that has a key, None before the first sample."""
         times = history.times
         i = bisect_left(times, key)
@@ -194,7 +192,7 @@ class DelayLine:
             i = bisect_right(times, key) - 1
         elif i == 0:
             return None
-        value: NDArray[np.float64] = history.values[i]
+        value: Array = history.values[i]
         return value
 
 

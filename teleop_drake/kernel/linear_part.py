@@ -12,9 +12,9 @@ initial one. Other blocks ignore it. A block that has no linear model refuses th
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import System
+
+from teleop_drake.arrays import Array
 
 FROZEN_WEIGHTS = "frozen weights"
 """The estimates of an adaptive law are held constant."""
@@ -32,8 +32,8 @@ class HeldForce:
         force: The force that it holds, in N (n).
     """
 
-    state: NDArray[np.float64]
-    force: NDArray[np.float64]
+    state: Array
+    force: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,16 +55,14 @@ class LinearPart:
     """
 
     num_states: int | None = None
-    state: NDArray[np.float64] | None = None
+    state: Array | None = None
     has_modes: bool = False
     held_force: HeldForce | None = None
     delay: float | None = None
     assumption: str = ""
 
 
-def LinearPartOf(
-    system: System, estimates: NDArray[np.float64] | None = None
-) -> LinearPart:
+def LinearPartOf(system: System, estimates: Array | None = None) -> LinearPart:
     """Returns what a block tells, or what holds for one that tells nothing.
 
     Args:

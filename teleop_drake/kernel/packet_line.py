@@ -6,10 +6,10 @@ from bisect import bisect_left, bisect_right
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
+from teleop_drake.arrays import Array
 from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
@@ -40,8 +40,8 @@ class _Sent(NamedTuple):
 
     shown: float
     sent: float
-    value: NDArray[np.float64]
-    rate: NDArray[np.float64] | None = None
+    value: Array
+    rate: Array | None = None
 
 
 _SHOWN = operator.attrgetter("shown")
@@ -119,7 +119,7 @@ class PacketLine:
             return jump
         return min(jump, self._Shown(number))
 
-    def Eval(self, context: Context) -> NDArray[np.float64]:
+    def Eval(self, context: Context) -> Array:
         """Returns what is shown."""
         packets, time = self._PacketsIn(context).packets, context.get_time()
         # What arrives now is shown once the step has ended here.

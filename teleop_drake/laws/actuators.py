@@ -1,9 +1,8 @@
 """Models of drives, joints and sensors: friction and sampled measurements."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 
 def delivered_force(friction: Array, F: Array, v: Array) -> Array:

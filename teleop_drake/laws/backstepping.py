@@ -53,13 +53,11 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
 from teleop_drake.laws.task_space import position_rate
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
-
-Array = NDArray[np.float64]
 
 
 def _min_eigenvalue(matrix: Array) -> float:

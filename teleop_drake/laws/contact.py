@@ -24,11 +24,9 @@ Source: Y. C. Fung, "Biomechanics: Mechanical Properties of Living Tissues", Spr
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import translation
-
-Array = NDArray[np.float64]
 
 
 def hunt_crossley_force(

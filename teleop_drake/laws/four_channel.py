@@ -19,11 +19,9 @@ feedback for transparent teleoperation", ibid. 18 (2002).
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import displacement, position_rate
-
-Array = NDArray[np.float64]
 
 
 class Station(NamedTuple):

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import CheckNumber, Refuse
-
-Array = NDArray[np.float64]
 
 
 def equidistant_lattice(

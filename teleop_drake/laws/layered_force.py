@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import translation
-
-Array = NDArray[np.float64]
 
 
 class Layer(Protocol):

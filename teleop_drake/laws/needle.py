@@ -24,11 +24,9 @@ cubic at most, so that Gauss's rule with two points is exact.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import rotated
-
-Array = NDArray[np.float64]
 
 # Gauss's points in [0, 1]; each has the weight 1/2.
 _POINTS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)

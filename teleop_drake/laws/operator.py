@@ -30,9 +30,8 @@ characteristics during maintained posture", Biological Cybernetics 72, 1995, p. 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 
 def operator_mode(state: Array) -> float:

@@ -24,9 +24,8 @@ communication delay", Mechatronics 20 (2010).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 
 def injected_resistance(

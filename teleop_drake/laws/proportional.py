@@ -14,11 +14,9 @@ delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import displacement, position_rate
-
-Array = NDArray[np.float64]
 
 
 def coupling_force(x_m: Array, x_s: Array, K: Array) -> Array:

@@ -70,8 +70,8 @@ Automatica 32 (1996) (smoothed bounding terms in backstepping).
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     auxiliary_error,
@@ -82,8 +82,6 @@ from teleop_drake.laws.backstepping import (
     unpack_state,
 )
 from teleop_drake.laws.gaussian_network import Lattice
-
-Array = NDArray[np.float64]
 
 
 class RobustBounds(NamedTuple):

@@ -54,9 +54,8 @@ takes the place of A. Poses with det A >= `near` are not concerned.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 MAX_ROTATION = 3.0
 """Longest rotation vector in rad; at pi it jumps."""

@@ -28,11 +28,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import CheckNumber, Refuse
-
-Array = NDArray[np.float64]
 
 
 class TrackingNumbers(NamedTuple):

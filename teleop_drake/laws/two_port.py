@@ -23,10 +23,9 @@ Trans. Robot. Autom. 9 (1993).
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from teleop_drake.arrays import Array, ComplexArray
 
 
 def delay_two_port(

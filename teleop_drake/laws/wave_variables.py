@@ -21,11 +21,9 @@ delay", IEEE Trans. Automatic Control 34 (1989); G. Niemeyer and J.-J. E. Slotin
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 
 def wave_root(b: Array) -> Array:

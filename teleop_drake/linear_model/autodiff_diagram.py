@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import (
     AutoDiffXd,
     ExtractGradient,
@@ -28,12 +27,12 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Adder_, PassThrough_
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.flatten import Block, OutputOf, Source
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.kernel.block import DualBlock, KernelBlock
 from teleop_drake.numerics.differences import differentiate
 
-Array = NDArray[np.float64]
 Contexts = Mapping[System, Context]
 
 # How far apart slopes are compared, relative to values of 1 and more, and which share
@@ -288,7 +287,7 @@ class AutoDiffDiagram:
             )
         )
 
-    def _Given(self) -> tuple[Array, NDArray[np.int_]]:
+    def _Given(self) -> tuple[Array, Indices]:
         """Returns states and inputs at the point, and where each of them ends."""
         given = [x.Get() for x in self._states] + [x.Get() for x in self._cuts]
         ends = np.cumsum([len(x) for x in given])

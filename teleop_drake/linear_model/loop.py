@@ -54,9 +54,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, InputPort, OutputPort, System
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import CONTACT, SurfacesOf
@@ -90,9 +90,6 @@ from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import AsTeleoperation, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int_]
 
 _SLAVE = ("controller", "environment", "robot")
 _PARTS = ("master", *_SLAVE)

@@ -6,11 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.arrays import Array, ComplexArray, Indices
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.numerics.state_space import StateSpace
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int_]
 
 # Circles about 0 that are looked at: how many in a decade, how many decades below the
 # fastest mode, and how many points on the upper half of each. What is slower than all
@@ -138,7 +136,7 @@ class TwoPortModel:
         *,
         forward_delay: float = 0.0,
         return_delay: float = 0.0,
-    ) -> NDArray[np.complex128]:
+    ) -> ComplexArray:
         """Returns y(j w) (K, 2n, 2n) of [v_felt; -v] = y [F_h; F_e].
 
         Delays inside of the stations are the round trip, T_f + T_r.

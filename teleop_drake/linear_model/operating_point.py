@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments.base import ForceAt, StiffnessAndDamping
 from teleop_drake.environments.surface import (
     CONTACT,
@@ -23,8 +24,6 @@ from teleop_drake.recording import Recording
 from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
-
-Array = NDArray[np.float64]
 
 POSITION = "position"
 """Where the tool is on its path, as a key of charts; see OperatingPointAt."""

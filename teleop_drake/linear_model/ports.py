@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
     System,
 )
 
+from teleop_drake.arrays import ComplexArray
 from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
@@ -72,7 +73,7 @@ class PortModel:
             + (f", by differences: {names})" if names else ")")
         )
 
-    def Response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
+    def Response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns the frequency response from u to y, (M, size of y, size of u).
 
         Args:

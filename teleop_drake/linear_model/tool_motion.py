@@ -13,16 +13,14 @@ that w is the rate of s also between small deviations.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import OutputPort, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import position_rate
 from teleop_drake.linear_model.autodiff_diagram import States
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import Refuse, ScenarioError, Show
-
-Array = NDArray[np.float64]
 
 # How far in m the tool may be from where the joints are to put it.
 _TOLERANCE = 1e-6

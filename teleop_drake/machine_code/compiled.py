@@ -11,15 +11,14 @@ from types import FunctionType
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import BoundEvaluate, Library
 from teleop_drake.machine_code.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
 from teleop_drake.machine_code.surroundings import Surroundings, UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 
-Array = NDArray[np.float64]
 Law = Callable[..., Array]
 
 

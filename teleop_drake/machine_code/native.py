@@ -8,12 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
 from teleop_drake.machine_code.typed_expressions import Header
-
-Array = NDArray[np.float64]
 
 # Optimisation: from loops, less than this leaves the checks of indices inside.
 _LEVEL = 3

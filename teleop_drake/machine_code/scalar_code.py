@@ -9,8 +9,8 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Indices
 from teleop_drake.machine_code.following import Follow, Traced
 from teleop_drake.machine_code.symbols import (
     AsReal,
@@ -55,7 +55,7 @@ def TraceProgram(
     names: dict[str, Callable[..., Any]],
     sizes: tuple[int, int, int],
     num_parameters: int,
-    integers: NDArray[np.int64],
+    integers: Indices,
 ) -> ScalarProgram:
     """Returns what a generated function `evaluate` computes, with y, x and m of sizes.
 

@@ -27,12 +27,10 @@ Nothing here is shared with delay_margin, so that each can check the other.
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # More points than this would take seconds.
 _MAX_POINTS = 200

@@ -38,12 +38,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array, ComplexArray, Indices
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 # Relative accuracy of what counts as on the imaginary axis.
 _AXIS_TOLERANCE = 1e-8
@@ -88,7 +86,7 @@ class Crossing:
         return self.frequency * self.delay
 
 
-def eigenloci(loop: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
+def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
     """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
 
     Args:
@@ -206,7 +204,7 @@ def unstable_roots(
     max_delay: float,
     crossings: list[Crossing],
     slow: float = 0.0,
-) -> tuple[Array, NDArray[np.int_]]:
+) -> tuple[Array, Indices]:
     """Returns how many roots of (1) are unstable, as a function of the delay.
 
     Args:

@@ -7,9 +7,8 @@ step 0 (Richardson), which is exact for polynomials of degree 8.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 _NUM_STEPS = 4
 

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 
 def evaluate_pieces(time: float, breaks: Array, coefficients: Array) -> Array:

@@ -17,9 +17,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array, Indices
 
 
 class RigidBodyTree(NamedTuple):
@@ -43,8 +42,8 @@ class RigidBodyTree(NamedTuple):
         gravity: Acceleration of gravity in the world (3), m/s^2.
     """
 
-    parents: NDArray[np.int64]
-    is_prismatic: NDArray[np.int64]
+    parents: Indices
+    is_prismatic: Indices
     frames: Array
     axes: Array
     masses: Array
@@ -211,7 +210,7 @@ def calc_jacobian(
 def calc_point_accelerations(
     tree: RigidBodyTree,
     motion: Motion,
-    links: Sequence[int] | NDArray[np.int64],
+    links: Sequence[int] | Indices,
     points: Sequence[Array] | Array,
     v: Array,
     v_dot: Array,

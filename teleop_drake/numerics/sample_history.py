@@ -22,9 +22,8 @@ from operator import sub, truediv
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from teleop_drake.arrays import Array
 
 # Points of a stencil: its error is O(step^8), well below the integrator's.
 _NUM_POINTS = 8
@@ -60,7 +59,7 @@ class SampleHistory:
     """
 
     times: tuple[float, ...] = ()
-    values: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 1)))
+    values: Array = field(default_factory=lambda: np.empty((0, 1)))
     jumps: tuple[float, ...] = ()
     now: float = -math.inf
     polynomials: dict[int, "EnoPolynomial"] = field(default_factory=dict)
@@ -71,9 +70,9 @@ class SampleHistory:
     def record(
         self,
         key: float,
-        value: NDArray[np.float64],
+        value: Array,
         *,
-        jump: NDArray[np.float64] | None,
+        jump: Array | None,
         now: float,
         spacing: float,
     ) -> "SampleHistory":
@@ -98,7 +97,7 @@ class SampleHistory:
         return history.append(key, value, now=now, spacing=spacing)
 
     def append(
-        self, time: float, value: NDArray[np.float64], *, now: float, spacing: float
+        self, time: float, value: Array, *, now: float, spacing: float
     ) -> "SampleHistory":
         """Returns the history with one more sample.
 
@@ -136,7 +135,7 @@ class SampleHistory:
         times = (*self.times[first:keep], time)
         return SampleHistory(times, values, jumps, now, polynomials)
 
-    def eval(self, time: float) -> NDArray[np.float64]:
+    def eval(self, time: float) -> Array:
         """Returns the signal (k) at a time between (or just behind) the samples.
 
         Args:

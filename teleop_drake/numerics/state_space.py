@@ -6,12 +6,10 @@ dx/dt = A x + B u,    y = C x + D u,    G(s) = C (s I - A)^-1 B + D
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Directions that are reached, or seen, more weakly than this are taken to be neither,
 # relative to the norm of A in balanced coordinates. Well above the error of blocks with

@@ -12,10 +12,9 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from teleop_drake.arrays import Array, Indices
+
 Series = tuple[Array, dict[str, Array], Indices]
 
 DEGREE = 4

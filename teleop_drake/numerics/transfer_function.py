@@ -1,11 +1,10 @@
 """State-space realisation of a transfer function."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import CheckNumber, Refuse
-
-Array = NDArray[np.float64]
 
 
 def _coefficients(name: str, values: ArrayLike) -> Array:

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_drake.arrays import Array
 from teleop_drake.kernel import Term
-from teleop_drake.operators.modes import Array, ModalOperator
+from teleop_drake.operators.modes import ModalOperator
 
 
 class HandOperator(ModalOperator):

@@ -5,15 +5,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments.surface import Surface
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import HeldForce, LinearPart
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.validation import CheckNumber, CheckVector
-
-Array = NDArray[np.float64]
 
 
 class ModalOperator(KernelBlock):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.environments import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
@@ -20,7 +21,7 @@ from teleop_drake.numerics.piecewise_polynomial import (
     minimum_jerk_pieces,
 )
 from teleop_drake.operators.base import OperatorConfig
-from teleop_drake.operators.modes import Array, ModalOperator
+from teleop_drake.operators.modes import ModalOperator
 from teleop_drake.validation import CheckVector, Number, Refuse
 
 MAX_FREQUENCY = 1000.0

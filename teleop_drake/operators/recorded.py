@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.files import ReadText
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.operators.modes import Array
 from teleop_drake.operators.planned import Plan, PlannedConfig, PlanOfPieces
 from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
 

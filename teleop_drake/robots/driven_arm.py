@@ -10,8 +10,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import PostureGains
-from teleop_drake.robots.base import Array, PlantRobotConfig
+from teleop_drake.robots.base import PlantRobotConfig
 from teleop_drake.robots.inverse_kinematics import (
     TOOL,
     SolveInverseKinematics,

@@ -5,17 +5,15 @@ import pickle
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.robots.base import RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,16 +1,15 @@
 """Inverse kinematics: joint positions that put the tool at a point."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
 
 TOOL = "tool"
 """Name of the frame whose origin is T, which touches the environment."""

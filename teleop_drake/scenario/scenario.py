@@ -20,11 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
 from teleop_drake.architectures import Facts
+from teleop_drake.arrays import Array
 from teleop_drake.channels import ChannelConfig, TransportChannelConfig
 from teleop_drake.environments import (
     CONTACT,
@@ -214,7 +215,7 @@ class Scenario(_ScenarioBase):
         )
 
     @property
-    def initial_psi(self) -> NDArray[np.float64]:
+    def initial_psi(self) -> Array:
         """Psi at time 0 in 1/kg (n, n); see BacksteppingParameters.InitialPsi."""
         return self.controller.InitialPsi(self.Facts())
 

@@ -18,9 +18,9 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 
+from teleop_drake.arrays import Array
 from teleop_drake.files import ReadText as ReadFile
 from teleop_drake.kinds import KIND_KEYS, KindConfig, KindTable, TableOf
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
@@ -440,14 +440,12 @@ def _BuildCount(value: Any, path: str) -> int:
     return int(number)
 
 
-def _BuildVector(value: Any, path: str) -> NDArray[np.float64]:
+def _BuildVector(value: Any, path: str) -> Array:
     values = value if isinstance(value, list) else [value]
     return np.array([_BuildNumber(x, path, "a list of numbers") for x in values])
 
 
-def _BuildGain(
-    value: Any, path: str, allow_text: bool
-) -> float | str | NDArray[np.float64]:
+def _BuildGain(value: Any, path: str, allow_text: bool) -> float | str | Array:
     allowed = "a number or a matrix (a list of rows)" + " or auto" * allow_text
     if value == "auto" and allow_text:
         return "auto"

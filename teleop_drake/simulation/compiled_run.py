@@ -3,10 +3,10 @@
 import time as clock
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
@@ -64,7 +64,7 @@ def RunCompiled(
 
 
 def CompileLoop(
-    diagram: Diagram, config: SimulatorConfig, **inputs: NDArray[np.float64]
+    diagram: Diagram, config: SimulatorConfig, **inputs: Array
 ) -> tuple[Loop, Context]:
     """Compiles a diagram, and returns where it starts; see RunCompiled().
 
@@ -125,7 +125,7 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
     limit, pace, start = job.speed_limit, Pace(job.duration), clock.monotonic()
     # Without a tool, whatever is computed has to stay finite.
     watched = places.get("tool_velocity", slice(None))
-    steps: list[NDArray[np.int64]] = []
+    steps: list[Indices] = []
     termination, reason, is_too_fast = "completed", "", False
     with Interruption() as interruption:
         while run.time < job.duration - SAME and not (

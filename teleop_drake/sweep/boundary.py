@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation
 from teleop_drake.sweep.plan import ALIASES, PointOverrides, SweepPlan
 from teleop_drake.validation import Refuse
@@ -33,7 +33,7 @@ class Boundary:
     """
 
     point: str
-    ends: NDArray[np.float64]
+    ends: Array
     note: str = ""
 
 

@@ -30,12 +30,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.transparency import FeltStiffnessLoss
+from teleop_drake.arrays import Array
 from teleop_drake.files import Replacing
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.scenario.tree import DumpYaml, GetPath, ToTree
@@ -49,7 +49,6 @@ from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
-Array = NDArray[np.float64]
 Gains = dict[str, float]
 
 STIFFNESS_LOSS = "felt_stiffness_loss"

@@ -3,12 +3,13 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import LeafSystem_
 
+from teleop_drake.arrays import Array
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.laws.task_space import (
     PostureGains,
@@ -16,8 +17,6 @@ from teleop_drake.laws.task_space import (
     posture_torque,
 )
 from teleop_drake.validation import CheckVector, Refuse
-
-Array = NDArray[np.float64]
 
 
 class _Hold:

@@ -8,8 +8,8 @@ from types import FunctionType
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.integrator.measuring import NUM_INSTANTS, Record, Rows, measure
 from teleop_drake.integrator.problem import ROWS
 from teleop_drake.machine_code.cache import Kept
@@ -19,8 +19,6 @@ from teleop_drake.machine_code.typed_expressions import TypeOf
 from teleop_drake.numerics.step_polynomials import DEGREE, lagrange, shares
 from teleop_drake.recording import Event, Recording
 from teleop_drake.signals import AxesOf, AxisUnit
-
-Array = NDArray[np.float64]
 
 # Begin and size in a row of each signal, and its unit.
 Places = Mapping[str, tuple[int, int, str]]

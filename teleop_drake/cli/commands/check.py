@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from teleop_drake.arrays import Array
 
 _FOLDER = Path(__file__).parents[2] / "references"
 _TITLE, _TUBES, _TIME = "reference", "tubes", "time"

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
     Cylinder,
@@ -18,13 +17,12 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 
+from teleop_drake.arrays import Array
 from teleop_drake.environments import CONTACT, FindSurface, ShownNormal, Surface
 from teleop_drake.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.recording import Recording
-
-Array = NDArray[np.float64]
 
 ROOT = "/teleop"
 """Path of everything that the package draws; in it are metres and the robot's world."""

@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Capsule, Rgba, Role, SceneGraph, Shape
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
+from teleop_drake.arrays import Array
 from teleop_drake.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
 from teleop_drake.robots.model_file import TellingShapes
-
-Array = NDArray[np.float64]
 
 # Radius of the sticks that stand for links without shapes, as a share of their lengths.
 _STICK = 0.015

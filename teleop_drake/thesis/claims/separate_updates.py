@@ -7,12 +7,12 @@ tuning functions W1 and Psi adapt by P s + G1^T Psi^-T z instead (4.21, 5.20).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
 )
+from teleop_drake.arrays import Array
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
@@ -22,8 +22,6 @@ from teleop_drake.laws.backstepping import (
     unpack_state,
 )
 from teleop_drake.laws.gaussian_network import Lattice, basis_functions
-
-Array = NDArray[np.float64]
 
 
 def SeparateRate(
