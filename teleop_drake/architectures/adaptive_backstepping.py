@@ -56,8 +56,8 @@ class AdaptiveBackstepping(FixedBlock):
     with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and why the sign
     of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
     F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
-    networks have the tool's position as their input, or [r; v]; see network_functions()
-    for what the law then takes for dPhi/dt.
+    networks have the tool's position as their input, or [r; v]; see
+    `laws.backstepping.here` for what the law then takes for dPhi/dt.
 
     | port | name                | size  | unit  | is                       |
     |------|---------------------|-------|-------|--------------------------|

@@ -50,7 +50,7 @@ Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) 
 
 from collections import namedtuple
 from dataclasses import dataclass, fields
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -336,53 +336,65 @@ def damped_rate(
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
 
 
-def network_functions(
-    network: Lattice, state: BacksteppingState, r: Array, v: Array, F_e: Array
-) -> tuple[Array, Array]:
-    """Returns Phi and its rate in 1/s, as far as the law knows it (N, N).
+class Instant(NamedTuple):
+    """What a law knows at an instant; see here().
+
+    Attributes:
+        state: Its own.
+        Phi: Basis functions at the present input (N).
+        Phi_dot: Their rate in 1/s, as far as the law knows it (N).
+        s: Auxiliary error in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+    """
+
+    state: BacksteppingState
+    Phi: Array
+    Phi_dot: Array
+    s: Array
+    F_e: Array
+
+
+def here(
+    gains: BacksteppingGains,
+    network: Lattice,
+    x: Array,
+    r: Array,
+    v: Array,
+    v_dd: Array,
+    F_e: Array,
+    F_hd: Array,
+) -> Instant:
+    """Returns what a law with Gaussian networks knows.
 
     Their input is r, or [r; v] if the lattice has so many dimensions.
+
+    Args:
+        x: State as pack_state() makes it.
+        r: Position of the tool in m (n).
+        v: Its velocity in m/s (n).
+        v_dd: Velocity that is commanded in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+        F_hd: The operator's force in N (n).
     """
-    r_dot = position_rate(r, v)
-    if network.widths.size == r.size:
-        return gaussian_functions(r, r_dot, network.centres, network.widths)
-    u = np.concatenate((r, v))
-    u_dot = np.concatenate((r_dot, state.Psi @ (state.F_c - F_e)))
-    return gaussian_functions(u, u_dot, network.centres, network.widths)
+    state, r_dot = unpack_state(x, v.size), position_rate(r, v)
+    if network.widths.size > r.size:
+        r_dot = np.concatenate((r_dot, state.Psi @ (state.F_c - F_e)))
+        r = np.concatenate((r, v))
+    Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    return Instant(state, Phi, Phi_dot, s, F_e)
 
 
-def adaptive_rate(
-    gains: BacksteppingGains,
-    network: Lattice,
-    x: Array,
-    r: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
+def adaptive_rate(gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns backstepping_rate() with Gaussian networks, of and as a vector.
 
-    x is the state as pack_state() makes it, r the position of the tool in m (n). The
-    others are those of backstepping_rate().
+    It takes what here() does.
     """
-    state = unpack_state(x, v.size)
-    Phi, Phi_dot = network_functions(network, state, r, v, F_e)
-    return pack_state(backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd))
+    now = here(gains, *taken)
+    return pack_state(damped_rate(gains, *now, gains.G1 @ now.s, gains.G1))
 
 
-def adaptive_errors(
-    gains: BacksteppingGains,
-    network: Lattice,
-    x: Array,
-    r: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
-    """Returns s in m/s and z in N as one vector (2n); see adaptive_rate()."""
-    state = unpack_state(x, v.size)
-    Phi, _ = network_functions(network, state, r, v, F_e)
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+def adaptive_errors(gains: BacksteppingGains, *taken: Any) -> Array:
+    """Returns s in m/s and z in N as one vector (2n); it takes what here() does."""
+    state, Phi, _, s, F_e = here(gains, *taken)
     return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))

@@ -67,21 +67,18 @@ M. M. Polycarpou and P. A. Ioannou, "A robust adaptive nonlinear control design"
 Automatica 32 (1996) (smoothed bounding terms in backstepping).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
-    auxiliary_error,
     damped_force_error,
     damped_rate,
-    network_functions,
+    here,
     pack_state,
-    unpack_state,
 )
-from teleop_drake.laws.gaussian_network import Lattice
 
 
 class RobustBounds(NamedTuple):
@@ -128,42 +125,18 @@ def robust_force_rate(
     return shaped @ w * share1 + z * share3
 
 
-def robust_rate(
-    bounds: RobustBounds,
-    gains: BacksteppingGains,
-    network: Lattice,
-    x: Array,
-    r: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
-    """Returns the time rate of the law's state; see backstepping.adaptive_rate()."""
-    state = unpack_state(x, v.size)
-    Phi, Phi_dot = network_functions(network, state, r, v, F_e)
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    damping, slope = robust_damping(gains, bounds, s)
-    rate = damped_rate(gains, state, Phi, Phi_dot, s, F_e, damping, slope)
-    z = damped_force_error(state, Phi, F_e, damping)
-    robust = robust_force_rate(bounds, state.Psi, slope, z)
+def robust_rate(bounds: RobustBounds, gains: BacksteppingGains, *taken: Any) -> Array:
+    """Returns the time rate of the law's state; takes what backstepping.here() does."""
+    now = here(gains, *taken)
+    damping, slope = robust_damping(gains, bounds, now.s)
+    rate = damped_rate(gains, *now, damping, slope)
+    z = damped_force_error(now.state, now.Phi, now.F_e, damping)
+    robust = robust_force_rate(bounds, now.state.Psi, slope, z)
     return pack_state(rate._replace(F_c=rate.F_c - robust))
 
 
-def robust_errors(
-    bounds: RobustBounds,
-    gains: BacksteppingGains,
-    network: Lattice,
-    x: Array,
-    r: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
+def robust_errors(bounds: RobustBounds, gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns s in m/s and z in N as one vector (2n)."""
-    state = unpack_state(x, v.size)
-    Phi, _ = network_functions(network, state, r, v, F_e)
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    state, Phi, _, s, F_e = here(gains, *taken)
     damping, _ = robust_damping(gains, bounds, s)
     return np.concatenate((s, damped_force_error(state, Phi, F_e, damping)))

@@ -19,8 +19,8 @@ from teleop_drake.laws.backstepping import (
     auxiliary_error,
     backstepping_rate,
     control_force_error,
+    here,
     initial_state,
-    network_functions,
     pack_state,
     project,
     unpack_state,
@@ -182,9 +182,10 @@ def test_networks_of_position_and_velocity(n, seed):
         lower=[-1] * 2 * n, upper=[1] * 2 * n, count=[2] * 2 * n, width=1.0
     )
     state = _random_state(rng, n, network.num_functions)
-    r, v, F_e = rng.normal(size=(3, n))
-    numbers = network.as_numbers()
-    Phi, Phi_dot = network_functions(numbers, state, r, v, F_e)
+    r, v, v_dd, F_e, F_hd = rng.normal(size=(5, n))
+    gains, numbers = _random_gains(rng, n), network.as_numbers()
+    x = pack_state(state)
+    _, Phi, Phi_dot, _, _ = here(gains, numbers, x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
     a, h = state.Psi @ (state.F_c - F_e), 1e-30j
     offsets = (
@@ -193,11 +194,9 @@ def test_networks_of_position_and_velocity(n, seed):
     expected = np.exp(-(offsets**2).sum(axis=1)).imag / h.imag
     np.testing.assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
     # The law is the one of the identity above, with these functions.
-    gains = _random_gains(rng, n)
-    v_dd, F_hd = rng.normal(size=(2, n))
     rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
-    x = adaptive_rate(gains, numbers, pack_state(state), r, v, v_dd, F_e, F_hd)
-    np.testing.assert_array_equal(x, pack_state(rate))
+    x_dot = adaptive_rate(gains, numbers, x, r, v, v_dd, F_e, F_hd)
+    np.testing.assert_array_equal(x_dot, pack_state(rate))
 
 
 def _Trajectory(n, sign=1.0):

@@ -5,6 +5,7 @@ tuning functions W1 and Psi adapt by P s + G1^T Psi^-T z instead (4.21, 5.20).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,29 +18,16 @@ from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
     adaptive_rate,
-    auxiliary_error,
+    here,
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import Lattice, basis_functions
 
 
-def SeparateRate(
-    gains: BacksteppingGains,
-    network: Lattice,
-    x: Array,
-    r: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> Array:
+def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns adaptive_rate() less the share of z in the updates of W1 and Psi."""
-    n = v.size
-    rate = unpack_state(adaptive_rate(gains, network, x, r, v, v_dd, F_e, F_hd), n)
-    state = unpack_state(x, n)
-    Phi = basis_functions(r, network.centres, network.widths)
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    state, Phi, _, s, F_e = here(gains, *taken)
+    rate = unpack_state(adaptive_rate(gains, *taken), len(s))
     Psi_inv = np.linalg.inv(state.Psi)
     offset = Psi_inv @ (state.W1 @ Phi + gains.G1 @ s)
     z = state.F_c - F_e + offset
