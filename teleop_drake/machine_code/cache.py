@@ -5,6 +5,7 @@ import functools
 import hashlib
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from teleop_drake.files import Replacing
@@ -18,13 +19,16 @@ _HASH = hashlib.sha256
 _HASH_SIZE = _HASH().digest_size
 
 
-def Kept(name: str, code: str) -> tuple[bytes, bool]:
+def Kept(
+    name: str, code: str, make: Callable[[str], bytes] | None = None
+) -> tuple[bytes, bool]:
     """Returns the object file of LLVM's code from the cache, or makes it and keeps it.
 
     Several processes may do so at once. Where nothing can be kept it is made each time,
     and so it is where the file in the cache is damaged.
 
-    The file's name begins with `name`. The second result is whether it was there.
+    The file's name begins with `name`. `make` may make something else of the code. The
+    second result is whether it was there.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
@@ -35,7 +39,7 @@ def Kept(name: str, code: str) -> tuple[bytes, bool]:
             with contextlib.suppress(OSError):
                 os.utime(file)  # The time of its last use.
             return data, True
-    data = ObjectFile(code)
+    data = (make or ObjectFile)(code)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with Replacing(file) as temporary:

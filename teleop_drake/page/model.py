@@ -1,5 +1,6 @@
 """A run as a page needs it: a program, its numbers, and where its signals are."""
 
+import functools
 import inspect
 import re
 from collections.abc import Iterator
@@ -205,9 +206,15 @@ def Systems(diagram: System, path: str = "") -> Iterator[tuple[System, str]]:
 
 def Unit(system: System, port: str, size: int = 1) -> str:
     """Returns the unit of a port, as its block's table says; "" if nothing does."""
-    table = dict(_ROW.findall(inspect.getdoc(type(system)) or ""))
-    unit = UnitOf(port, size) or table.get(port, "")
+    block: Any = type(system)
+    unit = UnitOf(port, size) or _PortTable(block).get(port, "")
     return "" if unit in _NO_UNIT else unit
+
+
+@functools.cache
+def _PortTable(block: Any) -> dict[str, str]:
+    """Returns the units of ports, as the docstring of their block has them."""
+    return dict(_ROW.findall(inspect.getdoc(block) or ""))
 
 
 def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:

@@ -9,18 +9,22 @@ import gzip
 from types import FunctionType
 from typing import Any, cast
 
+import llvmlite.binding as llvm
+
 from teleop_drake.compiler.source import Program
 from teleop_drake.integrator.measured_run import advance_and_measure
+from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.typed_code import MakeTypedCode
 from teleop_drake.machine_code.typed_expressions import BOOLEAN, EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 
+# Optimisation.
+_LEVEL = 2
+
 # Returns what advance_and_measure() does, or -1 after an index outside of an array.
 _RUN = """
-@fault = external global ptr
-declare i64 @advance_and_measure(ptr, ptr, ptr, ptr, double, double, double, i1)
 declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, ptr, i32)
 define i32 @run(ptr %problem, ptr %memory, ptr %measured, double %end,
                 double %accuracy, double %max, i32 %last) {
@@ -61,30 +65,51 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
         program.text, dict(program.names), program.sizes, len(parameters), integers
     )
     types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)), BOOLEAN)
-    code = MakeTypedCode(cast(FunctionType, advance_and_measure), types)
-    return _Emit(code, MakeCode(traced))
+    run, model = _Run(types), _Head() + MakeCode(traced)
+
+    def Emit(_: str) -> bytes:
+        # What is the same for all models is most of it, and optimised once.
+        module = llvm.parse_bitcode(Kept("run", run, _Optimised)[0])
+        module.link_in(llvm.parse_bitcode(_Optimised(model)))
+        data: bytes = _Machine().emit_object(module)
+        return data
+
+    return _WithExport(Kept("page", run + model, Emit)[0], b"run")
 
 
-@functools.lru_cache(maxsize=16)
-def _Emit(*codes: str) -> bytes:
-    """Returns LLVM's code as a module."""
-    import llvmlite.binding as llvm
-
+@functools.cache
+def _Machine() -> Any:
+    """Returns what LLVM knows about WebAssembly."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=2)
-    head = f'target triple = "{_TRIPLE}"\ntarget datalayout = "{machine.target_data}"\n'
-    module, *others = [llvm.parse_assembly(head + code) for code in (_RUN, *codes)]
-    for other in others:
-        module.link_in(other)
+    return llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=_LEVEL)
+
+
+def _Head() -> str:
+    """Returns the lines for this machine; the comment is for the cache."""
+    layout = f'target datalayout = "{_Machine().target_data}"\n'
+    return f'; level {_LEVEL}\ntarget triple = "{_TRIPLE}"\n{layout}'
+
+
+@functools.cache
+def _Run(types: tuple[Any, ...]) -> str:
+    """Returns LLVM's code of run() and of all that it calls but evaluate()."""
+    code = MakeTypedCode(cast(FunctionType, advance_and_measure), types)
+    return _Head() + _RUN + code
+
+
+def _Optimised(code: str) -> bytes:
+    """Returns LLVM's code as bitcode, of which others see run() and evaluate()."""
+    module = llvm.parse_assembly(code)
     module.verify()
     for function in module.functions:
-        if not function.is_declaration and function.name != "run":
+        if not function.is_declaration and function.name not in ("run", "evaluate"):
             function.linkage = "internal"
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    builder = llvm.create_pass_builder(machine, options)
+    options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
+    builder = llvm.create_pass_builder(_Machine(), options)
     builder.getModulePassManager().run(module, builder)
-    return _WithExport(machine.emit_object(module), b"run")
+    bitcode: bytes = module.as_bitcode()
+    return bitcode
 
 
 def _WithExport(data: bytes, name: bytes) -> bytes:

@@ -9,6 +9,7 @@ import pytest
 from wasm_runs import DataOf, Instance
 
 from teleop_drake.integrator.measured_run import BEYOND
+from teleop_drake.machine_code import cache
 from teleop_drake.numerics.step_polynomials import interpolate
 from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
@@ -53,13 +54,34 @@ def test_it_is_the_native_run():
     AssertSame(LoadScenario("one_dof"))
 
 
-def test_it_ends_where_the_native_run_does():
-    """At the range of a joint, and at a speed."""
-    back = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}
-    back["controller.kind"] = "direct_force"
-    away = {"disturbance.gain": -100.0}
-    for case in (("puma560_insertion", back), ("network_tracking_coupled", away)):
-        assert AssertSame(LoadScenario(*case)).termination == "diverged"
+BACK = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}
+BACK["controller.kind"] = "direct_force"
+AWAY = {"controller.kind": "direct_force", "delay": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("puma560_insertion", BACK),
+        ("one_dof", AWAY),
+        pytest.param(
+            *("network_tracking_coupled", {"disturbance.gain": -100.0}),
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_it_ends_where_the_native_run_does(name, more):
+    """At the range of a joint, at a speed, and where a loop explodes."""
+    assert AssertSame(LoadScenario(name, more)).termination == "diverged"
+
+
+@pytest.mark.slow
+def test_what_is_kept_on_the_disk_changes_no_byte(tmp_path, monkeypatch):
+    model = ModelOf(LoadScenario("one_dof"))
+    known = model.Module()
+    monkeypatch.setattr(cache, "_Folder", lambda: tmp_path)
+    assert [model.Module(), model.Module()] == [known, known]
+    assert len([*tmp_path.rglob("*.o")]) == 2
 
 
 NETWORK = {
