@@ -2,7 +2,7 @@
 
 import bisect
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from math import inf, isinf
 
 import appendix_a as arm
@@ -17,12 +17,17 @@ _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """Force stiffness (x - reference) + damping v_x from `start` to the next layer."""
+    """Force stiffness (x - reference) + damping v_x from `start` to the next layer.
+
+    x is along the task's direction, and a lateral spring pulls the tool to its line
+    through the start.
+    """
 
     start: float
     stiffness: float
     damping: float
     reference: float
+    lateral_stiffness: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +77,82 @@ class TwoLinkArm:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpatialArm:
+    """The arm of models/spatial_arm.sdf, no gravity, elbow up.
+
+    A column turns by a about z; in its plane, whose axes are the radius r and z, the
+    upper arm is lowered by b and the forearm by b + c. Of the inertia about z each link
+    has m r^2 of its centre and a part of its own. Lagrange's equations give the rest.
+    """
+
+    start: tuple[float, float, float]
+    n = 3
+    height, damping, I_column = 0.2, 0.2, 0.001
+    # By link: length, centre, mass, moment of inertia about its own axis and across it.
+    lengths, centres, masses = (0.4, 0.3), (0.2, 0.15), (0.4, 0.3)
+    I_along, I_across = (0.0001, 0.0001), (0.0054, 0.0023)
+
+    def start_joints(self):
+        x, y, z = self.start
+        r, h, (l1, l2) = np.hypot(x, y), z - self.height, self.lengths
+        c = np.arccos((r * r + h * h - l1 * l1 - l2 * l2) / (2 * l1 * l2))
+        b = -np.arctan2(h, r) - np.arctan2(l2 * np.sin(c), l1 + l2 * np.cos(c))
+        return np.array([np.arctan2(y, x), b, c])
+
+    def jacobian(self, q):
+        """Returns p_WT and its derivatives with respect to q."""
+        angles, lengths = np.array([q[1], q[1] + q[2]]), np.array(self.lengths)
+        across, down = lengths * np.cos(angles), lengths * np.sin(angles)
+        r, turn = across.sum(), np.array([np.cos(q[0]), np.sin(q[0])])
+        p = np.array([*(r * turn), self.height - down.sum()])
+        J = np.zeros((3, 3))
+        J[:2, 0] = r * np.array([-turn[1], turn[0]])
+        J[:2, 1], J[:2, 2] = -down.sum() * turn, -down[1] * turn
+        J[2, 1:] = -across.sum(), -across[1]
+        return p, J
+
+    def tool(self, q, qdot):
+        p, J = self.jacobian(q)
+        return p, J @ qdot
+
+    def inertia(self, q):
+        """Returns M, and how its first entry depends on b and c."""
+        (l1, _), (c1, c2), (m1, m2) = self.lengths, self.centres, self.masses
+        b, both = q[1], q[1] + q[2]
+        r = c1 * np.cos(b), l1 * np.cos(b) + c2 * np.cos(both)
+        # The radii's derivatives with respect to b and c.
+        r_b = -c1 * np.sin(b), -l1 * np.sin(b) - c2 * np.sin(both)
+        r_c = 0.0, -c2 * np.sin(both)
+        M, slope = np.zeros((3, 3)), np.zeros(2)
+        M[0, 0] = self.I_column
+        links = zip(self.masses, (b, both), self.I_along, self.I_across, strict=True)
+        for i, (m, angle, along, across) in enumerate(links):
+            M[0, 0] += m * r[i] ** 2
+            M[0, 0] += along * np.sin(angle) ** 2 + across * np.cos(angle) ** 2
+            own = (along - across) * np.sin(2 * angle)
+            slope += 2 * m * r[i] * np.array([r_b[i], r_c[i]]) + own * np.array([1, i])
+        outer = m2 * c2 * c2 + self.I_across[1]
+        off = m2 * l1 * c2 * np.cos(q[2]) + outer
+        inner = m1 * c1 * c1 + m2 * l1 * l1 + self.I_across[0] + 2 * off - outer
+        M[1:, 1:] = [[inner, off], [off, outer]]
+        return M, slope
+
+    def acceleration(self, q, qdot, force):
+        M, slope = self.inertia(q)
+        turn, b, c = qdot
+        h = self.masses[1] * self.lengths[0] * self.centres[1] * np.sin(q[2])
+        quadratic = np.array([0.0, -h * c * (2 * b + c), h * b * b])
+        quadratic[0] = slope @ qdot[1:] * turn
+        quadratic[1:] -= slope * turn**2 / 2
+        torque = self.jacobian(q)[1].T @ force - self.damping * qdot
+        return np.linalg.solve(M, torque - quadratic)
+
+    def mobility(self, q):
+        J = self.jacobian(q)[1]
+        return J @ np.linalg.inv(self.inertia(q)[0]) @ J.T
+
+
+@dataclass(frozen=True, kw_only=True)
 class Adaptive:
     """Parameters of the adaptive controller; gains are scalars (times I) or matrices.
 
@@ -102,9 +183,10 @@ class Task:
     `controller` None is direct force application, less `local_damping` times v.
     `contact_force` None: the operator keeps to velocity mode; `stop_time` inf: always.
     `numerator` (b1, b0) and `denominator` (1, a1, a0) are the haptic device's.
+    The layers follow each other along `direction`, None: along x.
     """
 
-    robot: Slider | TwoLinkArm
+    robot: Slider | TwoLinkArm | SpatialArm
     layers: tuple[Layer, ...]
     velocity: tuple[float, ...]
     contact_force: tuple[float, ...] | None
@@ -115,9 +197,15 @@ class Task:
     denominator: tuple[float, float, float]
     controller: Adaptive | None
     local_damping: float = 0.0
+    direction: tuple[float, ...] | None = None
 
-    def layer_at(self, x):
-        return bisect.bisect_right([layer.start for layer in self.layers], x) - 1
+    @functools.cached_property
+    def axis(self):
+        return np.array(self.direction or np.eye(self.robot.n)[0])
+
+    def layer_at(self, p):
+        starts = [layer.start for layer in self.layers]
+        return bisect.bisect_right(starts, self.axis @ p) - 1
 
     def puncture_index(self):
         """Index of the layer behind the first boundary to a softer one, or None."""
@@ -251,7 +339,7 @@ class Result:
         self.perceived = inf
         surface = task.contact_index()
         self.perceives = surface is not None and task.contact_force is not None
-        if self.perceives and self.p_start[0] >= task.layers[surface].start:
+        if self.perceives and task.axis @ self.p_start >= task.layers[surface].start:
             self.perceived = 0.0
         self.law = None
         start = np.concatenate([q, np.zeros(3 * n)])
@@ -265,18 +353,21 @@ class Result:
         if not isinstance(psi0, str):
             return _matrix(psi0, n)
         assert psi0 == "auto"
-        layer = self.task.layer_at(self.p_start[0])
-        D_e = np.zeros((n, n))
-        D_e[0, 0] = self.task.layers[layer].damping if layer >= 0 else 0.0
+        layer, axis = self.task.layer_at(self.p_start), self.task.axis
+        d_e = self.task.layers[layer].damping if layer >= 0 else 0.0
+        D_e = d_e * np.outer(axis, axis)
         Lambda = _matrix(self.task.controller.Lambda, n)
         return (np.eye(n) + Lambda @ D_e) @ self.task.robot.mobility(q)
 
     def environment_force(self, layer, p, v):
-        F_e = np.zeros(self.n)
-        if layer >= 0:
-            law = self.task.layers[layer]
-            F_e[0] = law.stiffness * (p[0] - law.reference) + law.damping * v[0]
-        return F_e
+        if layer < 0:
+            return np.zeros(self.n)
+        law, axis = self.task.layers[layer], self.task.axis
+        along = law.stiffness * (axis @ p - law.reference) + law.damping * (axis @ v)
+        if not law.lateral_stiffness:
+            return along * axis
+        offset = p - self.p_start
+        return along * axis + law.lateral_stiffness * (offset - axis @ offset * axis)
 
     def command(self, t):
         """The operator's v_d and force at t; force None means the haptic device's."""
@@ -460,6 +551,61 @@ class Result:
         return out
 
 
+class Packets(Result):
+    """Both directions hold the newest packet that has arrived.
+
+    A step ends at each sending and each arrival. When packets of a network arrive is
+    drawn from a seed: those times are the package's, as data.
+    """
+
+    def __init__(self, task, period, arrivals):
+        super().__init__(task)
+        self.longest_step, self._period, self._arrivals = inf, period, arrivals
+        times = {time for way in arrivals for time in way if time < inf}
+        self.breakpoints = sorted(times | {k * period for k in range(len(arrivals[0]))})
+        self._sent: tuple[list, list] = ([], [])
+        zero = np.zeros(self.n)
+        # (when it arrived, its number, what it says) of the packets shown, by channel.
+        self._shown = (
+            [(-inf, -1, np.concatenate([zero, zero]))],
+            [(-inf, -1, np.concatenate([self.p_start, zero]))],
+        )
+
+    def arrival(self, t, channel):
+        return inf  # The breakpoints are known before.
+
+    def arrive(self, t, y, layer):
+        if t >= len(self._sent[0]) * self._period - 1e-12:
+            v_d, force = self.command(t)
+            if force is None:
+                force = self.device_force(y)
+            p, v, _ = self.motion(layer, y)
+            self._sent[0].append(np.concatenate([v_d, force]))
+            self._sent[1].append(np.concatenate([p, v]))
+        for sent, times, shown in zip(
+            self._sent, self._arrivals, self._shown, strict=True
+        ):
+            for k in range(shown[-1][1] + 1, len(sent)):
+                if times[k] <= t + 1e-12:
+                    shown.append((t, k, sent[k]))
+        if self.perceives and isinf(self.perceived):
+            surface = self.task.layers[self.task.contact_index()].start
+            if self.task.axis @ self._newest(t, 1)[0] >= surface:
+                self.perceived = t
+
+    def _newest(self, t, channel):
+        """Returns the two halves of the packet that is shown at t."""
+        shown = self._shown[channel]
+        i = bisect.bisect_right(shown, t, key=lambda packet: packet[0])
+        return np.split(shown[i - 1][2], 2)
+
+    def received_command(self, t):
+        return self._newest(t, 0)
+
+    def felt(self, t, p, v):
+        return self._newest(t, 1)
+
+
 def solve(
     task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", make=Result
 ) -> Result:
@@ -490,7 +636,7 @@ def solve(
         result.events.append(Event(kind, t, p, v, F_e, result.motion(after, y)[2]))
 
     t, y = 0.0, result.start_state
-    layer = task.layer_at(result.p_start[0])
+    layer = task.layer_at(result.p_start)
     tiny = 1e-12  # Breakpoints closer than this are one.
     while t < duration - tiny:
         result.arrive(t, y, layer)
@@ -546,8 +692,8 @@ def _monitors(task, layer, speed_limit):
     # Behind the last layer, and (index -1) before the first one, there is no boundary.
     ends = [layer.start for layer in task.layers] + [inf, -inf]
     return {
-        "up": lambda p, v: p[0] - ends[layer + 1],
-        "down": lambda p, v: ends[layer] - p[0],
+        "up": lambda p, v: task.axis @ p - ends[layer + 1],
+        "down": lambda p, v: ends[layer] - task.axis @ p,
         "diverged": lambda p, v: np.sqrt(v @ v) - speed_limit,
     }
 
@@ -618,6 +764,32 @@ def thesis_task(
         denominator=(1.0, 25.0, 0.0),
         controller=Adaptive(**(shared | gains | controller)) if adaptive else None,
         local_damping=local_damping,
+    )
+
+
+def needle_task(delays=(0.1, 0.1)):
+    """The scenario needle_insertion: a needle in space, obliquely through two tissues.
+
+    With the adaptive controller.
+    """
+    like = thesis_task("two_dof_combined", True, delays=delays)
+    network = {"lower": (0.4, -0.05, 0.0), "upper": (0.65, 0.2, 0.3), "count": (3,) * 3}
+    # Start, stiffness, damping, reference, lateral stiffness.
+    layers = (
+        (-inf, 0.0, 0.0, 0.0, 0.0),
+        (0.15, 2.0, 0.5, 0.15, 5.0),
+        (0.2, 0.5, 0.8, 0.2, 5.0),
+        (0.3, 150.0, 0.0, 0.3, 5.0),
+    )
+    names = [field.name for field in fields(Layer)]
+    return replace(
+        like,
+        robot=SpatialArm(start=(0.45, 0.0, 0.25)),
+        layers=tuple(Layer(**dict(zip(names, x, strict=True))) for x in layers),
+        direction=(0.6, 0.48, -0.64),
+        velocity=(0.064, 0.042, -0.060),
+        contact_force=(0.12, 0.096, -0.128),
+        controller=replace(like.controller, **network),
     )
 
 

@@ -3,15 +3,17 @@
 They are made by independent_solver.py, which shares no code with the package.
 """
 
+import functools
 from pathlib import Path
 
+import independent_solver as oracle
 import numpy as np
-from independent_solver import solve_thesis_task
 
 FOLDER = Path(__file__).parents[1] / "teleop_drake" / "references"
-DURATIONS = {"one_dof": 18.0, "two_dof_puncture": 5.0}
-DURATIONS |= {"two_dof_collision": 4.0, "two_dof_combined": 4.0}
-CONTROLLERS = "direct_force", "adaptive_backstepping"
+# By packet: when it is sent, s; how long each way takes, ms, nothing if it is lost.
+PACKETS, PERIOD = FOLDER / "packets.txt", 0.01
+DURATIONS = {"one_dof": 18.0, "two_dof_puncture": 5.0, "two_dof_collision": 4.0}
+DURATIONS |= {"two_dof_combined": 4.0, "needle_insertion": 6.0}
 SIGNALS = {
     "tool_position": "p_WT",
     "tool_velocity": "v_WT",
@@ -19,7 +21,20 @@ SIGNALS = {
     "control_force": "F_c",
 }
 # The scenario and the controller of each.
-REFERENCES = {f"{x}_{kind}": (x, kind) for x in DURATIONS for kind in CONTROLLERS}
+REFERENCES = {
+    f"{task}_{kind}": (task, kind)
+    for task, kind in (
+        ("one_dof", "direct_force"),
+        ("one_dof", "adaptive_backstepping"),
+        ("two_dof_puncture", "direct_force"),
+        ("two_dof_collision", "adaptive_backstepping"),
+        ("two_dof_combined", "direct_force"),
+        ("two_dof_combined", "adaptive_backstepping"),
+        ("needle_insertion", "adaptive_backstepping"),
+    )
+}
+NETWORK = "two_dof_combined_network"
+REFERENCES[NETWORK] = "two_dof_combined", "adaptive_backstepping"
 
 # Of a signal's range; no sample is nearer to a jump, s.
 TUBE, MARGIN, NUM_TIMES = 1e-3, 2e-3, 200
@@ -47,11 +62,54 @@ def split(times, signals):
     }
 
 
+def overrides(name):
+    """Returns what makes a reference's run of its scenario, as PATH=VALUE."""
+    task, _ = REFERENCES[name]
+    changes = [f"duration={DURATIONS[task]}"]
+    for way in ("forward", "return") if name == NETWORK else ():
+        channel = {"kind": "network", "delay": 0.0, "sample_period": PERIOD}
+        channel |= {"trace": PACKETS, "trace_columns": f"[{way}_ms]"}
+        channel["trace_is_numbered"] = "true"
+        changes += [f"{way}_channel.{key}={value}" for key, value in channel.items()]
+    return changes
+
+
+def write_packets():
+    """Writes delays that jitter about 0.1 s and overtake; one of 20 packets is lost."""
+    random = np.random.default_rng(1)
+    count = round(DURATIONS[REFERENCES[NETWORK][0]] / PERIOD) + 1
+    delays = random.gamma(6.0, 8.0, (count, 2)) + 52.0
+    texts = np.char.mod("%.3f", delays)
+    texts[random.random((count, 2)) < 0.05] = ""
+    rows = [f"{k * PERIOD:.2f},{a},{b}" for k, (a, b) in enumerate(texts)]
+    text = "\n".join(["time,forward_ms,return_ms", *rows, ""])
+    PACKETS.write_text(text, encoding="utf-8")
+
+
+def read_packets():
+    """Returns when the packets of both ways arrive, s, inf if never."""
+    rows = [line.split(",") for line in PACKETS.read_text("utf-8").splitlines()[1:]]
+    return [
+        [float(row[0]) + float(row[way] or "inf") / 1e3 for row in rows]
+        for way in (1, 2)
+    ]
+
+
+def run(name):
+    """Returns the solver's result."""
+    task, kind = REFERENCES[name]
+    is_adaptive, duration = kind == "adaptive_backstepping", DURATIONS[task]
+    if name == NETWORK:
+        make = functools.partial(oracle.Packets, period=PERIOD, arrivals=read_packets())
+        return oracle.solve(oracle.thesis_task(task, True), duration, make=make)
+    if task == "needle_insertion":
+        return oracle.solve(oracle.needle_task(), duration)
+    return oracle.solve_thesis_task(task, is_adaptive, (0.1, 0.1), duration)
+
+
 def solve(name):
     """Returns the columns of a reference, and the half width of each one's tube."""
-    task, kind = REFERENCES[name]
-    is_adaptive = kind == "adaptive_backstepping"
-    result = solve_thesis_task(task, is_adaptive, (0.1, 0.1), DURATIONS[task])
+    result = run(name)
     # The operator's jump at 0, in the force a delay later; and its echo at the events.
     jumps = [0.1 * k for k in range(4)]
     jumps += [e.time + 0.1 * k for e in result.events for k in range(4)]
@@ -66,5 +124,6 @@ def solve(name):
 
 
 if __name__ == "__main__":
+    write_packets()
     for reference in REFERENCES:
         write(FOLDER / f"{reference}.csv", reference, *solve(reference))

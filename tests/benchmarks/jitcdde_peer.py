@@ -212,7 +212,7 @@ def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
         min_step=1e-14,
     )
     ends = [layer.start for layer in task.layers] + [inf]
-    layer = task.layer_at(result.p_start[0])
+    layer = task.layer_at(result.p_start)
     times, rows = [], []
 
     def Gaps(length):

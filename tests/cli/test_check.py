@@ -5,12 +5,21 @@ import re
 import numpy as np
 import pytest
 from grids import Slow
-from references import DURATIONS, FOLDER, REFERENCES, SIGNALS, solve, split, write
+from references import (
+    FOLDER,
+    NETWORK,
+    REFERENCES,
+    SIGNALS,
+    overrides,
+    solve,
+    split,
+    write,
+)
 from runs import Run
 
 from teleop_drake.cli.main import main
 
-NAME = "two_dof_puncture_direct_force"
+NAME, NEEDLE = "two_dof_puncture_direct_force", "needle_insertion_adaptive_backstepping"
 CASES = [(name, engine) for name in REFERENCES for engine in ("auto", "drake")]
 
 
@@ -25,22 +34,47 @@ def Check(path, capsys):
     return code, capsys.readouterr()
 
 
-@pytest.mark.parametrize(
-    ("name", "engine"), Slow(CASES, but=[CASES.index((NAME, "auto"))])
-)
-def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
-    task, kind = REFERENCES[name]
-    changes = [f"duration={DURATIONS[task]}"]
+def CheckOwn(name, engine, tmp_path, capsys, *changes):
+    """Checks a run of the package with changes, PATH=VALUE."""
+    changes = [*overrides(name), *changes]
     if engine == "auto":  # Its steps are longer than one can interpolate between.
         changes.append("simulator.max_step_size=0.002")
-    run = Run(task, kind, *changes, engine=engine)
+    run = Run(*REFERENCES[name], *changes, engine=engine)
     times = Reference(name)["time"]
     signals = {signal: run.Interpolate(signal, times) for signal in SIGNALS}
     write(tmp_path / "own.csv", name, split(times, signals))
     code, (printed, _) = Check(tmp_path / "own.csv", capsys)
+    return code, printed
+
+
+@pytest.mark.parametrize(
+    ("name", "engine"),
+    Slow(CASES, but=[CASES.index((name, "auto")) for name in (NAME, NEEDLE, NETWORK)]),
+)
+def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
+    code, printed = CheckOwn(name, engine, tmp_path, capsys)
     assert code == 0, printed
     shares = [float(line.split()[3]) for line in printed.splitlines()[2:-1]]
     assert len(shares) == len(Reference(name)) - 1 and max(shares) <= 1
+
+
+# Little is changed: the packets of the way back, which are those of the way out, a
+# hundredth of the delay, a lateral spring by a fifth, the forearm's mass by 0.7 %.
+@pytest.mark.parametrize(
+    ("name", "change"),
+    Slow(
+        [
+            (NETWORK, "return_channel.trace_columns=[forward_ms]"),
+            (NETWORK, "forward_channel.delay=0.001"),
+            (NEEDLE, "environment.layers.bone.lateral_stiffness=4"),
+            (NEEDLE, "robot.payload=0.002"),
+        ],
+        but=[0, 1, 2],
+    ),
+)
+def test_a_wrong_run_is_outside(name, change, tmp_path, capsys):
+    code, printed = CheckOwn(name, "auto", tmp_path, capsys, change)
+    assert code == 1, printed
 
 
 def test_a_difference_is_found_where_it_is(tmp_path, capsys):
