@@ -10,7 +10,6 @@ from blocks import Gains
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -20,14 +19,13 @@ from teleop_drake.laws.backstepping import (
     backstepping_rate,
     control_force_error,
     here,
-    initial_state,
     pack_state,
     project,
-    unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.laws.gaussian_network import GaussianNetwork
 
 seeds = st.integers(0, 2**32 - 1)
+NO_LEAKAGE = {"nu1": 0.0, "nu3": 0.0, "Upsilon": 0.0}
 
 
 def _definite(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -114,12 +112,12 @@ def _V2(gains, truth, state, Phi, s, F_e):
     )
 
 
-def _violation(seed: int, n: int, unknown: float = 0.0, **overrides: Any) -> float:
-    """By how much the law misses dV2/dt at a random point, relative to its terms.
+def _dV2(seed: int, n: int, unknown: float = 0.0, sign: float = 1.0, **overrides: Any):
+    """dV2/dt at a random point by a complex step, its terms, and the error of z.
 
-    The plant is ds/dt = Psi* (F_c - F_e) + W1* Phi, dF_e/dt = W3* Phi, and dV2/dt a
-    complex step. Leakage and supervision are on unless overridden;
-    by `unknown` the law's dPhi/dt is wrong.
+    The plant is ds/dt = Psi* (F_c - F_e) + W1* Phi, dF_e/dt = W3* Phi. Leakage and
+    supervision are on unless overridden; by `unknown` the law's dPhi/dt is wrong. The
+    third network learns with a sign of -1 as (4.43), (4.52), (5.42), (5.51) print.
     """
     rng = np.random.default_rng(seed)
     N = 4
@@ -135,20 +133,12 @@ def _violation(seed: int, n: int, unknown: float = 0.0, **overrides: Any) -> flo
     rate = backstepping_rate(
         gains, state, Phi=Phi, Phi_dot=known, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
     )
+    rate = rate._replace(W3=sign * rate.W3)
     s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
     F_e_dot = truth.W3 @ Phi
     h = 1e-30j
-    V2_dot = (
-        _V2(
-            gains,
-            truth,
-            BacksteppingState(*(x + h * y for x, y in zip(state, rate, strict=True))),
-            Phi + h * Phi_dot,
-            s + h * s_dot,
-            F_e + h * F_e_dot,
-        ).imag
-        / h.imag
-    )
+    moved = BacksteppingState(*(x + h * y for x, y in zip(state, rate, strict=True)))
+    at = Phi + h * Phi_dot, s + h * s_dot, F_e + h * F_e_dot
     z = _z(gains, state, Phi, s, F_e)
     terms = [
         -s @ gains.P @ gains.G1 @ s,
@@ -159,18 +149,24 @@ def _violation(seed: int, n: int, unknown: float = 0.0, **overrides: Any) -> flo
         -z @ np.linalg.solve(state.Psi, state.W1 @ error),
     ]
     law_z = control_force_error(gains, state, Phi=Phi, s=s, F_e=F_e)
-    return max(
-        abs(V2_dot - sum(terms)) / np.sum(np.abs(terms)),
-        np.linalg.norm(law_z - z) / np.linalg.norm(z),
-    )
+    z_error = np.linalg.norm(law_z - z) / np.linalg.norm(z)
+    return _V2(gains, truth, moved, *at).imag / h.imag, terms, z_error
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @given(seed=seeds)
 def test_lyapunov_identity_at_random_points(n, seed):
-    assert _violation(seed, n) < 1e-9
-    assert _violation(seed, n, nu1=0.0, nu3=0.0, Upsilon=0.0) < 1e-9
-    assert _violation(seed, n, unknown=1.0) < 1e-9
+    for options in ({}, NO_LEAKAGE, {"unknown": 1.0}):
+        V2_dot, terms, z_error = _dV2(seed, n, **options)
+        assert abs(V2_dot - sum(terms)) < 1e-9 * np.sum(np.abs(terms))
+        assert z_error < 1e-9
+
+
+def test_printed_sign_makes_V2_grow():
+    """Without leakage V2 falls at every point; with that sign it grows at some."""
+    for sign, grows in ((1.0, False), (-1.0, True)):
+        rates = [_dV2(seed, 1, sign=sign, **NO_LEAKAGE)[0] for seed in range(20)]
+        assert (max(rates) > 0) == grows
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -197,75 +193,6 @@ def test_networks_of_position_and_velocity(n, seed):
     rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
     x_dot = adaptive_rate(gains, numbers, x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_array_equal(x_dot, pack_state(rate))
-
-
-def _Trajectory(n, sign=1.0):
-    """V2 along the closed loop, and what the identity says that it has lost.
-
-    The third network learns with a sign of -1 as (4.43), (4.52), (5.42), (5.51) print.
-    """
-    rng = np.random.default_rng(n)
-    network = GaussianNetwork(lower=[-1] * n, upper=[1] * n, count=[3] * n, width=1.0)
-    N = network.num_functions
-    gains = _random_gains(rng, n, nu1=0.0, nu3=0.0, Upsilon=0.0, Psi_min=1e-3)
-    truth = _random_truth(rng, n, N)
-    size = n * (1 + n + 2 * N)
-    frequency, amplitude = rng.uniform(1, 5, n), rng.normal(size=n)
-
-    def split(x):
-        u, s, F_e = x[:n], x[n : 2 * n], x[2 * n : 3 * n]
-        return u, s, F_e, unpack_state(x[3 * n : 3 * n + size], n)
-
-    def V2_of(x):
-        u, s, F_e, state = split(x)
-        return _V2(gains, truth, state, network.evaluate(u), s, F_e)
-
-    def rates(t, x):
-        u, s, F_e, state = split(x)
-        v_dd = amplitude * np.sin(frequency * t)
-        F_hd = amplitude * np.cos(frequency * t)
-        # s is a state of the plant; the velocity follows from it.
-        v = s + v_dd - gains.Lambda @ (F_e - F_hd)
-        Phi, Phi_dot = gaussian_functions(u, v, *network.as_numbers())
-        rate = backstepping_rate(
-            gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
-        )
-        rate = rate._replace(W3=sign * rate.W3)
-        s_dot = truth.Psi @ (state.F_c - F_e) + truth.W1 @ Phi
-        z = _z(gains, state, Phi, s, F_e)
-        V2_dot = -s @ gains.P @ gains.G1 @ s - z @ gains.G2 @ z
-        return np.concatenate((v, s_dot, truth.W3 @ Phi, pack_state(rate), [V2_dot]))
-
-    x0 = np.concatenate(
-        (rng.normal(size=3 * n), pack_state(initial_state(gains, N)), [0.0])
-    )
-    solution = solve_ivp(
-        rates,
-        (0.0, 1.0),
-        x0,
-        method="DOP853",
-        rtol=1e-10,
-        atol=1e-12,
-        t_eval=np.linspace(0.0, 1.0, 21),
-    )
-    assert solution.success
-    V2 = np.array([V2_of(x) for x in solution.y.T])
-    sigma = [np.linalg.svd(split(x)[3].Psi)[1][-1] for x in solution.y.T]
-    assert min(sigma) > 2 * gains.Psi_min  # the projection had no part in it
-    return V2, solution.y[-1]
-
-
-@pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
-def test_lyapunov_identity_along_a_trajectory(n):
-    V2, integral = _Trajectory(n)
-    assert integral[-1] < -0.02 * V2[0]  # something happened
-    assert (np.diff(V2) < 0).all()
-    np.testing.assert_allclose(V2 - V2[0], integral, rtol=0, atol=1e-9 * V2[0])
-
-
-def test_printed_sign_makes_V2_grow():
-    V2, _ = _Trajectory(1, sign=-1.0)
-    assert V2.max() > 1.05 * V2[0]
 
 
 @given(seed=seeds)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -180,42 +179,6 @@ def test_lyapunov_identity_at_random_points(n):
             < -case.kappa() * case.V2(state, case.network.evaluate(r), s, F_e)
             + case.D()
         )
-
-
-def Trajectory(case, law, s0):
-    """Times, and V2 of the robust law along a trajectory."""
-    n, size = case.n, len(pack_state(initial_state(case.gains, case.N)))
-
-    def Split(y):
-        return y[:n], y[n : 2 * n], y[2 * n : 3 * n], y[3 * n : 3 * n + size]
-
-    def Rates(t, y):
-        return np.concatenate(case.Rates(law, t, *Split(y))[:4])
-
-    x0 = pack_state(initial_state(case.gains, case.N))
-    y0 = np.concatenate((np.zeros(n), s0, np.zeros(n), x0))
-    times = np.linspace(0, 2, 41)
-    solution = solve_ivp(Rates, (0, 2), y0, "RK45", times, rtol=1e-6, atol=1e-8)
-    assert solution.success
-    V2, sigma = [], []
-    for y in solution.y.T:
-        r, s, F_e, x = Split(y)
-        state = unpack_state(x, n)
-        sigma.append(np.linalg.svd(state.Psi)[1][-1])
-        V2.append(case.V2(state, case.network.evaluate(r), s, F_e))
-    assert min(sigma) > 0.1  # The projection had no part in it.
-    return times, np.array(V2)
-
-
-@pytest.mark.parametrize("n", [1, 2])
-def test_ultimate_bound_along_a_trajectory(n):
-    """With the worst remainders."""
-    case = Case(n)
-    kappa, rest = case.kappa(), case.D() / case.kappa()
-    times, V2 = Trajectory(case, Robust, np.full(n, 2.0))
-    bound = rest + (V2[0] - rest) * np.exp(-kappa * times)
-    assert (V2 / bound < 1 + 1e-6).all()
-    assert V2[-1] < V2[0] / 2
 
 
 @pytest.mark.parametrize("n", [1, 3])
