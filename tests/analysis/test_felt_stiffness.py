@@ -1,7 +1,5 @@
 """What the hand feels of the bone: closed forms, a second method, and runs."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from grids import Slow
@@ -105,16 +103,3 @@ def test_the_blocks_alone_say_the_same(kind):
         )
         expected.append((s * impedance).real)
     assert OnBone(scenario, *OMEGA) == pytest.approx(expected, rel=1e-6)
-
-
-def test_what_the_operator_does_has_no_part_in_it():
-    scenario = Scenario("wave_variables", 0.2)
-    never = dataclasses.replace(
-        scenario, surgeon=dataclasses.replace(scenario.surgeon, contact_force=None)
-    )
-    weak = Scenario(
-        "wave_variables", 0.2, **{"controller.wave_variables.impedance": 0.92}
-    )
-    weak.haptic_device.numerator = [5.0, 10.0]
-    assert OnBone(never, 1.0) == pytest.approx(OnBone(scenario, 1.0))
-    assert OnBone(weak, 1.0) == pytest.approx(OnBone(scenario, 1.0))

@@ -10,7 +10,6 @@ from grids import Slow
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.stability_chart import ChartStability
-from teleop_drake.linear_model.loop_model import CutLoop
 from teleop_drake.linear_model.operating_point import (
     POSITION,
     OperatingPointAt,
@@ -148,22 +147,6 @@ def test_only_integrators_are_hidden(name):
         reduced = point.Roots(T, count=12)
         for root in rest:
             assert np.min(np.abs(reduced - root)) < 1e-5 * max(1, abs(root))
-
-
-def test_both_cuts_have_the_same_margins():
-    """Cut at the forward channel instead, the loop crosses at the same delays."""
-    point = Analyze("two_dof_combined")["free"]
-    slave, master = point.model.slave, point.model.master
-    assert CutLoop(point.model).D.shape == (2, 2)
-    w = np.geomspace(0.1, 30, 9)
-    M, S = master.frequency_response(w), slave.frequency_response(w)
-    I = np.eye(4)
-    for z in (1.0, np.exp(0.7j)):
-        full = np.linalg.det(I - S @ M * z)
-        other = np.linalg.det(I - M @ S * z)
-        cut = np.linalg.det(np.eye(2) + point.loop.frequency_response(w) * z)
-        np.testing.assert_allclose(cut, full, rtol=1e-7)
-        np.testing.assert_allclose(other, full, rtol=1e-7)
 
 
 def Growth(recording, begin):

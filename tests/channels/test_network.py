@@ -111,17 +111,6 @@ def test_jumps_are_announced_and_have_two_sides(receiver, delay):
             np.testing.assert_allclose(before, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("delay", [0.1, 0.13, 0.0123456])
-def test_a_constant_delay_is_that_of_the_sampled_channel(delay):
-    arguments = {"size": 2, "initial_value": [-1.0, -2.0]}
-    ours = Ramp(make(delay=delay))
-    sampled = Ramp(SampledDelay(delay=delay, sample_period=H, **arguments))
-    for time in [*np.arange(0.001, 1.0, 0.0031), 1.1, 1.2, 1.2 + delay]:
-        np.testing.assert_allclose(
-            ours.Output(time), sampled.Output(time), rtol=0, atol=1e-13
-        )
-
-
 @pytest.mark.parametrize(
     ("delay", "h"), [(0.1, 0.01), (0.1, 0.03), (0.1, 0.1), (0.123, 0.02), (1 / 3, 0.05)]
 )

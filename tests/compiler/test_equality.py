@@ -30,10 +30,6 @@ CHANNELS = {
 SETTINGS = {"wave_variables": (5e-4, 1e-12), "time_domain_passivity": (1e-3, 1e-14)}
 
 
-def Run(scenario):
-    return MakeDiagram(scenario), scenario.simulator
-
-
 def largest_error(
     name,
     *overrides,
@@ -57,7 +53,8 @@ def largest_error(
     )
     # Not where packets and samplers act.
     times = (np.arange(num_times) + 1 / np.e) * duration / num_times
-    errors = Errors(*(run(*Run(scenario), times) for run in (Compiled, InDrake)))
+    loop = MakeDiagram(scenario), scenario.simulator, times
+    errors = Errors(Compiled(*loop, as_machine_code=True), InDrake(*loop))
     return max((error, name) for name, error in errors.items())
 
 
@@ -90,32 +87,6 @@ def test_the_engines_agree(controller, channels, overrides):
 def test_the_engines_agree_in_chapter_3():
     error, name = largest_error("network_tracking_coupled", duration=0.01, num_times=2)
     assert error < 1e-8, name
-
-
-PROGRAMS = [
-    ("network_tracking_coupled",),
-    ("one_dof", "controller.kind=four_channel", f"forward_channel={VARIABLE}"),
-    (
-        "two_dof_combined",
-        "controller.kind=time_domain_passivity",
-        f"return_channel={NETWORK.format('extrapolate')}",
-    ),
-]
-
-
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: "-".join(program))
-def test_machine_code_is_what_the_program_is(program):
-    """The tests above have the program run by Python."""
-    scenario = LoadScenario(
-        program[0], ["duration=0.1", "simulator.accuracy=1e-10", *program[1:]]
-    )
-    times = (np.arange(4) + 1 / np.e) * 0.01
-    machine, python = (
-        Compiled(*Run(scenario), times, as_machine_code=is_compiled)
-        for is_compiled in (True, False)
-    )
-    errors = Errors(machine, python)
-    assert max(errors.values()) < 1e-9, errors
 
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")

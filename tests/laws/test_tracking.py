@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import appendix_a as arm
 import numpy as np
 import pytest
 
 from teleop_drake.laws.tracking import (
     TrackingGains,
-    task_dynamics,
     tracking_error,
     tracking_force,
     weights_rate,
@@ -20,25 +18,6 @@ GAINS = TrackingGains(
     beta=5.0,
     nu=0.0,
 )
-
-
-def J_dot(q, qdot, h=1e-6):
-    return (arm.J(q + h * qdot) - arm.J(q - h * qdot)) / (2 * h)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_task_dynamics_are_those_of_the_arm(seed):
-    rng = np.random.default_rng(seed)
-    q = np.array([rng.uniform(-3, 3), rng.uniform(0.3, 2.8)])
-    qdot, F = rng.normal(size=2), rng.normal(size=2)
-    bias = arm.C(q, qdot) @ qdot + arm.G(q)
-    J, drift = arm.J(q), J_dot(q, qdot) @ qdot
-    dynamics = task_dynamics(M=arm.M(q), bias=bias, J=J, J_dot_qdot=drift)
-    M_r, h_r = dynamics[:4].reshape(2, 2), dynamics[4:]
-    # The motion of the joints under F, seen at the tool.
-    qddot = np.linalg.solve(arm.M(q), J.T @ F - bias)
-    np.testing.assert_allclose(M_r @ (J @ qddot + drift) + h_r, F, atol=1e-9)
-    np.testing.assert_allclose(M_r, M_r.T, rtol=1e-9)
 
 
 def lyapunov_rate(seed, gains=GAINS, sign=1.0):

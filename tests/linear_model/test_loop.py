@@ -83,31 +83,6 @@ def test_empty_space_and_the_robots_reach():
     np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("point", "k", "d"), [(0, 0.01, 0.5), (1, 0.0, 0.0), (2, 150.0, 0.0)]
-)
-def test_slider_is_the_equation_of_motion(point, k, d):
-    """m dv/dt + c v + d v + k r = F."""
-    model = Model("one_dof", point=point)
-    m, c = 0.5, 0.1
-    np.testing.assert_allclose(
-        model.slave.A, [[0, 1], [-k / m, -(c + d) / m]], rtol=1e-14
-    )
-    np.testing.assert_allclose(model.slave.B, [[0, 0], [1 / m, 0]], rtol=1e-14)
-    np.testing.assert_allclose(model.slave.C, np.eye(2), rtol=1e-14)
-    np.testing.assert_allclose(model.slave.D, 0)
-    assert not model.frozen_weights
-    assert model.by_differences == ()
-
-
-def test_master_is_the_haptic_device():
-    model = Model("one_dof")
-    G = model.master.frequency_response(W)
-    np.testing.assert_allclose(G[:, 0, 1], -(25 * S + 50) / (S**2 + 25 * S), rtol=1e-10)
-    # The commanded velocity depends on nothing, and nothing on the position.
-    assert np.all(G[:, 1] == 0) and np.all(G[:, 0, 0] == 0)
-
-
 def test_adaptive_law_without_adaptation_is_its_textbook_form():
     """With W1 = W3 = 0 and constant Psi, (4.23), (4.31), (4.32) leave
 
@@ -388,26 +363,6 @@ def test_predictor_is_its_equation():
         ]
     )
     np.testing.assert_allclose(G, np.moveaxis(expected, -1, 0), atol=1e-9)
-
-
-def test_idle_passivity_controllers_are_direct_force():
-    for name in ("one_dof", "two_dof_combined"):
-        model = Model(name, "time_domain_passivity")
-        direct = Model(name)
-        assert model.idle_passivity and not direct.idle_passivity
-        n = len(model.point.position)
-        v = slice(n, 2 * n)
-        np.testing.assert_allclose(
-            model.slave.frequency_response(W)[:, v, :n],
-            direct.slave.frequency_response(W)[:, v, :n],
-            rtol=1e-7,
-            atol=1e-9,
-        )
-        np.testing.assert_allclose(
-            model.master.frequency_response(W)[:, :n, v],
-            direct.master.frequency_response(W)[:, :n, v],
-            rtol=1e-7,
-        )
 
 
 def Bent(v_bend, share=0.1):

@@ -27,8 +27,6 @@ from teleop_drake.machine_code.compiled import (
     CompiledLaw,
     Interpreted,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
 
 
 def AssertSame(law, constants, samples):
@@ -284,30 +282,3 @@ def test_threads_do_not_share_what_they_work_with():
     for thread in threads:
         thread.join()
     assert not wrong
-
-
-# Sampled channels make passivity control brake and let go in quick succession.
-SAMPLED = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
-RUNS = {
-    "two_dof_combined": {"duration": 0.1},
-    "two_dof_collision": {
-        "controller.kind": "time_domain_passivity",
-        "duration": 0.3,
-        "forward_channel": SAMPLED,
-        "return_channel": SAMPLED,
-    },
-}
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_a_run_without_machine_code_is_the_same(name):
-    """And so are as many steps, which error control chooses."""
-    fast = simulate(LoadScenario(name, RUNS[name]), engine="drake")
-    with Interpreted():
-        plain = simulate(LoadScenario(name, RUNS[name]), engine="drake")
-    assert len(fast.time) == len(plain.time)
-    times = np.linspace(0, fast.time[-1], 200)
-    for signal in ("tool_velocity", "control_force"):
-        # Error control may end a step of the same kind 1e-11 s later.
-        a, b = (run.Interpolate(signal, times) for run in (fast, plain))
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
