@@ -57,7 +57,7 @@ class AdaptiveBackstepping(FixedBlock):
     of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
     F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
     networks have the tool's position as their input, or [r; v]; see
-    `laws.backstepping.here` for what the law then takes for dPhi/dt.
+    `laws.backstepping.known` for what the law then takes for dPhi/dt.
 
     | port | name                | size  | unit  | is                       |
     |------|---------------------|-------|-------|--------------------------|

@@ -336,8 +336,8 @@ def damped_rate(
     return BacksteppingState(F_c_dot, W1_dot, Psi_dot, W3_dot)
 
 
-class Instant(NamedTuple):
-    """What a law knows at an instant; see here().
+class Known(NamedTuple):
+    """What a law knows at an instant; see known().
 
     Attributes:
         state: Its own.
@@ -354,7 +354,7 @@ class Instant(NamedTuple):
     F_e: Array
 
 
-def here(
+def known(
     gains: BacksteppingGains,
     network: Lattice,
     x: Array,
@@ -363,7 +363,7 @@ def here(
     v_dd: Array,
     F_e: Array,
     F_hd: Array,
-) -> Instant:
+) -> Known:
     """Returns what a law with Gaussian networks knows.
 
     Their input is r, or [r; v] if the lattice has so many dimensions.
@@ -382,19 +382,19 @@ def here(
         r = np.concatenate((r, v))
     Phi, Phi_dot = gaussian_functions(r, r_dot, network.centres, network.widths)
     s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
-    return Instant(state, Phi, Phi_dot, s, F_e)
+    return Known(state, Phi, Phi_dot, s, F_e)
 
 
 def adaptive_rate(gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns backstepping_rate() with Gaussian networks, of and as a vector.
 
-    It takes what here() does.
+    It takes what known() does.
     """
-    now = here(gains, *taken)
+    now = known(gains, *taken)
     return pack_state(damped_rate(gains, *now, gains.G1 @ now.s, gains.G1))
 
 
 def adaptive_errors(gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns s in m/s and z in N as one vector (2n); it takes what here() does."""
-    state, Phi, _, s, F_e = here(gains, *taken)
+    """Returns s in m/s and z in N as one vector (2n); it takes what known() does."""
+    state, Phi, _, s, F_e = known(gains, *taken)
     return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))

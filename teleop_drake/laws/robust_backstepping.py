@@ -76,7 +76,7 @@ from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     damped_force_error,
     damped_rate,
-    here,
+    known,
     pack_state,
 )
 
@@ -126,8 +126,8 @@ def robust_force_rate(
 
 
 def robust_rate(bounds: RobustBounds, gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns the time rate of the law's state; takes what backstepping.here() does."""
-    now = here(gains, *taken)
+    """Returns the rate of the law's state; takes what backstepping.known() does."""
+    now = known(gains, *taken)
     damping, slope = robust_damping(gains, bounds, now.s)
     rate = damped_rate(gains, *now, damping, slope)
     z = damped_force_error(now.state, now.Phi, now.F_e, damping)
@@ -137,6 +137,6 @@ def robust_rate(bounds: RobustBounds, gains: BacksteppingGains, *taken: Any) -> 
 
 def robust_errors(bounds: RobustBounds, gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns s in m/s and z in N as one vector (2n)."""
-    state, Phi, _, s, F_e = here(gains, *taken)
+    state, Phi, _, s, F_e = known(gains, *taken)
     damping, _ = robust_damping(gains, bounds, s)
     return np.concatenate((s, damped_force_error(state, Phi, F_e, damping)))

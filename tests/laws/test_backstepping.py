@@ -18,7 +18,7 @@ from teleop_drake.laws.backstepping import (
     auxiliary_error,
     backstepping_rate,
     control_force_error,
-    here,
+    known,
     pack_state,
     project,
 )
@@ -181,7 +181,7 @@ def test_networks_of_position_and_velocity(n, seed):
     r, v, v_dd, F_e, F_hd = rng.normal(size=(5, n))
     gains, numbers = _random_gains(rng, n), network.as_numbers()
     x = pack_state(state)
-    _, Phi, Phi_dot, _, _ = here(gains, numbers, x, r, v, v_dd, F_e, F_hd)
+    _, Phi, Phi_dot, _, _ = known(gains, numbers, x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
     a, h = state.Psi @ (state.F_c - F_e), 1e-30j
     offsets = (

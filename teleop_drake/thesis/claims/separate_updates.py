@@ -18,7 +18,7 @@ from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
     adaptive_rate,
-    here,
+    known,
     pack_state,
     unpack_state,
 )
@@ -26,7 +26,7 @@ from teleop_drake.laws.backstepping import (
 
 def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns adaptive_rate() less the share of z in the updates of W1 and Psi."""
-    state, Phi, _, s, F_e = here(gains, *taken)
+    state, Phi, _, s, F_e = known(gains, *taken)
     rate = unpack_state(adaptive_rate(gains, *taken), len(s))
     Psi_inv = np.linalg.inv(state.Psi)
     offset = Psi_inv @ (state.W1 @ Phi + gains.G1 @ s)
