@@ -1,7 +1,9 @@
 """Writing files. Every file appears complete or not at all."""
 
+import argparse
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -94,3 +96,15 @@ def WriteJson(file: str, value: Any) -> None:
         print(ToJson(value), end="")
     else:
         WriteText(Path(file), ToJson(value))
+
+
+def Tell(
+    args: argparse.Namespace, record: Any, *texts: str, written: Iterable[object] = ()
+) -> None:
+    """Writes a record to --json; prints texts and files unless stdout is for that."""
+    if args.json is not None:
+        WriteJson(args.json, record)
+    if args.json != "-":
+        print(*texts, sep="\n")
+        if files := ", ".join(map(str, written)):
+            print("Written:", files)

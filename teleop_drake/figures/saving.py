@@ -19,32 +19,32 @@ _METADATA: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def SaveFigure(figure: Figure, path: str | Path) -> None:
+def SaveFigure(figure: Figure, *paths: str | Path) -> None:
     """Writes a figure; the same figure gives the same bytes.
 
-    The file appears complete or not at all.
+    A file appears complete or not at all.
 
     It carries a description in words, what DescribeFigure() returns: in a .png as the
     text `Description`, in an .svg as its title, in a .pdf as its subject.
 
     Args:
-        path: Where to; the suffix, .png, .svg or .pdf, decides the format.
+        paths: Where to; the suffix, .png, .svg or .pdf, decides the format.
 
     Raises:
-        OSError: If the file cannot be written.
-        ValueError: If the suffix is none of these.
+        OSError: If a file cannot be written.
+        ValueError: If a suffix is none of these.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in _METADATA:
-        Refuse("path", str(path), "*.png, *.svg or *.pdf")
-    place, changing = _METADATA[suffix]
-    metadata = {**dict.fromkeys(changing), place: DescribeFigure(figure)}
-    with (
-        Replacing(path) as temporary,
-        matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
-    ):
-        figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=metadata)
+    for path in map(Path, paths):
+        suffix = path.suffix.lower()
+        if suffix not in _METADATA:
+            Refuse("path", str(path), "*.png, *.svg or *.pdf")
+        place, changing = _METADATA[suffix]
+        metadata = {**dict.fromkeys(changing), place: DescribeFigure(figure)}
+        with (
+            Replacing(path) as temporary,
+            matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
+        ):
+            figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=metadata)
 
 
 def DescribeFigure(figure: Figure) -> str:

@@ -92,8 +92,7 @@ def WritePicture(
         if layout is not None:
             layout.execute(picture)
             picture.set_layout_engine("none")
-        for path in paths:
-            SaveFigure(picture, path)
+        SaveFigure(picture, *paths)
     else:
         for path in paths:
             WriteDiagram(picture, path, max_depth=1)

@@ -109,21 +109,16 @@ def Execute(args: argparse.Namespace) -> int:
         raise BadInput(e) from None
     record = analysis.ToRecord()
     record["transparency"] = [point.ToRecord() for point in transparency]
+    texts = [_AnalysisTable(record)]
     if chart is not None:
         record["chart"] = chart.ToRecord()
+        texts += ["", _ChartTable(record["chart"])]
+    written = []
     if args.out is not None:
         _Draw(figure_paths, analysis, transparency, chart)
         output.WriteText(summary_path, output.ToJson(record))
-    if args.json is not None:
-        output.WriteJson(args.json, record)
-    if args.json != "-":
-        print(_AnalysisTable(record))
-        if chart is not None:
-            print()
-            print(_ChartTable(record["chart"]))
-        if args.out is not None:
-            written = [*figure_paths, summary_path]
-            print("Written:", ", ".join(map(str, written)))
+        written = [*figure_paths, summary_path]
+    output.Tell(args, record, *texts, written=written)
     return 0
 
 
@@ -146,8 +141,8 @@ def _Draw(
     ]
     # Those of a figure stand together, one for each format.
     each = len(paths) // len(made)
-    for i, path in enumerate(paths):
-        SaveFigure(made[i // each], path)
+    for i, figure in enumerate(made):
+        SaveFigure(figure, *paths[i * each : (i + 1) * each])
 
 
 def _VariedNumber(item: str | None) -> tuple[str, list[float]]:

@@ -100,21 +100,15 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
         figure = PlotComparison(shown, **drawing)
     except (KeyError, ValueError) as e:
         raise BadInput(e) from None
-    for path in figure_paths:
-        SaveFigure(figure, path)
+    SaveFigure(figure, *figure_paths)
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
         MakeReplay(shown).Save(args.html)
-    if args.json is not None:
-        output.WriteJson(args.json, records)
-    if args.json != "-":
-        for recording in recordings.values():
-            print(Headline(recording))
-        print(Table(recordings, records))
-        written = [*figure_paths, *recording_paths[: len(recordings)]]
-        written += [args.html] if args.html is not None else []
-        print("Written:", ", ".join(map(str, written)))
+    texts = [*map(Headline, recordings.values()), Table(recordings, records)]
+    written = [*figure_paths, *recording_paths[: len(recordings)]]
+    written += [args.html] if args.html is not None else []
+    output.Tell(args, records, *texts, written=written)
     is_interrupted = recordings[label].termination == "interrupted"
     return INTERRUPTED if is_interrupted else 0
 
@@ -159,12 +153,7 @@ def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
         result = RunSweep(plan, progress=show)
     metrics = result.Metrics()
     figure = PlotSeeds(result, *metrics)
-    for path in figure_paths:
-        SaveFigure(figure, path)
-    tables = WriteTables(result, Path(args.out), f"{stem}_")
-    if args.json is not None:
-        output.WriteJson(args.json, result.records)
-    if args.json != "-":
-        print(SeedsTable(result, metrics))
-        print("Written:", ", ".join(map(str, [*figure_paths, *tables])))
+    SaveFigure(figure, *figure_paths)
+    written = [*figure_paths, *WriteTables(result, Path(args.out), f"{stem}_")]
+    output.Tell(args, result.records, SeedsTable(result, metrics), written=written)
     return 0

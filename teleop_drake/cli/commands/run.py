@@ -54,13 +54,8 @@ def Execute(args: argparse.Namespace) -> int:
     if args.html is not None:
         recording.Animate().Save(args.html)
         written.append(args.html)
-    if args.json is not None:
-        output.WriteJson(args.json, record)
-    if args.json != "-":
-        print(Headline(recording))
-        print(Table({record["controller"]: recording}, [record]))
-        if written:
-            print("Written:", ", ".join(map(str, written)))
+    table = Table({record["controller"]: recording}, [record])
+    output.Tell(args, record, Headline(recording), table, written=written)
     return INTERRUPTED if recording.termination == "interrupted" else 0
 
 
@@ -82,12 +77,10 @@ def _Draw(
         figure = PlotRun(recording, **drawing)
     except (KeyError, ValueError) as e:
         raise BadInput(e) from None
-    for path in paths:
-        SaveFigure(figure, path)
+    SaveFigure(figure, *paths)
     if not HasNetwork(recording):
         return []
     network = PlotNetwork(recording, columns=drawing["columns"])
     network_paths = [path.with_stem(f"{path.stem}_network") for path in paths]
-    for path in network_paths:
-        SaveFigure(network, path)
+    SaveFigure(network, *network_paths)
     return network_paths

@@ -251,12 +251,9 @@ def _Draw(
         grid = None if VariesSeedsOnly(result) else SweepGrid(result)
         rows, columns = grid.shape[:2] if grid else (1, 1)
         is_separate |= rows * columns * len(metrics) > MAX_PANELS
-        groups: dict[str, Sequence[str]] = {
-            metric.replace(".", "_") if is_separate else "metrics": (
-                [metric] if is_separate else metrics
-            )
-            for metric in metrics
-        }
+        groups: dict[str, Sequence[str]] = {"metrics": metrics}
+        if is_separate:
+            groups = {metric.replace(".", "_"): [metric] for metric in metrics}
         figures = {name: plot(result, *group) for name, group in groups.items()}
     except ValueError as e:
         return [], f"No figures ({e})"

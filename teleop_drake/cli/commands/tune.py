@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from teleop_drake.cli import options
 from teleop_drake.cli.commands.sweep import StudyOf
 from teleop_drake.cli.exit_codes import DONE, INTERRUPTED, BadInput, Fail
-from teleop_drake.cli.output import CheckJson, WriteJson
+from teleop_drake.cli.output import CheckJson, Tell
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align
 
@@ -114,12 +114,8 @@ def Execute(args: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt:
         return Fail(INTERRUPTED, f"interrupted; --resume goes on with {args.out}")
-    files = result.Write(Path(args.out))
-    if args.json is not None:
-        WriteJson(args.json, result.Table())
-    if args.json != "-":
-        print(_Table(result))
-        print("Written:", ", ".join(map(str, files)))
+    written = result.Write(Path(args.out))
+    Tell(args, result.Table(), _Table(result), written=written)
     return DONE
 
 
