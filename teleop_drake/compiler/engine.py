@@ -1,9 +1,7 @@
 """Runs a compiled diagram."""
 
-import functools
 from collections.abc import Callable, Iterable, Sequence, Sized
-from types import FunctionType
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -15,9 +13,8 @@ from teleop_drake.integrator import advance as integrator
 from teleop_drake.integrator import problem
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Evaluate, Library, TypedFunction
-from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.native import Evaluate
+from teleop_drake.machine_code.typed_code import CompileTyped
 from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
@@ -112,8 +109,10 @@ class CompiledRun:
         self._num_rows, self._chunk = 0, _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
         if isinstance(evaluator.function, Evaluate):
+            # Once a process for all diagrams: nothing in it is a user's.
             numbers = 0.0, accuracy, max_step
-            self._integrate = CompileIntegrator(self.problem, self.memory, *numbers)
+            types = EVALUATE, *map(TypeOf, (self.problem, self.memory, *numbers))
+            self._integrate = CompileTyped(integrator.advance, types)
 
     @property
     def time(self) -> float:
@@ -250,23 +249,6 @@ class CompiledRun:
         if counts[problem.BREAKS] > len(breaks) // 2:
             breaks = np.concatenate([breaks, np.zeros_like(breaks)])
         self.memory = memory._replace(steps=steps, values=values, breaks=breaks)
-
-
-def CompileIntegrator(*arguments: Any) -> TypedFunction:
-    """Returns integrator.advance.advance() as machine code.
-
-    It is compiled once a process for all diagrams, as nothing in it is a user's, and
-    kept in the user's cache.
-    """
-    return _Integrator((EVALUATE, *map(TypeOf, arguments)))
-
-
-@functools.cache
-def _Integrator(types: tuple[Any, ...]) -> TypedFunction:
-    data, _ = Kept(
-        "advance", MakeTypedCode(cast(FunctionType, integrator.advance), types)
-    )
-    return TypedFunction(Library(data, "advance", "fault"), "advance")
 
 
 def _Delays(program: Program, start: float, end: float) -> problem.Delays:

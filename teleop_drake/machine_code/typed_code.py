@@ -6,6 +6,7 @@ is outside of that is refused when it is compiled, by its line.
 """
 
 import ast
+import functools
 import inspect
 from collections.abc import Sequence
 from types import FunctionType
@@ -13,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from teleop_drake.machine_code.cache import Kept
+from teleop_drake.machine_code.native import Library, TypedFunction
 from teleop_drake.machine_code.typed_expressions import (
     EVALUATE,
     INTEGER,
@@ -56,6 +59,14 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
             '!2 = !{!"branch_weights", i32 1, i32 1000}',
         ]
     )
+
+
+@functools.cache
+def CompileTyped(function: Any, types: tuple[Type, ...]) -> TypedFunction:
+    """Returns a function in machine code, which is kept in the user's cache."""
+    name = function.__name__
+    data, _ = Kept(name, MakeTypedCode(function, types))
+    return TypedFunction(Library(data, name, "fault"), name)
 
 
 class _Module:

@@ -1,20 +1,16 @@
 """What a task measures of a run, as data; measuring.py measures it."""
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import FunctionType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.integrator.measuring import NUM_INSTANTS, Record, Rows, measure
 from teleop_drake.integrator.problem import ROWS
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Library, TypedFunction
-from teleop_drake.machine_code.typed_code import MakeTypedCode
+from teleop_drake.machine_code.typed_code import CompileTyped
 from teleop_drake.machine_code.typed_expressions import TypeOf
 from teleop_drake.numerics.step_polynomials import DEGREE, lagrange, shares
 from teleop_drake.recording import Event, Recording
@@ -158,7 +154,8 @@ class Measures:
         record.places[3] = recording.termination == "diverged"
         record.places[2] = used.index(self.mode) if self.mode >= 0 else -1
         measured = Rows(counts, rows[:, 0].copy(), ends, rows[:, 1:].copy())
-        _Function(tuple(map(TypeOf, (record, measured))))(record, measured)
+        types = tuple(map(TypeOf, (record, measured)))
+        CompileTyped(measure, types)(record, measured)
         names = self.EventNames()
         instants = record.instants[: record.counts[NUM_INSTANTS]].tolist()
         events = [
@@ -172,13 +169,6 @@ class Measures:
             group = results.setdefault(whole, {}) if whole else results
             group[part] = None if math.isnan(x) else x
         return events, results
-
-
-@functools.cache
-def _Function(types: tuple[Any, ...]) -> TypedFunction:
-    """Returns measure() in machine code, kept in the user's cache."""
-    data, _ = Kept("measure", MakeTypedCode(cast(FunctionType, measure), types))
-    return TypedFunction(Library(data, "measure", "fault"), "measure")
 
 
 def PlacesOf(recording: Recording) -> Places:
