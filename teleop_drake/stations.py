@@ -146,11 +146,8 @@ def MakeControlLaw(scenario: Scenario) -> System:
     """
     config = scenario.controller.Chosen()
     if not isinstance(config, ControlLawConfig):
-        Refuse(
-            "controller.kind",
-            config.kind,
-            f"a control law with the thesis's packets, such as {CONTROLLERS[1]}",
-        )
+        allowed = f"a control law with the thesis's packets, such as {CONTROLLERS[1]}"
+        Refuse("controller.kind", config.kind, allowed)
     return config.MakeControlLaw(scenario.Facts(), scenario.controller.path)
 
 

@@ -205,11 +205,8 @@ class NetworkConfig(FixedFields):
         CheckVector(f"{path}.lower", self.lower, n, "m")
         CheckVector(f"{path}.upper", self.upper, n, "m")
         if not np.all(self.lower < self.upper):
-            Refuse(
-                f"{path}.upper",
-                self.upper,
-                f"> {path}.lower = {Show(self.lower)} m on every axis",
-            )
+            allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
+            Refuse(f"{path}.upper", self.upper, allowed)
         count = self.count
         if count is None or len(count) != n or min(count) < 1:
             Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")

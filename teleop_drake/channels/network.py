@@ -175,11 +175,8 @@ class NetworkChannelConfig(VaryingDelayConfig):
                 packet arrives.
         """
         if self.receiver.policy == "extrapolate":
-            Refuse(
-                f"{path}.receiver.policy",
-                self.receiver.policy,
-                "newest or playout, because what extrapolates is not a delay",
-            )
+            allowed = "newest or playout, because what extrapolates is not a delay"
+            Refuse(f"{path}.receiver.policy", self.receiver.policy, allowed)
         network = self.Network(duration, stream=path, path=path)
         age = ComputePacketStatistics(network, self.receiver, duration).age_mean
         if age is None:

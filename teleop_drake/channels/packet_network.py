@@ -212,11 +212,8 @@ class PacketNetwork:
         self._jitter, self._loss = jitter or Jitter(), loss or Loss()
         self._is_lost, self._seed, self._stream = is_lost, seed, stream
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
-            Refuse(
-                "sample_period",
-                sample_period,
-                f"a finite number > 0 and <= {profile.duration:g} (s)",
-            )
+            allowed = f"a finite number > 0 and <= {profile.duration:g} (s)"
+            Refuse("sample_period", sample_period, allowed)
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         self._CheckJitter()
@@ -242,12 +239,11 @@ class PacketNetwork:
             allowed = f"such that the delay, down to {least:g} s, is never negative"
             Refuse("jitter.std", jitter.std, allowed)
         if least < -1e-12:
-            Refuse(
-                "jitter.minimum",
-                jitter.minimum,
+            allowed = (
                 f">= {jitter.minimum - least:g} (s), so that with what varies with "
-                "time no delay is negative",
+                "time no delay is negative"
             )
+            Refuse("jitter.minimum", jitter.minimum, allowed)
 
     def _CheckLoss(self) -> None:
         loss = self._loss
@@ -261,12 +257,11 @@ class PacketNetwork:
             loss.burst_length / (1 + loss.burst_length)
         )
         if not loss.good_loss <= loss.probability <= most:
-            Refuse(
-                "loss.probability",
-                loss.probability,
+            allowed = (
                 f">= {loss.good_loss:g} and <= {most:g}, with this burst_length, "
-                "good_loss and bad_loss",
+                "good_loss and bad_loss"
             )
+            Refuse("loss.probability", loss.probability, allowed)
 
     def Arrival(self, k: int) -> float:
         """Returns when packet k, sent at k h, arrives (s); infinity if it is lost.

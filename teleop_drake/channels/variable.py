@@ -113,11 +113,8 @@ class DelayProfile:
             self._RefuseMinimum("negative")
 
     def _RefuseMinimum(self, what: str) -> NoReturn:
-        Refuse(
-            "delay",
-            self.delay,
-            f"such that the delay, down to {self.minimum:.6g} s, is never {what}",
-        )
+        allowed = f"such that the delay, down to {self.minimum:.6g} s, is never {what}"
+        Refuse("delay", self.delay, allowed)
 
     def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
         """Checks that a signal can be delayed by T continuously and in order.
@@ -138,12 +135,11 @@ class DelayProfile:
                 "sinusoid.amplitude": self._sinusoid.amplitude,
                 "trace": trace_name,
             }
-            Refuse(
-                name,
-                value[name],
+            allowed = (
                 f"such that dT/dt, up to {self.max_slope:.6g}, is less than 1; where "
-                "packets overtake each other, kind must be network",
+                "packets overtake each other, kind must be network"
             )
+            Refuse(name, value[name], allowed)
 
     def __call__(self, t: Any) -> Any:
         """Returns T(t) in s.
@@ -216,13 +212,12 @@ class VaryingDelayConfig(ChannelConfig):
         with Within(path):
             trace = read.Until(duration, self.trace_end)
         if trace.times[-1] < duration:
-            Refuse(
-                f"{path}.trace",
-                self.trace,
+            allowed = (
                 f"at least as long as the duration, {duration:g} s, not "
                 f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
-                "repeat",
+                "repeat"
             )
+            Refuse(f"{path}.trace", self.trace, allowed)
         factor = self.trace_factor or (0.5 if trace.is_round_trip else 1.0)
         return replace(trace, delays=trace.delays * factor)
 
@@ -333,12 +328,11 @@ class VariableChannelConfig(VaryingDelayConfig):
         super().Check(path, duration)
         trace = self.MeasuredDelays(duration, path)
         if trace is not None and trace.is_lost.any():
-            Refuse(
-                f"{path}.trace",
-                self.trace,
+            allowed = (
                 f"without losses, and has {int(trace.is_lost.sum())}; where packets "
-                "are lost, kind must be network",
+                "are lost, kind must be network"
             )
+            Refuse(f"{path}.trace", self.trace, allowed)
         profile = self.ProfileOf(trace, duration, path)
         with Within(path):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")

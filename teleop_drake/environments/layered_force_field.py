@@ -287,11 +287,8 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
     for i, layer in enumerate(layers):
         is_named = layer.name is not None and layer.name.isidentifier()
         if not is_named or layer.name in names:
-            Refuse(
-                f"{path}.{i}.name",
-                layer.name,
-                "unique, of letters, digits and _, not beginning with a digit",
-            )
+            allowed = "unique, of letters, digits and _, not beginning with a digit"
+            Refuse(f"{path}.{i}.name", layer.name, allowed)
         place = f"{path}.{layer.name}"
         names.add(layer.name)
         if not (i == 0 and layer.start == -math.inf):

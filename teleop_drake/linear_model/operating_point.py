@@ -92,12 +92,11 @@ def OperatingPoints(
     block = environment or scenario.environment.MakeEnvironment(start)
     surfaces = SurfacesOf(block)
     if surfaces is None:
-        Refuse(
-            "environment",
-            type(block).__name__,
+        allowed = (
             "one that tells its Surfaces(), between which operating points lie; of any "
-            "other, give AnalyzeStability() points of a run: OperatingPointOfRun()",
+            "other, give AnalyzeStability() points of a run: OperatingPointOfRun()"
         )
+        Refuse("environment", type(block).__name__, allowed)
     contact = FindSurface(surfaces, CONTACT)
     arrival = math.inf
     if contact is not None and contact.Along(velocity) > 0:

@@ -148,11 +148,8 @@ def LinearizePorts(
     )
     _, M = dual.Evaluate(_STEP)
     if dual.Bends(_STEP, M):
-        Refuse(
-            "context",
-            f"at {context.get_time():g} s",
-            "where every law has one slope; one bends here, as at a surface",
-        )
+        allowed = "where every law has one slope; one bends here, as at a surface"
+        Refuse("context", f"at {context.get_time():g} s", allowed)
     n = sum(x.size for x in states)
     return PortModel(
         model=StateSpace(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:]),
@@ -173,11 +170,10 @@ def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str,
         if groups == 0 or told.delay is not None:
             continue
         if not told.has_modes and SurfacesOf(block.system) is None:
-            Refuse(
-                "diagram",
-                block.path,
+            allowed = (
                 "without samples: a block whose state is not continuous has no "
-                "linear model, exact delays apart",
+                "linear model, exact delays apart"
             )
+            Refuse("diagram", block.path, allowed)
         held.append(block.path)
     return tuple(held)

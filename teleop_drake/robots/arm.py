@@ -63,12 +63,11 @@ class ArmConfig(DrivenArmConfig):
         nv, nu = plant.num_velocities(), plant.num_actuators()
         B = plant.MakeActuationMatrix()
         if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
-            Refuse(
-                "file",
-                self.file,
+            allowed = (
                 f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
-                "joint velocities; add_motors: true adds those that are missing",
+                "joint velocities; add_motors: true adds those that are missing"
             )
+            Refuse("file", self.file, allowed)
         return plant
 
     def _CheckFile(self) -> None:

@@ -51,11 +51,8 @@ class RobotConfig(KindConfig, ABC):
                 or len(self.start) not in (1, 2, 3, 6)
                 or not np.isfinite(np.asarray(self.start, dtype=float)).all()
             ):
-                Refuse(
-                    "start",
-                    self.start,
-                    "a list of 1, 2 or 3 finite numbers (m), or of 6",
-                )
+                allowed = "a list of 1, 2 or 3 finite numbers (m), or of 6"
+                Refuse("start", self.start, allowed)
             CheckRotation("start", self.start)
             self.CheckNumbers()
 

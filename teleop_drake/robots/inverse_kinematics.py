@@ -94,13 +94,12 @@ def SolveInverseKinematics(
     values = np.linalg.svd(J, compute_uv=False)
     smallest = values[-1] if len(values) == len(J) else 0.0
     if not smallest > _MINIMUM_CONDITION * values[0]:
-        Refuse(
-            "start",
-            p,
+        allowed = (
             "away from singular poses (here the smallest singular value of the tool's "
             f"{len(J)} x {plant.num_velocities()} Jacobian is {smallest:.3g}, the "
-            f"largest {values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})",
+            f"largest {values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})"
         )
+        Refuse("start", p, allowed)
     return q
 
 
