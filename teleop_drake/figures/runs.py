@@ -24,14 +24,7 @@ from teleop_drake.figures.selection import (
     SelectRows,
     SelectTime,
 )
-from teleop_drake.figures.style import (
-    FONT_SIZE,
-    GREY,
-    SMALL_FONT_SIZE,
-    Figure,
-    Key,
-    RunStyle,
-)
+from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
@@ -182,12 +175,12 @@ def _PlotAgainstTime(
         ax.set_ylabel(f"{label}\n[{unit}]" if unit else label, fontsize=FONT_SIZE)
         lines = ((curve.time, y) for curve in curves for y in curve.y.T)
         for k, (t, y) in enumerate(lines):
-            ax.plot(t, y * scale, **RunStyle(k))
+            ax.plot(t, y * scale, **style.RunStyle(k))
     for ax in axes[-1]:
         ax.set_xlim(_TimeLimits([recording]))
         ax.set_xlabel("time [s]", fontsize=FONT_SIZE)
     figure.align_ylabels(axes)
-    handles = [Key(name, **RunStyle(k)) for k, name in enumerate(names)]
+    handles = [style.Key(name, **style.RunStyle(k)) for k, name in enumerate(names)]
     style.AddLegend(figure, handles, ncols=len(names) if columns == 2 else 1)
     return figure
 
@@ -423,7 +416,7 @@ class _Runs:
         run, x = self.runs[i], self._X(place, curve)
         is_single = len(row.components) == 1
         for k, y in enumerate(curve.y.T):
-            line = RunStyle(i) if is_single else _ComponentStyle(row, k)
+            line = style.RunStyle(i) if is_single else _ComponentStyle(row, k)
             if len(place.runs) < len(self.runs):
                 line["linestyle"] = "-"  # There is nothing to tell it from.
             ax.plot(x, y * scale, **line)
@@ -503,7 +496,7 @@ def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
             for i, name in enumerate(row.groups)
         ]
     if names:
-        handles = [Key(label, **_ComponentStyle(row, k)) for k, label in names]
+        handles = [style.Key(label, **_ComponentStyle(row, k)) for k, label in names]
         ax.legend(handles=handles, ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
 
 
@@ -529,16 +522,16 @@ def _AddLegend(
 ) -> None:
     handles = []
     for i, (name, run) in enumerate(recordings.items() if names_runs else ()):
-        line = RunStyle(i)
+        line = style.RunStyle(i)
         if run.termination == "diverged":
             line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}
             name = f"{name} (diverges at {run.time[-1]:.3g} s)"
-        handles.append(Key(name, **line))
+        handles.append(style.Key(name, **line))
     if any(row.command is not None for row in rows):
-        handles.append(Key("commanded velocity", **_COMMAND_STYLE))
+        handles.append(style.Key("commanded velocity", **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(Key(label, **style.EventStyle(marker, GREY)))
+            handles.append(style.Key(label, **style.EventStyle(marker, GREY)))
     # One line if it fits, by the width of an average letter.
     width = figure.get_figwidth()
     margin = 0.5 if width >= style.WIDTH else 0.75

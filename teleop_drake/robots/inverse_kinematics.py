@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array
+from teleop_drake.systems.tool_interface import SpatialJacobian
 from teleop_drake.validation import Refuse
 
 TOOL = "tool"
@@ -31,15 +31,7 @@ singular, stretched for example, where nothing says which way to bend."""
 
 def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Array:
     """Returns Jv_v_WT along the task axes, and Jw_WT with six of them (n, nv)."""
-    world = plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(
-        context,
-        JacobianWrtVariable.kV,
-        plant.GetFrameByName(TOOL),
-        np.zeros(3),
-        world,
-        world,
-    )
+    J = SpatialJacobian(plant, context, plant.GetFrameByName(TOOL))
     return np.concatenate([J[3:], J[:3]])[:num_axes]
 
 
@@ -141,14 +133,9 @@ class _Target:
     def Jacobian(self, q: Array) -> Array:
         """Returns ToolJacobian(), and below it that of w_WT if a rotation is asked."""
         self._plant.SetPositions(self._context, q)
-        J = ToolJacobian(self._plant, self._context, self.p.size)
-        if self._R is None:
-            return J
-        world = self._plant.world_frame()
-        Jw = self._plant.CalcJacobianAngularVelocity(
-            self._context, JacobianWrtVariable.kV, self._tool, world, world
-        )
-        return np.vstack([J, Jw])
+        J = SpatialJacobian(self._plant, self._context, self._tool)
+        Jv = J[3 : 3 + self.p.size]
+        return Jv if self._R is None else np.vstack([Jv, J[:3]])
 
     def Error(self, q: Array) -> Array:
         """Returns what is missing to the point in m, and to the rotation in rad."""

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import LeafSystem_
 
 from teleop_drake.arrays import Array
@@ -16,6 +15,7 @@ from teleop_drake.laws.task_space import (
     orientation_torque,
     posture_torque,
 )
+from teleop_drake.systems.tool_interface import SpatialJacobian
 from teleop_drake.validation import CheckVector, Refuse
 
 
@@ -46,14 +46,8 @@ class _Hold:
         x = self._state.Eval(context)
         plant.SetPositionsAndVelocities(plant_context, x)
         q, v = np.split(x, 2)
-        J = plant.CalcJacobianSpatialVelocity(
-            plant_context,
-            JacobianWrtVariable.kV,
-            plant.get_body(self._tool).body_frame(),
-            np.zeros(3),
-            plant.world_frame(),
-            plant.world_frame(),
-        )
+        tool = plant.get_body(self._tool)
+        J = SpatialJacobian(plant, plant_context, tool.body_frame())
         J_w, J_v = J[:3], np.concatenate((J[3:], J[:3]))[: self.num_axes]
         M = plant.CalcMassMatrix(plant_context)
         if self._keeps_orientation:

@@ -18,6 +18,14 @@ from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Refuse
 
 
+def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
+    """Returns Jv_V_WF of a frame of a plant: [w_WF; v_WF] by v (6, nv)."""
+    world = plant.world_frame()
+    return plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+    )
+
+
 class _Interface:
     """Ports and callbacks for any scalar type."""
 
@@ -32,7 +40,6 @@ class _Interface:
         self.tool_index = int(self._tool)
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
-        self._origin = np.zeros(3)
         self._tool_kinematics: Any = partial(tool_kinematics, n)
         self._joint_torques: Any = joint_torques
         if T is float:
@@ -70,16 +77,9 @@ class _Interface:
         x = self._plant_state.Eval(context)
         plant, plant_context = self.plant, self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
-        tool, world_frame = plant.get_body(self._tool), plant.world_frame()
+        tool = plant.get_body(self._tool)
         X_WT = plant.EvalBodyPoseInWorld(plant_context, tool).GetAsMatrix34()
-        J_WT = plant.CalcJacobianSpatialVelocity(
-            plant_context,
-            JacobianWrtVariable.kV,
-            tool.body_frame(),
-            self._origin,
-            world_frame,
-            world_frame,
-        )
+        J_WT = SpatialJacobian(plant, plant_context, tool.body_frame())
         output.SetFromVector(self._tool_kinematics(self.R_WP, X_WT, J_WT, x))
 
     def _CalcAcceleration(self, context: Any, output: Any) -> None:
