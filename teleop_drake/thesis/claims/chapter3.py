@@ -40,10 +40,8 @@ def _CoarseEstimate(runs: ThesisRuns) -> Found:
     force = np.linalg.norm(run.recording["environment_force"], axis=1)
     off = math.hypot(*run["disturbance_rms_error"]) / Rms(run.recording, force)
     x, z = _Ratios("rms_error", run, silent)
-    return Found(
-        off >= 0.1 and min(x, z) >= 2,
-        f"off by {off:.0%}; without it x {x:.2f} times, z {z:.2f} times the error",
-    )
+    text = f"off by {off:.0%}; without it x {x:.2f} times, z {z:.2f} times the error"
+    return Found(off >= 0.1 and min(x, z) >= 2, text)
 
 
 @Measures("3-slightly-more")

@@ -41,10 +41,8 @@ def _Reduction(runs: ThesisRuns, metric: str) -> Found:
 def _SameAtPuncture(runs: ThesisRuns) -> Found:
     both = _Both(runs)
     speeds, forces = (both.Numbers(f"puncture.{x}") for x in ("velocity", "force"))
-    return Found(
-        all(abs(a / b - 1) < 0.01 for a, b in (speeds, forces)),
-        f"speed: {Pair(*speeds, 'mm/s')}; force: {Pair(*forces, 'mN')}",
-    )
+    text = f"speed: {Pair(*speeds, 'mm/s')}; force: {Pair(*forces, 'mN')}"
+    return Found(all(abs(a / b - 1) < 0.01 for a, b in (speeds, forces)), text)
 
 
 @Measures("4-first-impact-order")
@@ -123,7 +121,5 @@ def _DelayOfChannels(runs: ThesisRuns) -> Found:
         for kind in CHANNEL_KINDS.kinds
         if issubclass(kind, NetworkChannelConfig) and kind is not NetworkChannelConfig
     }
-    return Found(
-        any(0.1 <= trip <= 0.4 for trip in trips.values()),
-        ", ".join(f"{name} {trip:.3g} s" for name, trip in trips.items()),
-    )
+    text = ", ".join(f"{name} {trip:.3g} s" for name, trip in trips.items())
+    return Found(any(0.1 <= trip <= 0.4 for trip in trips.values()), text)

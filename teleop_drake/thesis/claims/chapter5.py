@@ -61,10 +61,8 @@ def _DirectOscillates(runs: ThesisRuns) -> Found:
     is_above = v_x[During(recording, 0.0, puncture)] > _V_D
     crossings = int(np.count_nonzero(np.diff(is_above)))
     swing = float(np.ptp(v_x[During(recording, puncture - 1.0, puncture)]))
-    return Found(
-        crossings >= 3 and swing > 0.2 * _V_D,
-        f"{crossings} crossings, {swing / _V_D:.0%} of v_d",
-    )
+    text = f"{crossings} crossings, {swing / _V_D:.0%} of v_d"
+    return Found(crossings >= 3 and swing > 0.2 * _V_D, text)
 
 
 @Measures("5-I-direct-faster")
@@ -128,10 +126,8 @@ def _MoreFunctions(runs: ThesisRuns) -> Found:
 @Measures("5-{case}-direct-never-converges")
 def _NeverConverges(runs: ThesisRuns, case: str) -> Found:
     direct, adaptive = (run[_SETTLING] for run in _Both(runs, case))
-    return Found(
-        direct is None and adaptive is not None,
-        f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}",
-    )
+    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+    return Found(direct is None and adaptive is not None, text)
 
 
 @Measures("5-{case}-lower-first-impact")
@@ -179,10 +175,8 @@ def _StableOnBone(runs: ThesisRuns, case: str) -> Found:
     asked = float(np.asarray(recording.teleoperation.surgeon.contact_force)[0])
     force = float(recording["environment_force"][-1, 0])
     speed = float(np.linalg.norm(recording["tool_velocity"][-1]))
-    return Found(
-        abs(force / asked - 1) < 0.01 and speed < 0.01 * _V_D,
-        f"{force:.4g} N of {asked:g} N, {speed:.2g} m/s",
-    )
+    text = f"{force:.4g} N of {asked:g} N, {speed:.2g} m/s"
+    return Found(abs(force / asked - 1) < 0.01 and speed < 0.01 * _V_D, text)
 
 
 @Measures("5-II-damps-out")

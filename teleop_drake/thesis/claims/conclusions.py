@@ -56,19 +56,15 @@ _ENVIRONMENTS: dict[str, tuple[str, Change]] = {
 def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
     both = runs.ShortOfBoth(_THIRD, Delay(0.0))
     overshoot, largest = both.Numbers(_OVERSHOOT), both.Numbers(_LARGEST)
-    return Found(
-        all(0.5 < d / a < 2.0 for d, a in (overshoot, largest)),
-        f"overshoot: {Pair(*overshoot, 'm/s')}; force: {Pair(*largest, 'N')}",
-    )
+    text = f"overshoot: {Pair(*overshoot, 'm/s')}; force: {Pair(*largest, 'N')}"
+    return Found(all(0.5 < d / a < 2.0 for d, a in (overshoot, largest)), text)
 
 
 @Measures("6-rest-without-delay")
 def _RestWithoutDelay(runs: ThesisRuns) -> Found:
     direct, adaptive = (run[_SETTLING] for run in runs.ShortOfBoth(_THIRD, Delay(0.0)))
-    return Found(
-        direct is not None and adaptive is not None,
-        f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}",
-    )
+    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+    return Found(direct is not None and adaptive is not None, text)
 
 
 @Measures("6-delay-causes-overshoot")
@@ -195,10 +191,8 @@ def _AdaptationMatters(runs: ThesisRuns) -> Found:
                 ratio = silent.Number(metric) / run.Number(metric)
                 changes[f"{name} {metric.split('.')[-1]}"] = ratio - 1
     largest = max(changes, key=lambda key: abs(changes[key]))
-    return Found(
-        max(changes.values()) >= 0.1,
-        f"largest change {changes[largest]:+.1%} ({largest})",
-    )
+    text = f"largest change {changes[largest]:+.1%} ({largest})"
+    return Found(max(changes.values()) >= 0.1, text)
 
 
 def _Separate(name: str) -> Change:
