@@ -401,10 +401,7 @@ def AnalyzeStability(
     scenario = AsTeleoperation(scenario, NO_LOOP)
     scenario.Validate()
     CheckNumber("max_delay", max_delay, "s", above=0)
-    forward, back = (
-        getattr(scenario, path).AsConstantDelay(path, scenario.duration)
-        for path in ("forward_channel", "return_channel")
-    )
+    forward, back = scenario.ConstantDelays()
     delay = forward.delay + back.delay
     linearizer = Linearizer(scenario, teleoperator)
     if points is None:

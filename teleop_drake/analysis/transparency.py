@@ -143,10 +143,7 @@ def AnalyzeTransparency(
     w = np.asarray(frequencies, dtype=float).reshape(-1)
     linearizer = linearizer or Linearizer(scenario, at_ports=True)
     model = linearizer.TwoPort(point)
-    forward, back = (
-        getattr(scenario, path).AsConstantDelay(path, scenario.duration).delay
-        for path in ("forward_channel", "return_channel")
-    )
+    forward, back = (x.delay for x in scenario.ConstantDelays())
     delayed = model.Admittance(w, forward_delay=forward, return_delay=back)
     Z_e = EnvironmentImpedance(scenario, point, w)
     n = len(point.position)

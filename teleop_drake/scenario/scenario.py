@@ -26,7 +26,7 @@ from pydrake.systems.framework import System
 
 from teleop_drake.architectures import Facts
 from teleop_drake.arrays import Array
-from teleop_drake.channels import ChannelConfig, TransportChannelConfig
+from teleop_drake.channels import ChannelConfig, ConstantDelay, TransportChannelConfig
 from teleop_drake.environments import (
     CONTACT,
     EnvironmentConfig,
@@ -213,6 +213,11 @@ class Scenario(_ScenarioBase):
             environment_stiffness=stiffness,
             environment_damping=D_e,
         )
+
+    def ConstantDelays(self) -> list[ConstantDelay]:
+        """Returns the forward and the return delay that stand for the channels."""
+        paths = ("forward_channel", "return_channel")
+        return [getattr(self, x).AsConstantDelay(x, self.duration) for x in paths]
 
     @property
     def initial_psi(self) -> Array:

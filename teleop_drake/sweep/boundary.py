@@ -74,17 +74,9 @@ def FindBoundaries(
         )
         if scenario.controller.Chosen().has_gains_of_delay:
             raise ValueError("gains derive from the delay: each run has its own loop")
-        duration = scenario.duration
-        notes = [
-            channel.AsConstantDelay(path, duration).note
-            for path, channel in (
-                ("forward_channel", scenario.forward_channel),
-                ("return_channel", scenario.return_channel),
-            )
-        ]
-        for note in notes:
-            if note is not None:
-                raise ValueError(note)
+        for constant in scenario.ConstantDelays():
+            if constant.note is not None:
+                raise ValueError(constant.note)
         fixed = {
             "delay": 0.0,
             "forward_delay": scenario.return_channel.delay,
