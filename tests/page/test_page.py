@@ -79,23 +79,33 @@ LOOK = """
 """.replace("STIFFNESS", STIFFNESS)
 
 
-def OpenBrowser(page):
-    return MakePictures().Browser(page, (1280, 720))
+@pytest.fixture(scope="module")
+def look(tmp_path_factory):
+    """Returns what a script finds in a page; all are opened in one browser."""
+    empty = tmp_path_factory.mktemp("browser") / "empty.html"
+    empty.touch()
+    browser = MakePictures().Browser(empty, (1280, 720))
+
+    def Look(page, script):
+        browser.Call("Page.navigate", url=page.as_uri())
+        is_there = f"location.href == '{page.as_uri()}' && 'teleop' in window"
+        while not browser.Evaluate(is_there):
+            pass
+        return browser.Evaluate(script)
+
+    yield Look
+    browser.Close()
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory):
+def seen(look, tmp_path_factory):
     page = tmp_path_factory.mktemp("page") / "loop.html"
     assert WritePage("one_dof", page, vary={STIFFNESS: (50.0, 400.0)}) == []
     assert page.stat().st_size < 250_000
     text = page.read_text("utf-8")
     assert f"teleop-drake {teleop_drake.__version__}" in text
     page.write_text(text.replace("<body>", WATCH, 1), "utf-8")
-    browser = OpenBrowser(page)
-    try:
-        return browser.Evaluate(LOOK)
-    finally:
-        browser.Close()
+    return look(page, LOOK)
 
 
 def test_it_opens_without_errors_or_a_network(seen):
@@ -167,16 +177,12 @@ CHOOSE = """
         ("puma560_six_axes", ["damped_force"], []),
     ],
 )
-def test_choices_tasks_and_arms(tmp_path, name, kinds, operators):
+def test_choices_tasks_and_arms(look, tmp_path, name, kinds, operators):
     """Metrics where the command reverses, is not sent, or there is none."""
     page = tmp_path / "page.html"
     vary = {"surgeon.kind": operators} if operators else None
     WritePage(name, page, controllers=kinds or None, vary=vary)
-    browser = OpenBrowser(page)
-    try:
-        seen = browser.Evaluate(CHOOSE)
-    finally:
-        browser.Close()
+    seen = look(page, CHOOSE)
     assert len({key.partition(":")[0] for key in seen}) == len(operators) + 1
     for key, result in seen.items():
         operator, _, kind = key.partition(":")
@@ -295,14 +301,10 @@ DRIVE = """
 """
 
 
-def test_a_hand_drives_and_can_be_repeated(tmp_path):
+def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
     page = tmp_path / "drive.html"
     assert main(["drive", "two_dof_collision", "--output", str(page), "--quiet"]) == 0
-    browser = OpenBrowser(page)
-    try:
-        seen = browser.Evaluate(DRIVE)
-    finally:
-        browser.Close()
+    seen = look(page, DRIVE)
 
     assert seen["end"] > 0.7
     (tmp_path / "hand.csv").write_text(seen["csv"])
@@ -334,13 +336,9 @@ def test_each_function_has_a_line_that_says_what_it_does(name):
     assert [lines[i] for i in found if not lines[i - 1].strip().startswith("//")] == []
 
 
-def test_any_diagram_is_a_page_without_a_model(tmp_path):
+def test_any_diagram_is_a_page_without_a_model(look, tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("own", Own())
     WriteDiagram(builder.Build(), tmp_path / "a.html")
-    browser = OpenBrowser(tmp_path / "a.html")
-    try:
-        look = "teleop.ready.then(() => document.getElementById('diagram').textContent)"
-        assert "own" in browser.Evaluate(look)
-    finally:
-        browser.Close()
+    script = "teleop.ready.then(() => document.getElementById('diagram').textContent)"
+    assert "own" in look(tmp_path / "a.html", script)
