@@ -425,7 +425,7 @@ async function drive() {
     const now = run.time.at(-1) ?? 0;
     showLast(now);
     say(`driving ${loop.title}: ${now.toFixed(1)} s`);
-    const felt = run.signal("force_command"), size = felt ? Math.hypot(...run.vector(felt, now)) : 0;
+    const felt = run.columns("master/surgeon:haptic_force"), size = felt ? Math.hypot(...run.vector(felt, now)) : 0;
     navigator.getGamepads?.().find((x) => x?.vibrationActuator)?.vibrationActuator.playEffect("dual-rumble", {
       duration: 50, strongMagnitude: Math.min(1, size / (data.hand.newtons || 1)) });
     await nextFrame();

@@ -282,11 +282,15 @@ DRIVE = """
   const key = (type, key) => document.dispatchEvent(
     new KeyboardEvent(type, { key, bubbles: true }));
   const wait = (ms) => new Promise((go) => setTimeout(go, ms));
+  const rumbles = [], vibrationActuator = { playEffect: (...x) => rumbles.push(x) };
+  const pad = { axes: [0, 0, 0, 0], vibrationActuator };
+  navigator.getGamepads = () => [null, pad];
   key("keydown", "d");
   await wait(200);
   key("keydown", "ArrowRight");
   while (state.drive && state.cursor < 0.6) await wait(20);
   key("keyup", "ArrowRight");
+  pad.axes = [0.05, -0.5, 0, 0];
   while (state.drive && state.cursor < 0.8) await wait(20);
   key("keydown", "Escape");
   while (document.getElementById("saved").hidden || state.isBusy) await wait(20);
@@ -296,7 +300,9 @@ DRIVE = """
     const run = await teleop.run(kind);
     ends[kind] = teleop.sample(run, "tool_position", [end]);
   }
-  return { csv, end, ends, command: document.getElementById("repeat").textContent };
+  const last = state.hand.at(-1), most = data.hand.full_speed;
+  return { csv, end, ends, rumbles, sticks: last.slice(1).map((v) => v / most),
+    command: document.getElementById("repeat").textContent };
 })()
 """
 
@@ -307,6 +313,11 @@ def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
     seen = look(page, DRIVE)
 
     assert seen["end"] > 0.7
+    # A stick to the front commands y; what rests within a tenth commands nothing.
+    assert seen["sticks"] == [0, 0.5]
+    kinds, effects = zip(*seen["rumbles"], strict=True)
+    assert set(kinds) == {"dual-rumble"}
+    assert 0 < max(x["strongMagnitude"] for x in effects) <= 1
     (tmp_path / "hand.csv").write_text(seen["csv"])
     settings = [
         word.replace("hand.csv", str(tmp_path / "hand.csv"))
