@@ -15,6 +15,10 @@ from hypothesis import settings
 # start: without it each takes twice as long to start.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Matrices are small here. The threads of BLAS would wait for each other, beside as many
+# processes as there are processors.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # A shell that starts the tests in the background lets them ignore Ctrl-C, and with them
 # what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -8,17 +8,28 @@ from references import DURATIONS, SIGNALS
 from runs import TASKS, Run
 
 from teleop_drake.scenario import CONTROLLERS
+from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.tasks.metrics import RunMetrics
 
 # They look at the same runs.
 pytestmark = pytest.mark.xdist_group("runs")
 
 # Forward and return delay in s, and the part of the task that is compared.
 DELAYS = {
-    "thesis": (0.1, 0.1),
     "unequal": (0.0371, 0.1513),
     "none": (0.0, 0.0),
     "forward only": (0.123456789, 0.0),
     "return only": (0.0, 0.0823),
+}
+METRICS = {
+    "start_velocity_overshoot": "start_velocity_overshoot",
+    **{f"puncture.{x}": f"puncture_{x}" for x in ("time", "velocity", "force")},
+    "puncture.velocity_overshoot": "velocity_overshoot",
+    **{f"collision.{x}": f"contact_{x}" for x in ("time", "velocity")},
+    **{
+        f"collision.{x}": x
+        for x in ("initial_impact_force", "peak_force", "rebound_velocity")
+    },
 }
 
 
@@ -55,15 +66,12 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
     ):
         expected = [e.time for e in theirs.events if e.kind == theirs_name]
         assert ours.EventTimes(ours_name) == pytest.approx(expected, abs=1e-4)
-
-
-@pytest.mark.slow  # cli/test_check.py has a short one with these delays.
-@pytest.mark.parametrize(
-    ("name", "kind"), list(zip(TASKS, 2 * CONTROLLERS, strict=True))
-)
-def test_thesis_tasks(name, kind):
-    """In Drake's Simulator."""
-    Compare(name, kind, DELAYS["thesis"], DURATIONS[name])
+    metrics, expected = FlattenMetrics(RunMetrics(ours)), theirs.metrics()
+    assert "start_velocity_overshoot" in metrics
+    for name, key in METRICS.items():
+        if name in metrics:
+            value = pytest.approx(expected[key], rel=1e-3, abs=1e-9)
+            assert metrics[name] == value, name
 
 
 @pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
@@ -72,17 +80,16 @@ def test_damped_force(name):
     Compare(name, "damped_force", (0.02, 0.1), DURATIONS[name], "auto", 2.0)
 
 
-# None, one way and both, and each of the tasks with two axes.
+# One way and both; cli/test_check.py has the delays of the thesis.
 SHORT_RUN = [
     ("two_dof_combined", "adaptive_backstepping", "unequal"),
-    ("two_dof_collision", "direct_force", "none"),
     ("two_dof_puncture", "direct_force", "forward only"),
 ]
 # Each task with each of them, and each controller with both.
 OTHER_DELAYS = [
     (name, CONTROLLERS[(i + j // 2) % 2], delays)
     for i, name in enumerate(TASKS)
-    for j, delays in enumerate(x for x in DELAYS if x != "thesis")
+    for j, delays in enumerate(DELAYS)
 ]
 
 

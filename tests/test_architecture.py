@@ -10,6 +10,9 @@ import pytest
 
 import teleop_drake
 
+# They read the same files.
+pytestmark = pytest.mark.xdist_group("architecture")
+
 PACKAGE = Path(teleop_drake.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 

@@ -2,7 +2,6 @@
 
 import pytest
 from grids import Slow
-from independent_solver import solve_thesis_task
 from runs import TASKS, Run
 
 from teleop_drake.scenario import CONTROLLERS, LoadScenario
@@ -72,34 +71,3 @@ def test_metrics_have_converged(engine, name, kind, change):
             assert changed[key] == value, key
         else:
             assert changed[key] == pytest.approx(value, rel=1e-3, abs=1e-12), key
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    Slow(
-        list(zip(TASKS, (ADAPTIVE, DIRECT, DIRECT, ADAPTIVE), strict=True)), but=[1, 3]
-    ),
-)
-def test_metrics_agree_with_the_independent_solver(name, kind):
-    recording = Run(name, kind)
-    duration = recording.scenario.duration
-    solution = solve_thesis_task(name, kind == ADAPTIVE, (0.1, 0.1), duration)
-    theirs = solution.metrics()
-    ours = RunSummary(recording)["metrics"]
-    pairs = [("start_velocity_overshoot", ours["start_velocity_overshoot"])]
-    if ours["puncture"]:
-        pairs += [
-            (f"puncture_{key}", ours["puncture"][key])
-            for key in ("time", "velocity", "force")
-        ]
-        pairs.append(("velocity_overshoot", ours["puncture"]["velocity_overshoot"]))
-    if ours["collision"]:
-        pairs += [
-            (f"contact_{key}", ours["collision"][key]) for key in ("time", "velocity")
-        ]
-        pairs += [
-            (key, ours["collision"][key])
-            for key in ("initial_impact_force", "peak_force", "rebound_velocity")
-        ]
-    for key, value in pairs:
-        assert value == pytest.approx(theirs[key], rel=1e-3, abs=1e-9), key

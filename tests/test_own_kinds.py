@@ -25,7 +25,7 @@ CHANNEL = "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 50}"
 LAW = ["controller.kind=own_kinds:BrakedForce", "controller.parameters.damping=0.4"]
 ROBOT = ["robot={model: own_kinds:PuckConfig, start: [0], mass: 0.8}"]
 OPERATOR = "surgeon.kind=own_kinds:FadingConfig"
-SHORT = "duration=0.25"
+SHORT = "duration=0.1"
 
 
 @pytest.fixture(autouse=True)

@@ -114,7 +114,7 @@ def test_force_that_is_let_go_and_caught_between_packets():
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_every_architecture_has_a_balance(kind, channel):
     """That of dense samples."""
-    overrides = {"duration": 1.5}
+    overrides = {"duration": 1.0}
     if channel == "network":
         overrides |= {"forward_channel": NETWORK, "return_channel": NETWORK}
     recording = Run("two_dof_collision", kind, **overrides)

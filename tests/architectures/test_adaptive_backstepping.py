@@ -220,9 +220,9 @@ WITH_VELOCITY = {
 
 
 def test_velocity_as_an_input_of_the_networks():
-    """The engines agree, the page and the analysis know it, and it changes the run."""
-    scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 1.0})
-    times = np.linspace(0, 1, 61)
+    """The engines agree, the analysis knows it, and it changes the run."""
+    scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 0.5})
+    times = np.linspace(0, 0.5, 61)
     runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
     one, other = (run.Interpolate("weights_1", times) for run in runs)
     assert one.shape == (61, 5 * 3)
@@ -230,12 +230,16 @@ def test_velocity_as_an_input_of_the_networks():
     plain = simulate(
         LoadScenario(
             "one_dof",
-            {**WITH_VELOCITY, "duration": 1.0, "controller.network.inputs": "position"},
+            {**WITH_VELOCITY, "duration": 0.5, "controller.network.inputs": "position"},
         )
     )
     v = [run.Interpolate("tool_velocity", times) for run in (runs[0], plain)]
     assert np.abs(v[0] - v[1]).max() > 1e-6
     assert AnalyzeStability(scenario).points
+
+
+@pytest.mark.slow
+def test_a_page_with_velocity_as_an_input():
     assert MakePage(
         "one_dof", overrides=WITH_VELOCITY, controllers=["adaptive_backstepping"]
     )

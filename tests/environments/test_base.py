@@ -183,7 +183,7 @@ def test_a_block_of_ones_own_runs_as_machine_code():
         "environment={kind: own_environment:Floor}",
         "surgeon.velocity=[0, -0.1]",
         "surgeon.contact_force=[0, -0.2]",
-        "duration=1.2",
+        "duration=0.8",
         "controller.kind=direct_force",
         "simulator.accuracy=1e-9",
     ]

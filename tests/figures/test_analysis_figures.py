@@ -40,7 +40,7 @@ def Lines(ax, width):
 
 @pytest.mark.parametrize("plot", Slow([PlotNyquist, PlotBode, PlotStableDelays]))
 def test_can_be_drawn(plot, tmp_path):
-    figure = plot(Analysis("two_dof_combined"))
+    figure = plot(Analysis())
     SaveFigure(figure, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 

@@ -19,7 +19,7 @@ from teleop_drake.simulation import drake_run, simulate
 from teleop_drake.tasks.metrics import RunSummary
 
 # A stiff loop may take days. After as many steps a run is interrupted.
-PATIENCE = 100
+PATIENCE = 40
 
 magnitudes = st.floats(-3, 9).map(lambda exponent: float(f"{10**exponent:.3g}"))
 TELEOPERATION = {

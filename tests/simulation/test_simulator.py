@@ -44,7 +44,7 @@ def record(simulator, diagram, names):
 
 def test_an_arm_wired_by_hand_runs_as_simulate_does():
     """With Drake's Simulator, the penetration of the bone is 1.7 % off."""
-    overrides = {"controller.kind": "adaptive_backstepping", "duration": 1.6}
+    overrides = {"robot.start": [0.985, 0.0], "duration": 0.4}
     scenario = LoadScenario("two_dof_collision", overrides)
     names = ["tool_position", "tool_velocity", "joint_torque"]
     recording = simulate(scenario, engine="drake")
@@ -53,13 +53,13 @@ def test_an_arm_wired_by_hand_runs_as_simulate_does():
     simulator = MakeSimulator(diagram, scenario.simulator)
     rows = record(simulator, diagram, names)
     # Wherever somebody stops to look, the run is the same within the accuracy.
-    for time in (1.0, 1.6):
+    for time in (0.2, 0.4):
         assert simulator.AdvanceTo(time).return_time() == time
 
     times = np.array([time for time, _ in rows])
     signals = np.array([values for _, values in rows])
     expected = np.hstack([recording[name] for name in names])
-    grid = np.linspace(0.0, 1.6, 16001)
+    grid = np.linspace(0.0, 0.4, 4001)
     times, first = np.unique(times, return_index=True)
     ours = CubicHermiteSpline(times, *signals[first][:, [0, 2]].T)(grid).max()
     theirs = recording.Interpolate("tool_position", grid)[:, 0].max()

@@ -98,13 +98,14 @@ def test_a_margin_holds(fake_runs):
     """The least damping is the best, and its loop must stay stable for 0.4 s more."""
     fake_runs(lambda x: Contact(1.0, 1 + x.get(B, 9.0)))
     gains = ["damping=0.1:10"]
-    result = Tune(**TASK, gains=gains, minimize=[FORCE], evaluations=8, margin=0.4)
+    task = TASK | {"scenario": "one_dof"}
+    result = Tune(**task, gains=gains, minimize=[FORCE], evaluations=8, margin=0.4)
     tried = sorted(trial.gains[B] for trial in result.tried if trial.gains)
     rejected = tried[: tried.index(result.best.gains[B])]
     assert 1 <= len(rejected) < 7
     for damping in (rejected[-1], result.best.gains[B]):
         overrides = {"controller.kind": "damped_force", B: damping, "delay": 0.3}
-        loops = AnalyzeStability(LoadScenario("two_dof_combined", overrides)).Loops()
+        loops = AnalyzeStability(LoadScenario("one_dof", overrides)).Loops()
         is_stable = all(loop.is_stable for loop in loops)
         assert is_stable == (damping == result.best.gains[B])
 

@@ -11,7 +11,7 @@ import pytest
 
 from teleop_drake.cli import main
 from teleop_drake.thesis.figures import FIGURES
-from teleop_drake.thesis.report import Reproduce, SelectFigures
+from teleop_drake.thesis.report import SelectFigures
 
 pytestmark = pytest.mark.xdist_group("thesis")
 
@@ -110,14 +110,6 @@ def test_select_figures():
     for only in (["4.1", "9.9"], [""], []):
         with pytest.raises(ValueError, match=r"must be one of 2\.1, 2\.4, .*5\.20"):
             SelectFigures(only)
-
-
-def test_reproduce_some(tmp_path):
-    lines = []
-    paths = Reproduce(tmp_path, only=["2.4"], progress=lines.append)
-    assert paths == [tmp_path / "figure_2_4.png", tmp_path / "figure_2_4.svg"]
-    assert set(tmp_path.iterdir()) == set(paths)
-    assert lines == ["figure 2.4"]
 
 
 def test_command(tmp_path, monkeypatch, capsys, unrendered):
