@@ -48,6 +48,12 @@ def TemporaryPath(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
 
 
+def ReadRows(path: str | os.PathLike[str], origin: str) -> list[tuple[int, str]]:
+    """Returns the lines of a text file by their numbers, no empty ones, no comments."""
+    lines = enumerate(ReadText(path, origin).splitlines(), 1)
+    return [(i, line) for i, line in lines if line.strip() and line[0] != "#"]
+
+
 def ReadText(path: str | os.PathLike[str], origin: str) -> str:
     """Returns the text of a file in UTF-8, with a byte-order mark or without.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_drake.files import ReadText
+from teleop_drake.files import ReadRows
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -130,14 +130,14 @@ def ReadTrace(
         ScenarioError: If the file cannot be read or a line is not allowed.
     """
     origin = f"{path} = {Show(file)}"
-    lines = ReadText(file, origin).splitlines()
+    rows = ReadRows(file, origin)
     name = "ping"
-    if any(_PING.match(line) for line in lines):
-        times, delays = _ReadPing(lines)
+    if any(_PING.match(line) for _, line in rows):
+        times, delays = _ReadPing(rows)
         scale = UNITS[unit or "ms"]
     else:
         needs_time = sample_period is None
-        times, delays, name = _ReadCsv(lines, path, origin, columns, needs_time)
+        times, delays, name = _ReadCsv(rows, path, origin, columns, needs_time)
         scale = UNITS[unit or _UnitOf(name)]
     is_lost = np.isnan(delays)
     if sample_period is not None:
@@ -154,9 +154,9 @@ def ReadTrace(
     return Trace(at, seconds, is_lost, bool(_ROUND_TRIP_NAME.search(name)))
 
 
-def _ReadPing(lines: Sequence[str]) -> tuple[list[float], list[float]]:
+def _ReadPing(rows: Sequence[tuple[int, str]]) -> tuple[list[float], list[float]]:
     """Returns times in s and delays in ms of ping's lines; NaN is lost."""
-    found = [match for line in lines if (match := _PING.match(line))]
+    found = [match for _, line in rows if (match := _PING.match(line))]
     entries: dict[int, tuple[float, float]] = {}
     for match in found:
         number = int(match["number"])
@@ -171,18 +171,13 @@ def _ReadPing(lines: Sequence[str]) -> tuple[list[float], list[float]]:
 
 
 def _ReadCsv(
-    lines: Sequence[str],
+    rows: Sequence[tuple[int, str]],
     path: str,
     origin: str,
     columns: Sequence[str] | None,
     needs_time: bool,
 ) -> tuple[list[float], list[float], str]:
     """Returns times in s, delays (NaN is lost), and the name of the delays' column."""
-    rows = [
-        (i + 1, line)
-        for i, line in enumerate(lines)
-        if line.strip() and not line.startswith("#")
-    ]
     names: list[str] = []
     if rows and _HEADER.fullmatch(rows[0][1]):
         (names,) = csv.reader([rows[0][1]], skipinitialspace=True)

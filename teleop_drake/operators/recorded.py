@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.files import ReadText
+from teleop_drake.files import ReadRows
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
 from teleop_drake.operators.planned import Plan, PlannedConfig, PlanOfPieces
 from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
@@ -59,12 +59,7 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
         ScenarioError: If the file cannot be read or a line is not allowed.
     """
     origin = f"{path} = {Show(file)}"
-    lines = ReadText(file, origin).splitlines()
-    numbered = [
-        (i + 1, line)
-        for i, line in enumerate(lines)
-        if line.strip() and not line.startswith("#")
-    ]
+    numbered = ReadRows(file, origin)
     if numbered and _IsHeader(numbered[0][1]):
         del numbered[0]
     rows: list[list[float]] = []

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_drake.channels.packet_network import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario
@@ -12,12 +13,8 @@ from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
 
 CHANNEL_METRICS = {
-    **dict.fromkeys(("sent", "received", "lost", "loss_rate", "reordered", "late"), ""),
-    **{
-        f"delay_{name}": "s"
-        for name in ("mean", "minimum", "median", "p95", "p99", "maximum")
-    },
-    **{"age_mean": "s", "age_maximum": "s"},
+    item.name: "s" if item.name.startswith(("delay_", "age_")) else ""
+    for item in dataclasses.fields(PacketStatistics)
 }
 """What becomes of the packets of a network channel, see PacketStatistics. In a table
 the names begin with that of the channel, as in `forward_channel.age_mean`."""
