@@ -152,14 +152,11 @@ class KernelBlock(_Rated, Convertible):
             more than a few microseconds.
     """
 
+    dual = DualBlock
     delays: tuple[DelayLine | PacketLine, ...] = ()
     longest_step = math.inf
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
-
-    def ToDual(self) -> DualBlock:
-        """Returns the block of AutoDiffXd."""
-        return DualBlock(self)
 
     @abstractmethod
     def Kernel(self) -> Kernel:

@@ -4,22 +4,39 @@ pydrake's TemplateSystem does the same, but looks through the stack for each cla
 it makes, which takes up to half a second when a program begins.
 """
 
-from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.systems.framework import LeafSystem, SystemScalarConverter
+from pydrake.systems.framework import LeafSystem, LeafSystem_, SystemScalarConverter
+
+
+def DualOf(ports: Any) -> Any:
+    """Returns the class of the blocks of AutoDiffXd with the ports of another block.
+
+    Args:
+        ports: Base of both: ports and callbacks for any scalar type. Its Mirror()
+            declares those that the block has which is converted.
+    """
+
+    class Dual(ports, LeafSystem_[AutoDiffXd]):
+        def __init__(self, other: Any):
+            LeafSystem_[AutoDiffXd].__init__(self)
+            self.Mirror(other)
+
+    return Dual
 
 
 class Convertible(LeafSystem):
-    """A block that Drake converts to AutoDiffXd, by itself or in a diagram."""
+    """A block that Drake converts to AutoDiffXd, by itself or in a diagram.
+
+    Attributes:
+        dual: Makes a new block of AutoDiffXd of it that computes the same.
+    """
+
+    dual: ClassVar[Any]
 
     def __init__(self) -> None:
         LeafSystem.__init__(self, converter=_CONVERTER)
-
-    @abstractmethod
-    def ToDual(self) -> Any:
-        """Returns a new block of AutoDiffXd that computes the same."""
 
     def ToAutoDiffXd(self) -> Any:
         """Returns the block of AutoDiffXd as what it is in Python."""
@@ -31,7 +48,7 @@ class Convertible(LeafSystem):
 
 
 def _Convert(block: Convertible) -> Any:
-    dual = block.ToDual()
+    dual = type(block).dual(block)
     dual.set_name(block.get_name())
     return dual
 

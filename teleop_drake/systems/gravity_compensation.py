@@ -2,11 +2,9 @@
 
 from typing import Any
 
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import LeafSystem_
 
-from teleop_drake.kernel.convertible import Convertible
+from teleop_drake.kernel.convertible import Convertible, DualOf
 
 
 class _Compensation:
@@ -22,6 +20,10 @@ class _Compensation:
         self.DeclareVectorOutputPort(
             "gravity_torque", model.num_velocities(), self._CalcTorque
         )
+
+    def Mirror(self: Any, other: Any) -> None:
+        """Declares the ports of another block, and takes its model."""
+        self._Declare(other.model.ToAutoDiffXd())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
         model, model_context = self.model, self._model_context
@@ -51,16 +53,8 @@ class GravityCompensation(_Compensation, Convertible):
         model: A finalized plant with as many joints as the arm has.
     """
 
+    dual = DualOf(_Compensation)
+
     def __init__(self, *, model: MultibodyPlant):
         Convertible.__init__(self)
-        self._Declare(model)
-
-    def ToDual(self) -> "_Dual":
-        """Returns the block of AutoDiffXd."""
-        return _Dual(self.model.ToAutoDiffXd())
-
-
-class _Dual(_Compensation, LeafSystem_[AutoDiffXd]):
-    def __init__(self, model: Any):
-        LeafSystem_[AutoDiffXd].__init__(self)
         self._Declare(model)

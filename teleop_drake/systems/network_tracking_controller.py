@@ -3,15 +3,14 @@
 from typing import Any
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import LeafSystem_, ValueProducer
+from pydrake.systems.framework import ValueProducer
 
 from teleop_drake.kernel.block import Duals
 from teleop_drake.kernel.callbacks import Weakly
-from teleop_drake.kernel.convertible import Convertible
+from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
@@ -55,6 +54,11 @@ class _Tracking:
         }
         self.DeclareContinuousState(n * N)
         self._DeclareOutputs(n, N)
+
+    def Mirror(self: Any, other: Any) -> None:
+        """Declares the ports of another block, and takes its law."""
+        plant, name = other.plant.ToAutoDiffXd(), other.tool_frame.name()
+        self._Declare(other.gains, other.network, plant, name)
 
     def _DeclareOutputs(self: Any, n: int, N: int) -> None:
         """Declares the outputs, each with what it depends on, and what they share."""
@@ -210,6 +214,8 @@ class NetworkTrackingController(_Tracking, Convertible):
         ValueError: If the network does not have one input per axis.
     """
 
+    dual = DualOf(_Tracking)
+
     def __init__(
         self,
         *,
@@ -226,18 +232,7 @@ class NetworkTrackingController(_Tracking, Convertible):
         self.set_name("network_tracking_controller")
         self._Declare(gains, network, plant, tool_name)
 
-    def ToDual(self) -> "_Dual":
-        """Returns the block of AutoDiffXd."""
-        return _Dual(self)
-
     @property
     def tool_frame(self) -> Frame:
         """The tool's frame, whose origin is T."""
         return self.plant.get_frame(self._tool_frame)
-
-
-class _Dual(_Tracking, LeafSystem_[AutoDiffXd]):
-    def __init__(self, other: NetworkTrackingController):
-        LeafSystem_[AutoDiffXd].__init__(self)
-        plant, name = other.plant.ToAutoDiffXd(), other.tool_frame.name()
-        self._Declare(other.gains, other.network, plant, name)

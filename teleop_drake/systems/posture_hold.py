@@ -4,12 +4,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import LeafSystem_
 
 from teleop_drake.arrays import Array
-from teleop_drake.kernel.convertible import Convertible
+from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import (
     PostureGains,
     orientation_torque,
@@ -35,6 +33,14 @@ class _Hold:
         self.DeclareVectorOutputPort(
             "hold_torque", plant.num_velocities(), self._CalcTorque
         )
+
+    def Mirror(self: Any, other: Any) -> None:
+        """Declares the ports of another block, and holds what it does."""
+        self.num_axes, self.gains = other.num_axes, other.gains
+        self._q_0, self._R_0 = other.held
+        self._keeps_orientation = self._R_0 is not None
+        tool = other.plant.get_body(other._tool)
+        self._Declare(other.plant.ToAutoDiffXd(), tool.name())
 
     def _ToolRotation(self: Any) -> Any:
         body = self.plant.get_body(self._tool)
@@ -94,6 +100,8 @@ class PostureHold(_Hold, Convertible):
         ScenarioError: If the joints are fewer than what is to be held.
     """
 
+    dual = DualOf(_Hold)
+
     def __init__(
         self,
         *,
@@ -116,24 +124,7 @@ class PostureHold(_Hold, Convertible):
         plant.SetPositions(self._plant_context, self._q_0)
         self._R_0: Array = self._ToolRotation()
 
-    def ToDual(self) -> "_Dual":
-        """Returns the block of AutoDiffXd."""
-        return _Dual(self)
-
     @property
     def held(self) -> tuple[Array, Array | None]:
         """q_0, and R_0 if the orientation is held."""
         return self._q_0, self._R_0 if self._keeps_orientation else None
-
-
-class _Dual(_Hold, LeafSystem_[AutoDiffXd]):
-    def __init__(self, other: PostureHold):
-        LeafSystem_[AutoDiffXd].__init__(self)
-        self.num_axes, self.gains, (self._q_0, R_0) = (
-            other.num_axes,
-            other.gains,
-            other.held,
-        )
-        self._R_0, self._keeps_orientation = R_0, R_0 is not None
-        tool = other.plant.get_body(other._tool)
-        self._Declare(other.plant.ToAutoDiffXd(), tool.name())

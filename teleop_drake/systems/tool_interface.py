@@ -10,9 +10,8 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration_
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.framework import LeafSystem_
 
-from teleop_drake.kernel.convertible import Convertible
+from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Refuse
@@ -72,6 +71,12 @@ class _Interface:
             self._CalcJointTorques,
             state | {self._control_force.ticket(), self._environment_force.ticket()},
         )
+
+    def Mirror(self: Any, other: Any) -> None:
+        """Declares the ports of another block, and takes its plant."""
+        plant = other.plant.ToAutoDiffXd()
+        name = other.plant.get_body(other._tool).name()
+        self._Declare(AutoDiffXd, plant, other.num_task_axes, name, other.R_WP)
 
     def _CalcKinematics(self, context: Any, output: Any) -> None:
         x = self._plant_state.Eval(context)
@@ -156,6 +161,8 @@ class ToolInterface(_Interface, Convertible):
             not the vector of its joint torques.
     """
 
+    dual = DualOf(_Interface)
+
     def __init__(
         self,
         *,
@@ -175,15 +182,3 @@ class ToolInterface(_Interface, Convertible):
             Refuse("plant.num_actuators", plant.num_actuators(), allowed)
         R_WP = np.array(np.eye(3) if R_WP is None else R_WP, dtype=float)
         self._Declare(float, plant, num_task_axes, tool_name, R_WP)
-
-    def ToDual(self) -> "_DualToolInterface":
-        """Returns the block of AutoDiffXd."""
-        return _DualToolInterface(self)
-
-
-class _DualToolInterface(_Interface, LeafSystem_[AutoDiffXd]):
-    def __init__(self, other: ToolInterface):
-        LeafSystem_[AutoDiffXd].__init__(self)
-        plant = other.plant.ToAutoDiffXd()
-        name = other.plant.get_body(other._tool).name()
-        self._Declare(AutoDiffXd, plant, other.num_task_axes, name, other.R_WP)
