@@ -251,7 +251,7 @@ def _Draw(
         grid = None if VariesSeedsOnly(result) else SweepGrid(result)
         rows, columns = grid.shape[:2] if grid else (1, 1)
         is_separate |= rows * columns * len(metrics) > MAX_PANELS
-        groups: dict[str, Sequence[str]] = {"metrics": metrics}
+        groups: dict[str, Sequence[str]] = {"metrics": metrics} if metrics else {}
         if is_separate:
             groups = {metric.replace(".", "_"): [metric] for metric in metrics}
         figures = {name: plot(result, *group) for name, group in groups.items()}
