@@ -38,6 +38,12 @@ def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def WriteText(path: Path, text: str) -> None:
+    """Writes a text file, complete or not at all."""
+    with Replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def IsDevice(path: Path) -> bool:
     """Returns whether a path exists and is no file, like /dev/null."""
     return path.exists() and not path.is_file()

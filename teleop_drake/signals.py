@@ -51,6 +51,10 @@ _UNITS = {
     "disturbance_estimate": "N",
 }
 
+# Of the parts of packets, by their first letters; u and w are waves.
+_PART_UNITS = {"p": "m", "x": "m", "v": "m/s", "a": "m/s^2", "F": "N", "E": "J"}
+_PART_UNITS |= dict.fromkeys("uw", "√W")
+
 
 def UnitOf(name: str, size: int = 1) -> str | None:
     """Returns the unit of a signal that has a value for each task axis.
@@ -63,6 +67,11 @@ def UnitOf(name: str, size: int = 1) -> str | None:
     """
     unit = _UNITS.get(name)
     return f"{unit}, {_TURNING[unit]}" if unit and size == 6 else unit
+
+
+def PartUnit(part: str) -> str:
+    """Returns the unit of a part of a packet along an axis, such as F_h x."""
+    return AxisUnit(_PART_UNITS.get(part[0], ""), part.rpartition(" ")[2])
 
 
 def AxesOf(num_axes: int) -> tuple[str, ...]:

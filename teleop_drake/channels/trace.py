@@ -2,13 +2,15 @@
 
 import csv
 import math
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from teleop_drake.files import ReadRows
+from teleop_drake.files import ReadRows, Replacing
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -96,6 +98,13 @@ class Trace:
         # rounding of its time.
         i = np.searchsorted(self.times, times + 1e-9, side="right") - 1
         return np.asarray(self.is_lost[np.maximum(i, 0)])
+
+
+def WriteTrace(path: str | os.PathLike[str], period: float, delays: ArrayLike) -> None:
+    """Writes delays in s, NaN: lost, of packets that were sent each period, as CSV."""
+    rows = np.column_stack((np.arange(np.size(delays)) * period, delays))
+    with Replacing(path) as file:
+        np.savetxt(file, rows, "%.9g", ",", header="time,delay", comments="")
 
 
 def ReadTrace(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.files import IsDevice, Replacing, TemporaryPath
+from teleop_drake.files import IsDevice, TemporaryPath
+from teleop_drake.files import WriteText as WriteText
 
 
 def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
@@ -65,12 +66,6 @@ def _CheckWritable(path: Path, option: str) -> None:
         raise BadInput(
             f"{option}: must be where {path.name!r} can be written ({reason})"
         ) from None
-
-
-def WriteText(path: Path, text: str) -> None:
-    """Writes a text file, complete or not at all."""
-    with Replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def OpenInBrowser(page: str, name: str) -> None:

@@ -182,9 +182,28 @@ class CompiledRun:
         self.memory.breaks[counts[problem.BREAKS]] = self.time, 0.0
         counts[problem.BREAKS] += 1
 
-    def Forget(self) -> None:
-        """Forgets the rows so far, for runs that would fill the memory with them."""
-        self._num_rows = 0
+    def Sample(self, time: float) -> Array:
+        """Integrates until a time in s; returns the signals y then, and keeps no rows.
+
+        At the very start they are those before what happens there.
+
+        Raises:
+            ArithmeticError: If it cannot go on.
+        """
+        sample = None
+        while sample is None or self.time < time - problem.SAME:
+            _, rows, _ = self.Advance(time)
+            self._num_rows = 0
+            if self.failure or self.error is not None:
+                raise ArithmeticError(self.failure or self.error)
+            if len(rows):
+                sample = rows[0 if time == self.start.t else -1]
+        return sample.copy()
+
+    def Counts(self) -> dict[str, Any]:
+        """Returns the numbers of steps and of evaluations, as Outcome has them."""
+        numbers = self.memory.counts[[problem.STEPS, problem.EVALUATIONS]].tolist()
+        return dict(zip(("steps", "derivative_evaluations"), numbers, strict=True))
 
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from teleop_drake.recording import Recording
-from teleop_drake.signals import AxesOf, AxisUnit, UnitOf
+from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import AxisPanels, SignalRow
 from teleop_drake.validation import Choices, Refuse, Show
 
@@ -48,8 +48,24 @@ def SelectRows(
     for signal in signals:
         sizes = [recording[signal].shape[1] for recording in recordings]
         own = [row for row in rows if row.signal == signal]
+        own = own or _PacketRows(signal, recordings[0])
         selected += own or _RowsOf(signal, sizes, len(recordings))
     return selected
+
+
+def _PacketRows(signal: str, recording: Recording) -> list[SignalRow]:
+    """Returns a row for each component of a packet; none if they have no names."""
+    parts = recording.Components(signal, recording[signal].shape[1])
+    return [
+        SignalRow(
+            label=f"{part}\n{signal.rpartition('_')[2]}",
+            unit=PartUnit(part),
+            signal=signal,
+            components=[k],
+        )
+        for k, part in enumerate(parts)
+        if isinstance(part, str)
+    ]
 
 
 def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]:

@@ -11,7 +11,7 @@ import hmac
 import os
 import secrets
 import socket
-from collections import Counter, namedtuple
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -20,26 +20,22 @@ from numpy.typing import NDArray
 from teleop_drake.validation import Refuse
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 NUM_USED = 32
 """A packet says what was in use at so many ticks: so many in a row may be lost."""
 
 _MAGIC, _HASH_SIZE = b"TDL\x01", 16
-
-
-Packet = namedtuple(
-    "Packet",
-    "magic role ended size session peer sequence sent heard held start agreement tick "
-    "used values hash",
-)
-_TYPES = ["S4", "u1", "u1", "<u2", *["<i8"] * 9, ("<i4", (NUM_USED,))]
+_NUMBERS = "session peer sequence sent heard held agreement start tick"
 
 
 @functools.cache
 def PacketType(size: int) -> np.dtype[np.void]:
     """Returns the layout of a packet with so many values."""
-    types: Any = [*_TYPES, ("<f8", (size,)), "V16"]
-    return np.dtype({"names": Packet._fields, "formats": types})
+    fields: Any = [("magic", "S4"), ("role", "u1"), ("ended", "u1"), ("size", "<u2")]
+    fields += [(name, "<i8") for name in _NUMBERS.split()]
+    fields += [("used", "<i4", NUM_USED), ("values", "<f8", (size,)), ("hash", "V16")]
+    return np.dtype(fields)
 
 
 class Session:
@@ -64,14 +60,12 @@ class Session:
         self.address, self.refused = address, Counter[str]()
         self.round_trip, self.offset, self.exchanges = np.inf, 0.0, 0
 
-    def Seal(
-        self, now: int, start: int, tick: int, ended: bool, used: Any, values: Array
-    ) -> bytes:
-        """Returns the next packet."""
+    def Seal(self, now: int, ended: bool, values: Array, *state: Any) -> bytes:
+        """Returns the next packet; the state is `start`, `tick` and `used`."""
         self._sequence += 1
         mine = _MAGIC, self._role, ended, len(values), self._session, self._peer
-        times = self._sequence, now, self._heard, now - self._arrived, start
-        packet = *mine, *times, self._agreement, tick, used, values, b""
+        times = self._sequence, now, self._heard, now - self._arrived
+        packet = *mine, *times, self._agreement, *state, values, b""
         data = np.array(packet, PacketType(len(values))).tobytes()[:-_HASH_SIZE]
         return data + self._Hash(data)
 
@@ -83,17 +77,18 @@ class Session:
         packet, reason = self._Read(data)
         # A hello proves nothing, but is answered with its number.
         if not reason or (reason == "session" and not self._last):
-            self._peer, self._heard, self._arrived = packet.session, packet.sent, now
+            self._peer, self._heard = packet["session"], packet["sent"]
+            self._arrived = now
             self.address = address if self._role else self.address
         if reason:
             self.refused[reason] += 1
             return None
-        self._last = packet.sequence
+        self._last = packet["sequence"]
         self.exchanges += 1
-        round_trip = float(now - packet.heard - packet.held)
+        round_trip = float(now - packet["heard"] - packet["held"])
         if round_trip <= self.round_trip:
             self.round_trip = round_trip
-            self.offset = packet.sent + round_trip / 2 - now
+            self.offset = packet["sent"] + round_trip / 2 - now
         return packet
 
     def _Read(self, data: bytes) -> tuple[Any, str]:
@@ -106,15 +101,15 @@ class Session:
             return None, "own"
         if len(data) != self._type.itemsize:
             return None, "scenario"
-        packet = Packet._make(np.frombuffer(data, self._type)[0].item())
-        is_other = self._last and packet.session != self._peer
-        if packet.agreement != self._agreement:
+        packet = np.frombuffer(data, self._type)[0]
+        if packet["agreement"] != self._agreement:
             return None, "scenario"
-        if packet.peer != self._session or is_other:
+        is_other = self._last and packet["session"] != self._peer
+        if packet["peer"] != self._session or is_other:
             return packet, "session"
-        if packet.sequence <= self._last:
+        if packet["sequence"] <= self._last:
             return packet, "old"
-        return packet, "" if np.isfinite(packet.values).all() else "values"
+        return packet, "" if np.isfinite(packet["values"]).all() else "values"
 
 
 def NewKey(file: str) -> None:

@@ -7,120 +7,104 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.channels.network import NetworkChannelConfig
+from teleop_drake.channels.trace import WriteTrace
 from teleop_drake.figures.runs import PlotRows, SaveFigure
-from teleop_drake.files import Replacing
-from teleop_drake.link.halves import WAYS, Half
-from teleop_drake.link.packets import NUM_USED
-from teleop_drake.link.side import Side
+from teleop_drake.figures.selection import SelectRows
+from teleop_drake.files import WriteText
+from teleop_drake.link.side import WAYS, Half, Side
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import ScenarioToYaml
-from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.panels import SignalRow
-
-# Units of the parts of packets, by their first letters; u and w are waves.
-_UNITS = {"p": "m", "x": "m", "v": "m/s", "a": "m/s^2", "F": "N", "E": "J"}
-_UNITS |= dict.fromkeys("uw", "√W")
 
 
-def SaveRun(side: Side, folder: Path) -> list[Path]:
-    """Writes what a side has recorded, and returns the files.
+def SaveRun(side: Side, folder: Path, **own: Any) -> dict[str, Any]:
+    """Writes what a side has recorded, predicts it, and returns its report.
 
-    They are <side>.npz, a trace for each direction, <side>_forward.csv and
-    <side>_return.csv, and the scenario with these as channels, <side>_predicted.yaml.
-    In the traces no delay is negative.
+    It writes <side>.npz, a trace for each direction, <side>_forward.csv and
+    <side>_return.csv, the scenario with these as channels, <side>_predicted.yaml, and
+    <side>_prediction.png. In the traces no delay is negative.
+
+    Args:
+        own: Systems of one's own, such as the sides had.
     """
     recording, controller = side.Recording(), side.scenario.controller
-    names = (".npz", "_forward.csv", "_return.csv", "_predicted.yaml")
-    files = [folder / f"{side.side}{name}" for name in names]
-    recording.Save(files[0])
+    recording.Save(folder / f"{side.side}.npz")
     changes: dict[str, Any] = {"duration": float(recording.time[-1])}
     for way, delays in side.Delays().items():
-        trace = files[1 + (way == "return")]
-        rows = np.column_stack((np.arange(len(delays)) * side.period, delays.clip(0)))
-        with Replacing(trace) as file:
-            np.savetxt(file, rows, "%.9g", ",", header="time,delay", comments="")
+        trace = folder / f"{side.side}_{way}.csv"
+        WriteTrace(trace, side.period, delays.clip(0))
         fields: Any = {"delay": 0.0, "sample_period": side.period, "trace_end": "hold"}
         changes[f"{way}_channel"] = NetworkChannelConfig(trace=trace.name, **fields)
     if hasattr(controller, kind := controller.kind):
         # Gains are those of the run, not what these channels would give.
         gains = {kind: ResolveController(side.scenario)}
         changes["controller"] = dataclasses.replace(controller, **gains)
-    with Replacing(files[-1]) as file:
-        text = ScenarioToYaml(dataclasses.replace(side.scenario, **changes))
-        file.write_text(text, encoding="utf-8")
-    return files
+    text = ScenarioToYaml(dataclasses.replace(side.scenario, **changes))
+    WriteText(folder / f"{side.side}_predicted.yaml", text)
+    report = side.Report()
+    try:
+        predicted = Predict(side, **own)
+    except ArithmeticError as error:  # It diverges.
+        side.Say(f"no prediction: {error}")
+    else:
+        report["prediction"] = Compare(recording, predicted)
+        Draw(recording, predicted, folder / f"{side.side}_prediction.png")
+    return report
 
 
 def Predict(side: Side, **own: Any) -> Recording:
     """Simulates both sides at each tick, from what they had in use.
 
-    Args:
-        own: Systems of one's own, such as the sides had.
+    Returns:
+        The signals of both sides at the times of the side's recording.
     """
-    ticks, period, sent = np.arange(side.tick + 1), side.period, {}
-    halves, used = {}, {}
-    for name, (heard, spoken) in WAYS.items():
-        halves[name] = Half(side.scenario, name, period, side.num_fading, own)
-        sent[spoken] = [halves[name].initial[spoken]]
-        # In between of what is known, packets are taken in steady steps.
-        rows = side.used[heard][NUM_USED:][: ticks.size]
-        known = np.append(-1, np.flatnonzero(rows > -2))
-        steps = np.maximum.accumulate(np.append(-1, rows[known[1:]]))
-        between = np.interp(ticks, known, steps)
-        used[heard] = np.floor(between).astype(int).clip(max=ticks[-1])
+    ticks, used = np.arange(side.tick + 1), side.Used()
+    halves = [Half(side.scenario, x, side.period, side.fade, own) for x in WAYS]
+    sent = {half.spoken: half.sent for half in halves}
     # The other side's turns follow from these, but for those that it missed.
-    rows = side.used[side.spoken][NUM_USED:][: ticks.size]
+    rows = side.used[side.spoken][: ticks.size]
     known = np.append(np.flatnonzero(rows > -2), ticks[-1])
     is_missed = rows[known[np.searchsorted(known, ticks)]] == -1
     echoes = used[side.heard][used[side.spoken].clip(0)].clip(0)
-    is_stale = (ticks - echoes) * period > side.limit
+    is_stale = (ticks - echoes) * side.period > side.limit
     turns = dict.fromkeys(WAYS, np.where(is_stale, 1, -1) * ~is_missed)
-    turns[side.side] = side.log["turn"][NUM_USED:]
-    done = dict.fromkeys(WAYS, 0)
+    at, turn, *_ = np.transpose(side.log[1:]).astype(int)
+    turns[side.side] = np.zeros_like(ticks)
+    turns[side.side][at] = turn
 
-    def Order(name: str) -> tuple[int, int]:
-        """Returns how many packets a side would have to wait for, and its tick."""
-        (way, _), k = WAYS[name], done[name]
-        return max(used[way][k] + 2 - len(sent[way]), 0), k
+    def Order(half: Half) -> tuple[int, int]:
+        """Returns how many packets a half would have to wait for, and its tick."""
+        k = len(half.sent) - 1
+        return max(used[half.heard][k] + 2 - len(sent[half.heard]), 0), k
 
     # As it happened: a packet is there before it is in use, whatever the clocks say.
-    while halves_left := [x for x in WAYS if done[x] < ticks.size]:
-        name = min(halves_left, key=Order)
-        half, k, (heard, spoken) = halves[name], done[name], WAYS[name]
-        if turn := turns[name][k]:
-            place = min(used[heard][k] + 1, len(sent[heard]) - 1)
-            half.Follow(sent[heard][place], turn)
-        sent[spoken].append(half.Advance(k * period))
-        if turn:
-            half.Feed()
-        done[name] = k + 1
-    parts: Any = (ticks * period, {}, "completed", "")
-    master, robot = (half.Recording(*parts) for half in halves.values())
-    return dataclasses.replace(robot, signals=master.signals | robot.signals)
+    while left := [half for half in halves if len(half.sent) <= ticks.size]:
+        half = min(left, key=Order)
+        k, heard = len(half.sent) - 1, sent[half.heard]
+        packet = heard[: used[half.heard][k] + 2][-1]
+        half.Step(k * side.period, packet, turns[half.side][k])
+    signals = halves[0].Signals(ticks.size) | halves[1].Signals(ticks.size)
+    predicted = {name: x[at] for name, x in signals.items()}
+    return dataclasses.replace(side.Recording(), signals=predicted)
 
 
-def Compare(side: Side, predicted: Recording, picture: Path) -> dict[str, float]:
-    """Draws the packets of a run and their prediction; returns how far they differ.
+def Compare(recording: Recording, predicted: Recording) -> dict[str, float]:
+    """Returns how far the packets of a run and of its prediction differ.
 
-    Returns:
-        By the signal, the largest difference as a share of the largest value.
+    That is the largest difference as a share of the largest value, by the signal.
     """
-    recording, differences, rows = side.Recording(), {}, []
-    ticks = np.flatnonzero(side.log["turn"]) - NUM_USED
+    differences = {}
     for name in [x for x in recording if "_packet_" in x]:
-        expected = predicted[name][ticks]
-        apart = np.abs(recording[name] - expected)
-        size = np.maximum(np.abs(expected).max(axis=0), 1e-9)
-        differences[name] = float((apart / size).max())
-        for k, part in enumerate(recording.Components(name, size.size)):
-            unit = AxisUnit(_UNITS.get(part[0], ""), part.rpartition(" ")[2])
-            label = f"{part}\n{name.rpartition('_')[2]}"
-            row = SignalRow(label=label, unit=unit, signal=name, components=[k])
-            rows.append(row)
-    # A figure wants to know where the tool is.
-    tool = {"tool_position": predicted["tool_position"][ticks]}
-    measured = dataclasses.replace(recording, signals=tool | recording.signals)
-    runs = {"measured": measured, "predicted": predicted}
-    SaveFigure(PlotRows(runs, rows, columns=1), picture)
+        size = np.abs(predicted[name]).max(axis=0).clip(1e-9)
+        apart = np.abs(recording[name] - predicted[name]) / size
+        differences[name] = float(apart.max())
     return differences
+
+
+def Draw(measured: Recording, predicted: Recording, picture: Path) -> None:
+    """Draws the packets of a run over those of its prediction."""
+    # A figure wants to know where the tool is, which the operator's side does not.
+    known = dataclasses.replace(measured, signals=predicted.signals | measured.signals)
+    rows = SelectRows([], [known], [x for x in measured if "_packet_" in x])
+    runs = {"measured": known, "predicted": predicted}
+    SaveFigure(PlotRows(runs, rows, columns=1), picture)

@@ -8,17 +8,23 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder
 
-from teleop_drake.link import packets
-from teleop_drake.link.halves import WAYS, Half
-from teleop_drake.link.packets import NUM_USED, Array, Session
+from teleop_drake.laws.task_space import displacement
+from teleop_drake.link.packets import NUM_USED, Array, OpenSocket, ReadKey, Session
+from teleop_drake.numerics.step_polynomials import straight_steps
 from teleop_drake.recording import Recording
-from teleop_drake.scenario import AsTeleoperation, CheckSteps, ScenarioLike
+from teleop_drake.robots.facts import FactsOfRobot
+from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
 from teleop_drake.scenario.tree import ToTree
+from teleop_drake.simulation.compiled_run import StartFed
+from teleop_drake.simulation.run import Outcome
+from teleop_drake.simulation.simulate import MakeRecording
+from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import CheckNumber, Refuse
 
 # Round trips that are measured before the start, farewells, and the most datagrams that
@@ -26,11 +32,130 @@ from teleop_drake.validation import CheckNumber, Refuse
 _NUM_EXCHANGES, _NUM_FAREWELLS, _MAX_DATAGRAMS = 10, 3, 256
 _OVER = "the other side has ended"
 
+_MEASURED = "packet_age", "round_trip", "period", "lateness", "trust"
+_STATISTICS = "mean", "deviation", "least", "median", "most"
+
 Say = functools.partial(print, "teleop-drake:", file=sys.stderr, flush=True)
 """Tells the user a line."""
 
+WAYS = {"operator": ("return", "forward"), "robot": ("forward", "return")}
+"""The directions in which a side hears and speaks."""
 
-class Side:
+# Parts of a packet that are held where nothing is heard: positions and energies.
+_HELD = ("p", "x", "E")
+
+# How fast the tool is held in its place, rad/s at most.
+_RATE = 20.0
+
+
+class Half:
+    """A side that is simulated, and fed with what is heard as far as that is trusted.
+
+    As trust falls, so do forces, velocities, accelerations and waves, and positions are
+    held; as it comes back, they all go to what is heard. Meanwhile a spring and a
+    damper hold the tool of the robot in its place. With its inertia at the start they
+    are critically damped.
+
+    Args:
+        scenario: Of the whole loop.
+        side: One of WAYS.
+        period: Between steps, s.
+        fade: In which time trust falls from 1 to 0, and comes back, s.
+        more: `step`, see Side, and systems of one's own.
+
+    Attributes:
+        heard, spoken: The directions of the side.
+        fed: The packet that is in use.
+        sent: Those that were sent; the first ones are the architecture's, as `fed` is.
+        trust: 0 to 1.
+
+    Raises:
+        CannotCompile: If a system cannot be compiled; it is named.
+    """
+
+    def __init__(
+        self, scenario: Scenario, side: str, period: float, fade: float, more: Any
+    ):
+        self.scenario, self.side, self.period, self.fade = scenario, side, period, fade
+        self.heard, self.spoken = heard, spoken = WAYS[side]
+        step, own = more.get("step"), {x: more[x] for x in more if x != "step"}
+        builder = DiagramBuilder()
+        architecture = AddTeleoperator(builder, scenario, side=side, **own)
+        self.fed = np.array(getattr(architecture, f"initial_{heard}_packet"), float)
+        self.sent = [np.array(getattr(architecture, f"initial_{spoken}_packet"), float)]
+        self.trust, self._num, self._faded = 1.0, int(np.ceil(fade / period)), 0
+        parts = getattr(scenario.controller.Chosen(), f"{heard}_parts")
+        names = np.repeat(parts, scenario.num_axes)[: self.fed.size]
+        if len(names) < self.fed.size:
+            allowed = f"one that has {heard}_parts, so that its forces can fall"
+            Refuse("controller.kind", scenario.controller.kind, allowed)
+        self._falls = np.array([not name.startswith(_HELD) for name in names])
+        channel = builder.GetSubsystemByName(f"{heard}_channel")
+        builder.ExportInput(channel.get_input_port(), "packet")
+        inputs = {"packet": self.fed}
+        if side == "robot":
+            robot = builder.GetSubsystemByName("robot")
+            if (inertia := FactsOfRobot(robot).inertia) is None:
+                Refuse("robot", robot.get_name(), "one that tells its inertia")
+            rate = min(_RATE, 0.2 / period)
+            self._stiffness, self._lead = rate**2 * inertia, 2 / rate
+            inputs["force"] = np.zeros(len(inertia))
+            controller = builder.GetSubsystemByName("controller")
+            law = controller.GetOutputPort("control_force")
+            target = robot.GetInputPort("control_force")
+            hold = builder.AddNamedSystem("hold", Adder(2, len(inertia)))
+            builder.Disconnect(law, target)
+            builder.Connect(law, hold.get_input_port(0))
+            builder.Connect(hold.get_output_port(), target)
+            builder.ExportInput(hold.get_input_port(1), "force")
+        diagram, config = builder.Build(), scenario.simulator
+        self._model, self._rows = (scenario, diagram, config), list[tuple[Array, ...]]()
+        self._places = {f"{spoken}_packet_sent": slice(None)}
+        self._fed, self._driver = dict[str, slice](), step
+        if step is None:
+            started = StartFed(diagram, config, scenario.duration, **inputs)
+            self._run, self._places, self._fed = started
+
+    def Step(self, t: float, heard: Array, turn: int) -> None:
+        """Goes on to t in s; sends what there is then, and is fed from then on.
+
+        Args:
+            heard: The packet that is in use.
+            turn: Whether trust falls (1) or comes back (-1); 0: nothing is fed.
+        """
+        before = self.fed
+        self._faded = min(max(self._faded + turn, 0), self._num)
+        self.trust = 1 - self._faded / self._num
+        if turn:
+            left = self._faded if turn < 0 else self._num - self._faded
+            target = heard if turn < 0 else np.where(self._falls, 0.0, before)
+            self.fed = before + (target - before) / (left + 1) if left else target
+        row = self._driver(t, self.fed) if self._driver else self._run.Sample(t)
+        row = np.array(row, float)
+        sent = row[self._places[f"{self.spoken}_packet_sent"]]
+        if sent.shape != self.sent[0].shape or not np.isfinite(sent).all():
+            wanted = f"must send {self.sent[0].size} finite numbers"
+            raise ArithmeticError(f"{wanted}, not {sent}")
+        self.sent.append(sent)
+        self._rows.append((before, row))
+        if turn and not self._driver:
+            self._run.Feed(self._fed[f"{self.heard}_channel"], self.fed)
+        if turn and "hold" in self._fed:
+            p, v = (row[self._places[f"tool_{x}"]] for x in ("position", "velocity"))
+            if self.trust == 1 or len(self._rows) == 1:
+                self._place = p
+            apart = displacement(self._place, p) if self.trust < 1 else 0 * p
+            force = (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
+            self._run.Feed(self._fed["hold"], force)
+
+    def Signals(self, num: int) -> dict[str, Array]:
+        """Returns the signals (N, k) of the first steps, by their names."""
+        fed, rows = map(np.array, zip(*self._rows[:num], strict=True))
+        signals = {name: rows[:, place] for name, place in self._places.items()}
+        return {f"{self.heard}_packet_received": fed} | signals
+
+
+class Side(Half):
     """One side; its tick k is at k periods.
 
     The robot's side counts from where the operator's tick 0 was by its own clock, if
@@ -43,24 +168,23 @@ class Side:
         side: `operator`, which calls, or `robot`, which answers.
         end: A socket; `address`: of the robot's side, at the operator's.
         clock: A monotonic one, ns.
-        step: In the place of a simulation: takes the time in s and the packet that is
-            in use, and returns what to send, once a period. When it is no longer
-            called, what it drives has to let go by itself.
         period: Time between packets, s.
         limit: Most age of what is in use, s: since that was sent which the other side
             had in use then. If it is more, trust falls within `fade` s of periods that
             were not missed; see Half.
         patience: After which silence it ends, s.
-        own: Systems of one's own, as MakeTeleoperator() takes them; no channels.
+        more: Systems of one's own, as MakeTeleoperator() takes them; no channels. Or
+            `step`, in the place of a simulation: takes the time in s and
+            the packet that is in use, and returns what to send, once a period. When it
+            is no longer called, what it drives has to let go by itself.
 
     Attributes:
         next_time: When Tick() is due, by the clock.
         reason: Why it has ended, empty: it is complete; None while it goes on.
-        tick: The last one; -1 before the start.
-        log: Of each tick, after NUM_USED rows: `turn`, 1 if what was in use was too
-            old, else -1 (0: it was missed), `late` in ns, `trust`, what was fed, sent.
-        used: Of each way, after NUM_USED rows, the tick of the packet that was in use
-            at each tick where it is heard; -1: none, or it was missed; -2: not known.
+        log: Of each tick that was not missed, after a row before the start: the tick;
+            1 if what was in use was too old, else -1; and what was measured.
+        used: Of each way, the tick of the packet that was in use at each tick where it
+            is heard; -1: none, or it was missed; -2: not known.
     """
 
     def __init__(
@@ -72,41 +196,40 @@ class Side:
         address: Any = None,
         *,
         clock: Callable[[], int] = time.monotonic_ns,
-        step: Callable[[float, Array], Any] | None = None,
         period: float = 0.001,
         limit: float = 0.5,
         fade: float = 0.1,
         patience: float = 5.0,
         say: Callable[[str], None] = Say,
-        **own: Any,
+        **more: Any,
     ):
-        self.scenario = scenario = AsTeleoperation(scenario)
+        scenario = AsTeleoperation(scenario)
         CheckSteps(scenario)
-        CheckNumber("period", period, "s", minimum=1e-4)
-        for name, time_s in (("limit", limit), ("fade", fade), ("patience", patience)):
-            CheckNumber(name, time_s, "s", above=0)
-        for name in {"architecture", "forward_channel", "return_channel"} & own.keys():
-            Refuse(name, own[name], "left out: the network is the scenario's channel")
-        self.side, (self.heard, self.spoken) = side, WAYS[side]
-        self.period, self._ns, self.limit = period, round(period * 1e9), limit
-        self.num_fading, self._patience = int(np.ceil(fade / period)), patience
-        self._half = Half(scenario, side, period, self.num_fading, own)
-        self._step, self._socket, self._clock, self.Say = step, end, clock, say
-        heard, spoken = (self._half.initial[way] for way in WAYS[side])
-        role, agreement = side == "robot", _Agreement(scenario, period, limit, fade)
-        self._session = Session(key, role, agreement, heard.size, address)
-        self.next_time = self._heard_at = clock()
+        times = {"period": period, "limit": limit, "fade": fade, "patience": patience}
+        for name, seconds in times.items():
+            CheckNumber(name, seconds, "s", minimum=1e-4)
+        for name in {"architecture", "forward_channel", "return_channel"} & more.keys():
+            Refuse(name, more[name], "left out: the network is the scenario's channel")
+        Half.__init__(self, scenario, side, period, fade, more)
+        self.limit, self._patience = limit, patience
+        self._socket, self._clock, self.Say = end, clock, say
+        agreement = _Agreement(scenario, period, limit, fade)
+        self._session = Session(key, side == "robot", agreement, self.fed.size, address)
+        self.next_time = self._began = self._heard_at = clock()
         self.reason: str | None = None
-        self._termination, self._start, self.tick = "completed", 0, -1
-        self._newest: Any = SimpleNamespace(tick=-1, used=[-1], values=heard)
-        self._is_stale = self._peer_has_ended = self._is_told = False
-        self._last = round(scenario.duration / period)
-        fields: Any = [("used", int), ("turn", int), ("late", float), ("trust", float)]
-        fields += [("fed", float, heard.shape), ("sent", float, spoken.shape)]
-        self.log = np.zeros(NUM_USED + self._last + 1, fields)
-        self.log["used"], self.log["sent"] = -1, spoken
-        peer = np.full(len(self.log), -2)
-        self.used = {self.heard: self.log["used"], self.spoken: peer}
+        self._termination, self._start = "completed", 0
+        self._newest: Any = {"tick": -1, "used": [-1], "values": self.fed}
+        self._peer_has_ended = self._is_told = False
+        self._ns, self._last = round(period * 1e9), round(scenario.duration / period)
+        self.log: list[Any] = [(-1, -1, 0, 0, 0, 0, 1.0)]
+        num = NUM_USED + self._last + 1
+        self._padded = {self.heard: np.full(num, -1), self.spoken: np.full(num, -2)}
+        self.used = {way: used[NUM_USED:] for way, used in self._padded.items()}
+
+    @property
+    def tick(self) -> int:
+        """The last one; -1 before the start."""
+        return int(self.log[-1][0])
 
     def Run(self) -> "Side":
         """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.
@@ -140,7 +263,7 @@ class Side:
         self.next_time = due if self._start else now + self._ns
         # The robot's side waits for as long as it takes.
         is_waiting = self.side == "robot" and not self._start
-        if self._peer_has_ended and (self._half.trust == 0 or not self._start):
+        if self._peer_has_ended and (self.trust == 0 or not self._start):
             self._End(_OVER)
         elif self.tick == self._last:
             self._End("", "completed")
@@ -166,12 +289,12 @@ class Side:
                 if packet is None:
                     continue
                 self._heard_at = now
+                tick = packet["tick"]
                 # One that is complete is no loss.
-                is_early = packet.tick < self._last
-                self._peer_has_ended |= bool(packet.ended) and is_early
-                if packet.tick > self._newest.tick:
+                self._peer_has_ended |= bool(packet["ended"]) and tick < self._last
+                if tick > self._newest["tick"]:
                     self._newest = packet
-                    self.used[self.spoken][packet.tick + 1 :][:NUM_USED] = packet.used
+                    self._padded[self.spoken][tick + 1 :][:NUM_USED] = packet["used"]
         if not self._is_told and (refused["version"] or refused["scenario"]):
             self.Say("not heard: the other side's version, scenario or options differ")
             self._is_told = True
@@ -179,47 +302,41 @@ class Side:
     def _Meets(self, now: int) -> bool:
         """Returns whether both sides hear each other, and sets tick 0."""
         session = self._session
-        if self.side == "robot" and self._newest.tick >= 0:
-            self._start = max(round(self._newest.start - session.offset), 1)
+        if self.side == "robot" and self._newest["tick"] >= 0:
+            self._start = max(round(self._newest["start"] - session.offset), 1)
         elif self.side == "operator" and session.exchanges >= _NUM_EXCHANGES:
             self._start = now
         if self._start:
-            self.next_time = now
+            self.next_time, self._began = now, now - self._ns
             self.Say(f"connected, round trip {session.round_trip * 1e-6:.3g} ms")
         return self._start > 0
 
     def _GoOn(self, now: int) -> None:
         """Goes on to the tick that is due; those that were missed send nothing."""
         due = min((now - self._start) // self._ns, self._last)
-        tick, newest, row = max(due, self.tick + 1), self._newest, self.log["sent"][-1]
-        t, age = tick * self.period, (tick - max(newest.used[-1], 0)) * self.period
-        is_stale = age > self.limit or self._peer_has_ended
-        if is_stale != self._is_stale:
+        tick, newest = max(due, self.tick + 1), self._newest
+        t, age = tick * self.period, (tick - max(newest["used"][-1], 0)) * self.period
+        turn = 1 if age > self.limit or self._peer_has_ended else -1
+        if turn != self.log[-1][1]:
             why = _OVER if self._peer_has_ended else f"what is heard is {age:.3g} s old"
-            so = "fall to zero" if is_stale else "come back"
+            so = "fall to zero" if turn > 0 else "come back"
             self.Say(f"t = {t:.3f} s, {why}: forces {so}")
-        self._is_stale, turn = is_stale, 1 if is_stale else -1
-        before, packet = self._half.fed, self._half.Follow(newest.values, turn)
         try:
-            values = self._step(t, packet) if self._step else self._half.Advance(t)
-            values = np.array(values, float)
-            if values.shape != row.shape or not np.isfinite(values).all():
-                wanted = f"must send {row.size} finite numbers"
-                raise ArithmeticError(f"{wanted}, not {values}")
+            self.Step(t, newest["values"], turn)
         except Exception as error:
             self._End(f"{type(error).__name__}: {error}", "diverged")
             return
-        if not self._step:
-            self._half.Feed()
-        trust, late, self.tick = self._half.trust, now - self.next_time, tick
-        self.log[NUM_USED + tick] = newest.tick, turn, late, trust, before, values
+        ages = (tick - newest["tick"]) * self.period, age
+        times = (now - self._began) * 1e-9, (now - self.next_time) * 1e-9
+        self.used[self.heard][tick], self._began = newest["tick"], now
+        self.log.append((tick, turn, *ages, *times, self.trust))
 
     def _Speak(self) -> None:
         """Sends a packet, if it is known where to; one that is not taken is lost."""
         if address := self._session.address:
-            rows, ended = self.log[self.tick + 1 :][:NUM_USED], self.reason is not None
-            state = self._start, self.tick, ended, rows["used"], rows["sent"][-1]
-            data = self._session.Seal(self._clock(), *state)
+            used = self._padded[self.heard][self.tick + 1 :][:NUM_USED]
+            state = self.sent[-1], self._start, self.tick, used
+            data = self._session.Seal(self._clock(), self.reason is not None, *state)
             with suppress(OSError):
                 self._socket.sendto(data, address)
 
@@ -227,23 +344,34 @@ class Side:
         """Returns the signals each period.
 
         They include the age in s of what was in use (`packet_age`), of the echo in it
-        (`round_trip`), how late a period began (`lateness`), and how far what was in
-        use was trusted, 0 to 1 (`trust`).
+        (`round_trip`), how long after the one before a period began (`period`), how
+        late (`lateness`), and how far what was in use was trusted, 0 to 1 (`trust`).
         """
-        rows = np.flatnonzero(self.log["turn"])
-        log, ticks = self.log[rows], rows - NUM_USED
-        echoes = self.used[self.spoken][NUM_USED + log["used"]].clip(0)
-        measured = {
-            "packet_age": (ticks - log["used"]) * self.period,
-            "round_trip": (ticks - echoes) * self.period,
-            "lateness": log["late"] * 1e-9,
-            "trust": log["trust"],
-        }
-        signals = {name: x[:, np.newaxis] for name, x in measured.items()}
-        signals[f"{self.heard}_packet_received"] = log["fed"]
-        signals[f"{self.spoken}_packet_sent"] = log["sent"]
-        ending = self._termination, self.reason or ""
-        return self._half.Recording(ticks * self.period, signals, *ending)
+        ticks, _, *measured = np.transpose(self.log[1:])[:, :, np.newaxis]
+        time = ticks[:, 0] * self.period
+        signals = dict(zip(_MEASURED, measured, strict=True)) | self.Signals(len(time))
+        outcome = Outcome(
+            engine="step" if self._driver else "compiled",
+            series=(time, signals, straight_steps(time)),
+            **({} if self._driver else self._run.Counts()),
+            wall_time=max(float(np.ptp(time)), 1e-9),
+            termination=self._termination,
+            reason=self.reason or "",
+        )
+        return MakeRecording(*self._model, outcome, [])
+
+    def Used(self) -> dict[str, Any]:
+        """Returns of each way which packet was in use at each tick where it is heard.
+
+        In between of what is known, packets are taken in steady steps.
+        """
+        ticks, steady = np.arange(self.tick + 1), {}
+        for way, used in self.used.items():
+            known = np.flatnonzero(used[: ticks.size] > -2)
+            steps = np.maximum.accumulate(np.append(-1, used[known]))
+            between = np.interp(ticks, np.append(-1, known), steps)
+            steady[way] = np.floor(between).astype(int).clip(max=self.tick)
+        return steady
 
     def Delays(self) -> dict[str, Array]:
         """Returns how long each packet took until it was in use, s; NaN: it never was.
@@ -252,48 +380,41 @@ class Side:
             By `forward` and `return`; entry k is of the packet of tick k. It is less
             than 0 if clocks have drifted so far that it was in use before its tick.
         """
-        delays, num = {}, self.tick + 1
-        for way, used in self.used.items():
-            packets, ticks = np.unique(used[NUM_USED:][:num], return_index=True)
-            known = (packets >= 0) & (packets < num)
-            delays[way] = np.full(num, np.nan)
-            delays[way][packets[known]] = self.period * (ticks - packets)[known]
+        delays = {}
+        for way, used in self.Used().items():
+            taken, ticks = np.unique(np.append(-1, used), return_index=True)
+            delays[way] = np.full(self.tick + 1, np.nan)
+            delays[way][taken[1:]] = self.period * (ticks - 1 - taken)[1:]
         return delays
 
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""
         run, delays = self.Recording(), self.Delays()
-        time, late, trips = run.time, run["lateness"][:, 0], run["round_trip"]
-        woken = np.append(time[:1], time[:-1] + self.period) + late
-        periods = np.diff(woken, append=woken[-1] + self.period)
-        turns, peer = self.log["turn"][NUM_USED:], self.used[self.spoken][NUM_USED:]
-        turns = turns[: self.tick + 1]
-        changes = np.flatnonzero(np.diff(turns[turns != 0], prepend=-1, append=-1))
-        outages = np.append(time, time[-1])[changes].reshape(-1, 2)
-        numbers = {
-            "duration": time[-1],
-            "period": self.period,
-            "mean_period": periods.mean(),
-            "jitter": periods.std(),
-            "largest_lateness": late.max(),
-            "shortest_round_trip": self._session.round_trip * 1e-9,
-            "median_round_trip": np.median(trips),
-            "longest_round_trip": trips.max(),
-        }
-        return {
+        turns = [turn for _, turn, *_ in self.log[1:]]
+        changes = np.flatnonzero(np.diff(turns, prepend=-1, append=-1))
+        known = np.flatnonzero(self.used[self.spoken] > -2)
+        outages = np.append(run.time, run.time[-1])[changes].reshape(-1, 2)
+        report = {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
             "side": self.side,
             "termination": run.termination,
             "reason": run.reason,
-            **{name: float(f"{x:.6g}") for name, x in numbers.items()},
-            "missed_periods": int(turns.size - len(time) - np.argmax(turns != 0)),
+            "duration": float(run.time[-1]),
+            "shortest_round_trip": self._session.round_trip * 1e-9,
+            "missed_periods": round(np.ptp(run.time) / self.period) + 1 - len(run.time),
             "unused_packets": {x: int(np.isnan(y).sum()) for x, y in delays.items()},
             "early_packets": {x: int((y < 0).sum()) for x, y in delays.items()},
-            "unknown_periods": int(np.sum(np.diff(np.flatnonzero(peer > -2)) - 1)),
+            "unknown_periods": int(np.sum(np.diff(known) - 1)),
             "refused_packets": dict(self._session.refused),
             "outages": outages.round(6).tolist(),
         }
+        for name in _MEASURED[:4]:
+            x = run[name]
+            numbers = x.mean(), x.std(), *np.percentile(x, (0, 50, 100))
+            rounded = np.round(numbers, 9).tolist()
+            report[name] = dict(zip(_STATISTICS, rounded, strict=True))
+        return report
 
 
 def _Agreement(scenario: Any, *numbers: float) -> int:
@@ -317,13 +438,13 @@ def OperateRemotely(
     Returns:
         The side after its end: its Recording(), Delays() and Report().
     """
-    end, address = packets.OpenSocket(connect, listens=False)
-    return Side(scenario, "operator", packets.ReadKey(key), end, address, **more).Run()
+    end, address = OpenSocket(connect, listens=False)
+    return Side(scenario, "operator", ReadKey(key), end, address, **more).Run()
 
 
 def ServeRobot(scenario: ScenarioLike, *, listen: str, key: str, **more: Any) -> Side:
     """Runs the robot's side at HOST:PORT; waits until OperateRemotely() calls."""
-    end, _ = packets.OpenSocket(listen, listens=True)
-    side = Side(scenario, "robot", packets.ReadKey(key), end, **more)
+    end, _ = OpenSocket(listen, listens=True)
+    side = Side(scenario, "robot", ReadKey(key), end, **more)
     side.Say("listening at {}:{}".format(*end.getsockname()[:2]))
     return side.Run()

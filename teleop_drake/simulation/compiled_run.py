@@ -11,7 +11,7 @@ from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.integrator.problem import EVALUATIONS, SAME, STEPS, TRIES
+from teleop_drake.integrator.problem import SAME, TRIES
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
@@ -101,6 +101,26 @@ def StartRun(
     )
 
 
+def StartFed(
+    diagram: Diagram, config: SimulatorConfig, end: float, **inputs: NDArray[np.float64]
+) -> tuple[CompiledRun, dict[str, slice], dict[str, slice]]:
+    """Returns a run until a time in s that is fed, as its CompiledRun.Feed() has it.
+
+    Args:
+        inputs: What the inputs of the diagram are fed with at first, by their names.
+
+    Returns:
+        The run, which agrees with the diagram where it starts; where the signals are in
+        its rows, by their names; and what is fed, by the names of the blocks.
+    """
+    loop, context = CompileLoop(diagram, config, **inputs)
+    run = StartRun(loop, context, config, end)
+    CheckVisited(loop.evaluator, diagram, context, [run.start])
+    fed, blocks = loop.evaluator.program.fed, loop.evaluator.blocks
+    places = {blocks[i].system.get_name(): place for (i, _), place in fed.items()}
+    return run, loop.places, places
+
+
 def WhyNotCompiled(scenario: AnyScenario) -> str:
     """Returns why a scenario runs in Drake's Simulator only; empty: it does not.
 
@@ -152,8 +172,7 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
     return Outcome(
         engine="compiled",
         series=(times, signals, np.concatenate(steps)),
-        steps=int(run.memory.counts[STEPS]),
-        derivative_evaluations=int(run.memory.counts[EVALUATIONS]),
+        **run.Counts(),
         wall_time=clock.monotonic() - start,
         termination=termination,
         reason=reason,

@@ -23,14 +23,14 @@ def Sessions(agreement=7):
 def Seal(session, now, tick=-1):
     values = np.arange(2.0 if session.address == "robot" else 3.0)
     used = np.arange(tick - 31, tick + 1).clip(-1)
-    return session.Seal(now, 100, tick, False, used, values)
+    return session.Seal(now, False, values, 100, tick, used)
 
 
 def Introduced(operator, robot):
     """The same after they have proved to hear each other; the robot is 1000 ahead."""
     assert robot.Open(Seal(operator, 0), "operator", 1010) is None
-    assert operator.Open(Seal(robot, 1030), "robot", 40)
-    assert robot.Open(Seal(operator, 50), "operator", 1060)
+    assert operator.Open(Seal(robot, 1030), "robot", 40) is not None
+    assert robot.Open(Seal(operator, 50), "operator", 1060) is not None
     assert operator.offset == -robot.offset == 1000
     return operator, robot
 
@@ -54,11 +54,11 @@ def test_the_layout_is_the_documented_one():
     ]
     assert fields[0] == (b"TDL\x01",)
     assert [x[0] for x in fields[1:4]] == [0, 0, 2]
-    assert [x[0] for x in fields[6:13]] == [3, 70, 1030, 30, 100, 7, 4]
+    assert [x[0] for x in fields[6:13]] == [3, 70, 1030, 30, 7, 100, 4]
     assert fields[13] == (*[-1] * 27, 0, 1, 2, 3, 4)
     packet = robot.Open(data, "operator", 80)
-    assert packet.values.tolist() == [0, 1]
-    assert packet.tick == 4
+    assert packet["values"].tolist() == [0, 1]
+    assert packet["tick"] == 4
 
 
 @pytest.mark.parametrize("num", Slow([10_000, 100_000]))
@@ -68,7 +68,7 @@ def test_packets_that_are_not_meant_change_nothing(num):
     random = np.random.default_rng(1)
     seen = [Seal(operator, 100 + k, tick=k) for k in range(100)]
     for k, data in enumerate(seen):
-        assert robot.Open(data, "operator", 200 + k).tick == k
+        assert robot.Open(data, "operator", 200 + k)["tick"] == k
     other = Introduced(*Sessions())[0]  # The same key, another session.
     seen += [Seal(other, 100 + k, tick=k) for k in range(100)]
     seen += [Seal(robot, 100)]  # Sent back.
@@ -84,7 +84,7 @@ def test_packets_that_are_not_meant_change_nothing(num):
         assert robot.Open(bytes(data), "anybody", 1000) is None
     assert State(robot) == before
     assert set(robot.refused) >= {"hash", "foreign", "version", "old", "session", "own"}
-    assert robot.Open(Seal(operator, 300, tick=100), "operator", 400).tick == 100
+    assert robot.Open(Seal(operator, 300, tick=100), "operator", 400)["tick"] == 100
 
 
 def test_a_replay_to_a_process_that_was_started_anew():
@@ -101,7 +101,7 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    data = operator.Seal(70, 100, 0, False, [0] * 32, np.array([np.nan, 1.0]))
+    data = operator.Seal(70, False, np.array([np.nan, 1.0]), 100, 0, [0] * 32)
     assert robot.Open(data, "operator", 80) is None
     assert robot.refused["values"] == 1
     operator, robot = Sessions(agreement=8)

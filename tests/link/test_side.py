@@ -6,7 +6,7 @@ from grids import Slow
 from link_networks import Fates, Network
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.link.prediction import Compare, Predict, SaveRun
+from teleop_drake.link.prediction import Compare, Draw, Predict, SaveRun
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -16,22 +16,29 @@ def Scenario(kind="direct_force", name="one_dof", duration=1.0):
     return LoadScenario(name, {"controller.kind": kind, "duration": duration})
 
 
-def Differences(side, folder):
-    """Returns the largest differences from the whole loop with the recorded channels.
+def CheckPrediction(sides):
+    """Both sides that are simulated with their packets agree to the solvers' accuracy.
 
-    They are shares of each range. The prediction by halves is as good or better.
+    No side lacks a packet.
     """
-    scenario = LoadScenario(SaveRun(side, folder)[-1])
-    predicted, recording = simulate(scenario), side.Recording()
-    halves = Compare(side, Predict(side), folder / "prediction.png")
-    assert max(halves.values()) < 1e-6, halves
-    shares = {}
-    for name in [x for x in recording if "_packet_" in x]:
-        expected = predicted.Interpolate(name, recording.time - 1e-9)
-        span = np.maximum(np.ptp(expected, axis=0), 1e-9)
-        # At the very start the prediction has heard what came with delay 0.
-        shares[name] = np.max(np.abs(recording[name] - expected)[1:] / span)
-    return shares
+    for side in sides:
+        apart = Compare(side.Recording(), Predict(side))
+        assert len(apart) == 2
+        assert max(apart.values()) < 1e-6, apart
+
+
+def CheckTraces(sides, folder):
+    """The whole loop with the recorded channels agrees as well, fades apart."""
+    for side in sides:
+        SaveRun(side, folder)
+        scenario = LoadScenario(folder / f"{side.side}_predicted.yaml")
+        predicted, recording = simulate(scenario), side.Recording()
+        for name in [x for x in recording if "_packet_" in x]:
+            expected = predicted.Interpolate(name, recording.time - 1e-9)
+            span = np.maximum(np.ptp(expected, axis=0), 1e-9)
+            # At the very start the prediction has heard what came with delay 0.
+            apart = np.abs(recording[name] - expected)[1:] / span
+            assert apart.max() < 1e-3, name
 
 
 RUNS = [
@@ -45,20 +52,19 @@ RUNS = [
 
 
 @pytest.mark.parametrize(("kind", "name", "seeds"), Slow(RUNS, but=(0,)))
-def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path):
+def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrendered):
     """Within the accuracy of the solvers; neither needs the clock of the other."""
     network = Network(*map(Fates, seeds), offsets=(10**15, 5))
-    sides = network.MakeSides(Scenario(kind, name))
+    sides = network.MakeSides(Scenario(kind, name, duration=0.8))
     network.Run(sides)
     for side in sides:
         assert side.reason == ""
         report = side.Report()
-        assert report["refused_packets"]["old"] > 100  # Late and doubled ones.
+        assert report["refused_packets"]["old"] > 80  # Late and doubled ones.
         assert report["unknown_periods"] == 0
         assert report["early_packets"] == {"forward": 0, "return": 0}
-        differences = Differences(side, tmp_path)
-        assert len(differences) == 2
-        assert max(differences.values()) < 1e-3, differences
+    CheckPrediction(sides)
+    CheckTraces(sides, tmp_path)
 
 
 def test_the_delays_are_those_of_the_network():
@@ -74,11 +80,14 @@ def test_the_delays_are_those_of_the_network():
         assert forward[:300] == pytest.approx(0.026, abs=0.0011)
         assert forward[100] + back[100] == pytest.approx(0.0506, abs=0.0021)
         assert np.ptp(forward[:300]) == 0
-        shortest = side.Report()["shortest_round_trip"]
-        assert shortest == pytest.approx(0.0516, abs=0.0011)  # Seen each period.
+        report = side.Report()  # It is seen each period.
+        assert report["shortest_round_trip"] == pytest.approx(0.0516, abs=0.0011)
+        assert report["round_trip"]["median"] == pytest.approx(0.0516, abs=0.0021)
+        assert report["period"]["mean"] == pytest.approx(0.001)
+        assert report["period"]["deviation"] < 1e-5
 
 
-def test_a_clock_that_drifts_makes_packets_early(tmp_path):
+def test_a_clock_that_drifts_makes_packets_early(tmp_path, unrendered):
     """The operator's clock jumps ahead of the robot's by more than the delay."""
     network = Network(Fates(0, delay=0.005, std=0, loss=0), Fates(2))
     sides = network.MakeSides(Scenario(duration=0.2))
@@ -87,16 +96,18 @@ def test_a_clock_that_drifts_makes_packets_early(tmp_path):
     network.Run(sides)
     assert sides[1].Report()["early_packets"]["forward"] > 10
     assert np.nanmin(sides[1].Delays()["forward"]) < 0
+    CheckPrediction(sides[1:])
     SaveRun(sides[1], tmp_path)
     trace = np.genfromtxt(tmp_path / "robot_forward.csv", delimiter=",")[1:, 1]
     assert np.nanmin(trace) == 0
 
 
-def Cut(kind, begin, end, duration):
+def Cut(kind, begin, end, duration, name="one_dof"):
     """Returns sides and their network after a run, whose way forward was cut."""
     fates = Fates(0, delay=0.01, std=0, loss=0)
     network = Network(lambda k: [] if begin <= k < end else fates(k), fates)
-    sides = network.MakeSides(Scenario(kind, duration=duration), limit=0.1, fade=0.05)
+    scenario = Scenario(kind, name, duration)
+    sides = network.MakeSides(scenario, limit=0.1, fade=0.05)
     network.Run(sides)
     return sides, network
 
@@ -104,23 +115,23 @@ def Cut(kind, begin, end, duration):
 @pytest.mark.parametrize("kind", Slow([x[0] for x in RUNS], but=(0,)))
 def test_the_robot_holds_its_place(kind):
     """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
-    sides, _ = Cut(kind, 1000, 2000, 2.2)
+    sides, _ = Cut(kind, 1000, 1700, 1.8)
     run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages"]
     held = run["tool_position"][(run.time > begin) & (run.time < end)]
     assert np.ptp(held) < 1e-4
-    assert np.ptp(held[-500:]) < 5e-6
+    assert np.ptp(held[-200:]) < 5e-6
     force = run["applied_force"][run.time > 0.5]
     assert np.abs(np.diff(force, axis=0)).max() < 0.05 * np.ptp(force)
 
 
-def test_what_is_too_old_fades_and_comes_back(tmp_path):
-    """The way to the robot is cut for 0.5 s: forces fall on both sides, smoothly."""
-    sides, network = Cut("wave_variables", 500, 1000, 1.5)
+def test_what_is_too_old_fades_and_comes_back():
+    """The way to the robot is cut for 0.4 s: forces fall on both sides, smoothly."""
+    sides, network = Cut("wave_variables", 400, 800, 1.1)
     recording = sides[1].Recording()
     time, (wave, position) = recording.time, recording["forward_packet_received"].T
     ((begin, end),) = sides[1].Report()["outages"]
-    assert begin == pytest.approx(0.48 + 0.1, abs=0.03)
-    assert end == pytest.approx(1.0, abs=0.03)
+    assert begin == pytest.approx(0.38 + 0.1, abs=0.03)
+    assert end == pytest.approx(0.8, abs=0.03)
     silent = (time > begin + 0.06) & (time < end)
     assert np.all(wave[silent] == 0)
     assert np.ptp(position[silent]) == 0
@@ -132,10 +143,9 @@ def test_what_is_too_old_fades_and_comes_back(tmp_path):
     for side, lines in zip(sides, network.lines, strict=True):
         assert side.reason == ""
         assert len(side.Report()["outages"]) == 1
-        apart = Compare(side, Predict(side), tmp_path / "prediction.png")
-        assert max(apart.values()) < 1e-6
         assert lines[-2].endswith("forces fall to zero")
         assert lines[-1].endswith("forces come back")
+    CheckPrediction(sides)
 
 
 def test_who_is_left_alone_ends_safe():
@@ -155,7 +165,7 @@ def test_who_is_left_alone_ends_safe():
 
 
 @pytest.mark.parametrize("stopped", Slow([0, 1]))
-def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path):
+def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered):
     """Its clock jumps by 0.2 s: it sends nothing for so long, and holds what it had."""
     network = Network(Fates(1), Fates(2))
     sides = network.MakeSides(Scenario(duration=0.6), limit=1.0)
@@ -164,24 +174,30 @@ def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path):
     network.Run(sides)
     report = sides[stopped].Report()
     assert report["missed_periods"] == pytest.approx(200, abs=5)
-    assert report["largest_lateness"] == pytest.approx(0.2, abs=0.005)
+    assert report["lateness"]["most"] == pytest.approx(0.2, abs=0.005)
     assert sides[1 - stopped].Report()["missed_periods"] == 0
-    for side in sides:
-        assert max(Differences(side, tmp_path).values()) < 1e-3
+    CheckPrediction(sides)
+    CheckTraces(sides, tmp_path)
 
 
-def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade():
+@pytest.mark.parametrize("stopped", Slow([1, 0]))
+def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade(stopped):
     """In periods that are executed, from what was in use before."""
     network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(), limit=0.1, fade=0.05)
+    sides = network.MakeSides(Scenario(duration=0.9), limit=0.1, fade=0.05)
     network.Run(sides, until=0.4)
-    network.Run(sides, until=0.7, stopped=[1])
+    network.Run(sides, until=0.7, stopped=[stopped])
     network.Run(sides)
-    received = sides[1].Recording()["forward_packet_received"]
-    (awake,) = np.flatnonzero(np.diff(sides[1].Recording().time) > 0.2) + 1
+    CheckPrediction(sides)
+    recording = sides[stopped].Recording()
+    (name,) = [x for x in recording if x.endswith("_packet_received")]
+    (awake,) = np.flatnonzero(np.diff(recording.time) > 0.2) + 1
+    received = recording[name]
     before = received[awake]  # The row is before what is fed then.
-    assert np.all(before > 1e-4)
-    expected = before * (1 - np.arange(11)[:, np.newaxis] / 50)
+    held = np.array([False, False] if stopped else [True, False])
+    assert np.all(np.abs(before) > 1e-5)
+    shares = 1 - np.arange(11)[:, np.newaxis] / 50
+    expected = np.where(held, before, before * shares)
     np.testing.assert_allclose(received[awake : awake + 11], expected)
 
 
@@ -229,7 +245,9 @@ def test_a_driver_of_ones_own():
     sides = network.MakeSides(Scenario(duration=2.0), ({"step": Step}, {}))
     network.Run(sides)
     assert sides[0].reason == "OSError: the cable is out"
-    assert sides[0].Recording().termination == "diverged"
+    recording = sides[0].Recording()
+    assert recording.termination == "diverged"
+    assert np.all(recording["forward_packet_sent"] == [0.002, 0.001])
     assert [x.shape for _, x in given] == [(2,)] * 302
     assert sides[1].reason == "the other side has ended"
     received = sides[1].Recording()["forward_packet_received"]
@@ -255,15 +273,18 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     network = Network(Fates(1), Fates(2))
     sides = network.MakeSides(Scenario(duration=0.3))
     network.Run(sides)
-    files, picture = SaveRun(sides[0], tmp_path), tmp_path / "prediction.svg"
-    predicted = Predict(sides[0])
-    assert set(Compare(sides[0], predicted, picture).values()) == {0.0}
+    side, picture = sides[0], tmp_path / "prediction.svg"
+    assert set(SaveRun(side, tmp_path)["prediction"].values()) == {0.0}
+    assert (tmp_path / "operator_prediction.png").stat().st_size > 10_000
+    recording, predicted = LoadRecording(tmp_path / "operator.npz"), Predict(side)
+    Draw(recording, predicted, picture)
     text = picture.read_text(encoding="utf-8")
     for label in ("F_h x", "p_WT x", "v_WT x", "[mN]", "[µm]", "[mm/s]"):
         assert f"<!-- {label} -->" in text
-    assert 0.009 < LoadRecording(files[0])["packet_age"][-1, 0] < 0.05
-    assert AnalyzeStability(LoadScenario(files[-1])).ToRecord()["operating_points"]
+    assert 0.009 < recording["packet_age"][-1, 0] < 0.05
+    scenario = LoadScenario(tmp_path / "operator_predicted.yaml")
+    assert AnalyzeStability(scenario).ToRecord()["operating_points"]
     predicted.signals["forward_packet_sent"] *= 3
-    apart = Compare(sides[0], predicted, picture)
+    apart = Compare(recording, predicted)
     assert apart["return_packet_received"] == 0
     assert apart["forward_packet_sent"] == pytest.approx(2 / 3)

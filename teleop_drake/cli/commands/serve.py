@@ -1,7 +1,6 @@
 """The commands `teleop-drake serve` and `teleop-drake operate`."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from teleop_drake.cli import options, output
@@ -40,26 +39,21 @@ def Execute(args: argparse.Namespace) -> int:
     """Runs a side of the loop, and checks the prediction against it."""
     scenario = options.Load(args, is_run=True)
     output.CheckJson(args.json)
-    name = "robot" if args.command_name == "serve" else "operator"
-    names = [f"{name}_prediction.png", f"{name}.json"]
-    picture, summary = output.PrepareFolder(args.out, *names)
+    is_robot = args.command_name == "serve"
+    name = "robot" if is_robot else "operator"
+    (summary,) = output.PrepareFolder(args.out, f"{name}.json")
 
-    from teleop_drake.link.prediction import Compare, Predict, SaveRun
+    from teleop_drake.link.prediction import SaveRun
     from teleop_drake.link.side import OperateRemotely, Say, ServeRobot
 
     given: dict[str, Any] = {"key": args.key, "period": args.period}
     given |= {"limit": args.limit, "say": (lambda line: None) if args.quiet else Say}
-    if name == "robot":
+    if is_robot:
         side = ServeRobot(scenario, listen=args.listen, **given)
     else:
         side = OperateRemotely(scenario, connect=args.connect, **given)
-    report = side.Report()
+    report = side.Report() if args.out is None else SaveRun(side, summary.parent)
     if args.out is not None:
-        SaveRun(side, Path(args.out))
-        try:
-            report["prediction"] = Compare(side, Predict(side), picture)
-        except ArithmeticError as error:  # It diverges.
-            given["say"](f"no prediction: {error}")
         output.WriteText(summary, output.ToJson(report))
     output.WriteJson(args.json or "-", report)
     return 0 if report["termination"] == "completed" else 1
