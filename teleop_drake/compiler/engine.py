@@ -200,11 +200,6 @@ class CompiledRun:
                 sample = rows[0 if time == self.start.t else -1]
         return sample.copy()
 
-    def Counts(self) -> dict[str, Any]:
-        """Returns the numbers of steps and of evaluations, as Outcome has them."""
-        numbers = self.memory.counts[[problem.STEPS, problem.EVALUATIONS]].tolist()
-        return dict(zip(("steps", "derivative_evaluations"), numbers, strict=True))
-
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
         return self._times[: self._num_rows], self._rows[: self._num_rows]

@@ -48,7 +48,8 @@ def SelectRows(
     for signal in signals:
         sizes = [recording[signal].shape[1] for recording in recordings]
         own = [row for row in rows if row.signal == signal]
-        own = own or _PacketRows(signal, recordings[0])
+        if len(recordings) > 1:
+            own = own or _PacketRows(signal, recordings[0])
         selected += own or _RowsOf(signal, sizes, len(recordings))
     return selected
 

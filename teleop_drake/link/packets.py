@@ -99,10 +99,9 @@ class Session:
             return None, "hash"
         if data[4] == self._role:
             return None, "own"
-        if len(data) != self._type.itemsize:
-            return None, "scenario"
-        packet = np.frombuffer(data, self._type)[0]
-        if packet["agreement"] != self._agreement:
+        fits = len(data) == self._type.itemsize
+        packet = np.frombuffer(data, self._type)[0] if fits else None
+        if packet is None or packet["agreement"] != self._agreement:
             return None, "scenario"
         is_other = self._last and packet["session"] != self._peer
         if packet["peer"] != self._session or is_other:
@@ -125,10 +124,9 @@ def ReadKey(file: str) -> bytes:
             mode, text = os.fstat(stream.fileno()).st_mode & 0o777, stream.read(100)
         if mode & 0o077 == 0 and len(key := bytes.fromhex(text)) == 32:
             return key
-        reason = f"its mode is {mode:o}, its length {len(text)}"
+        raise ValueError(f"its mode is {mode:o}, its length {len(text)}")
     except (OSError, ValueError) as error:
-        reason = str(error)
-    Refuse("key", file, f"of `serve --new-key FILE`, for its owner alone ({reason})")
+        Refuse("key", file, f"of `serve --new-key FILE`, for its owner alone ({error})")
 
 
 def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Any]:

@@ -47,8 +47,8 @@ def SaveRun(side: Side, folder: Path, **own: Any) -> dict[str, Any]:
     except ArithmeticError as error:  # It diverges.
         side.Say(f"no prediction: {error}")
     else:
-        report["prediction"] = Compare(recording, predicted)
-        Draw(recording, predicted, folder / f"{side.side}_prediction.png")
+        picture = folder / f"{side.side}_prediction.png"
+        report["prediction"] = Compare(recording, predicted, picture)
     return report
 
 
@@ -69,8 +69,7 @@ def Predict(side: Side, **own: Any) -> Recording:
     is_stale = (ticks - echoes) * side.period > side.limit
     turns = dict.fromkeys(WAYS, np.where(is_stale, 1, -1) * ~is_missed)
     at, turn, *_ = np.transpose(side.log[1:]).astype(int)
-    turns[side.side] = np.zeros_like(ticks)
-    turns[side.side][at] = turn
+    turns[side.side] = np.bincount(at, turn, ticks.size).astype(int)
 
     def Order(half: Half) -> tuple[int, int]:
         """Returns how many packets a half would have to wait for, and its tick."""
@@ -88,23 +87,22 @@ def Predict(side: Side, **own: Any) -> Recording:
     return dataclasses.replace(side.Recording(), signals=predicted)
 
 
-def Compare(recording: Recording, predicted: Recording) -> dict[str, float]:
+def Compare(run: Recording, expected: Recording, file: Any = None) -> dict[str, float]:
     """Returns how far the packets of a run and of its prediction differ.
 
     That is the largest difference as a share of the largest value, by the signal.
+
+    Args:
+        file: Where to draw both; None: nowhere.
     """
     differences = {}
-    for name in [x for x in recording if "_packet_" in x]:
-        size = np.abs(predicted[name]).max(axis=0).clip(1e-9)
-        apart = np.abs(recording[name] - predicted[name]) / size
-        differences[name] = float(apart.max())
+    for name in [x for x in run if "_packet_" in x]:
+        size = np.abs(expected[name]).max(axis=0).clip(1e-9)
+        differences[name] = float((np.abs(run[name] - expected[name]) / size).max())
+    if file is not None:
+        # A figure wants to know where the tool is, which the operator's side does not.
+        measured = dataclasses.replace(run, signals=expected.signals | run.signals)
+        runs = {"measured": measured, "predicted": expected}
+        rows = SelectRows([], list(runs.values()), list(differences))
+        SaveFigure(PlotRows(runs, rows, columns=1), file)
     return differences
-
-
-def Draw(measured: Recording, predicted: Recording, picture: Path) -> None:
-    """Draws the packets of a run over those of its prediction."""
-    # A figure wants to know where the tool is, which the operator's side does not.
-    known = dataclasses.replace(measured, signals=predicted.signals | measured.signals)
-    rows = SelectRows([], [known], [x for x in measured if "_packet_" in x])
-    runs = {"measured": known, "predicted": predicted}
-    SaveFigure(PlotRows(runs, rows, columns=1), picture)

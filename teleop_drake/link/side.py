@@ -21,8 +21,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.robots.facts import FactsOfRobot
 from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.simulation.compiled_run import StartFed
-from teleop_drake.simulation.run import Outcome
+from teleop_drake.simulation.compiled_run import OutcomeOf, StartFed
 from teleop_drake.simulation.simulate import MakeRecording
 from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import CheckNumber, Refuse
@@ -78,7 +77,7 @@ class Half:
     ):
         self.scenario, self.side, self.period, self.fade = scenario, side, period, fade
         self.heard, self.spoken = heard, spoken = WAYS[side]
-        step, own = more.get("step"), {x: more[x] for x in more if x != "step"}
+        self._step, own = more.get("step"), {x: more[x] for x in more if x != "step"}
         builder = DiagramBuilder()
         architecture = AddTeleoperator(builder, scenario, side=side, **own)
         self.fed = np.array(getattr(architecture, f"initial_{heard}_packet"), float)
@@ -90,18 +89,18 @@ class Half:
             allowed = f"one that has {heard}_parts, so that its forces can fall"
             Refuse("controller.kind", scenario.controller.kind, allowed)
         self._falls = np.array([not name.startswith(_HELD) for name in names])
-        channel = builder.GetSubsystemByName(f"{heard}_channel")
-        builder.ExportInput(channel.get_input_port(), "packet")
-        inputs = {"packet": self.fed}
+        inputs, find = {"packet": self.fed}, builder.GetSubsystemByName
+        builder.ExportInput(find(f"{heard}_channel").get_input_port(), "packet")
         if side == "robot":
-            robot = builder.GetSubsystemByName("robot")
+            robot, law = (
+                find("robot"),
+                find("controller").GetOutputPort("control_force"),
+            )
             if (inertia := FactsOfRobot(robot).inertia) is None:
                 Refuse("robot", robot.get_name(), "one that tells its inertia")
             rate = min(_RATE, 0.2 / period)
             self._stiffness, self._lead = rate**2 * inertia, 2 / rate
             inputs["force"] = np.zeros(len(inertia))
-            controller = builder.GetSubsystemByName("controller")
-            law = controller.GetOutputPort("control_force")
             target = robot.GetInputPort("control_force")
             hold = builder.AddNamedSystem("hold", Adder(2, len(inertia)))
             builder.Disconnect(law, target)
@@ -110,11 +109,10 @@ class Half:
             builder.ExportInput(hold.get_input_port(1), "force")
         diagram, config = builder.Build(), scenario.simulator
         self._model, self._rows = (scenario, diagram, config), list[tuple[Array, ...]]()
-        self._places = {f"{spoken}_packet_sent": slice(None)}
-        self._fed, self._driver = dict[str, slice](), step
-        if step is None:
+        started: Any = None, {f"{spoken}_packet_sent": slice(None)}, {}
+        if self._step is None:
             started = StartFed(diagram, config, scenario.duration, **inputs)
-            self._run, self._places, self._fed = started
+        self._run, self._places, self._fed = started
 
     def Step(self, t: float, heard: Array, turn: int) -> None:
         """Goes on to t in s; sends what there is then, and is fed from then on.
@@ -130,15 +128,14 @@ class Half:
             left = self._faded if turn < 0 else self._num - self._faded
             target = heard if turn < 0 else np.where(self._falls, 0.0, before)
             self.fed = before + (target - before) / (left + 1) if left else target
-        row = self._driver(t, self.fed) if self._driver else self._run.Sample(t)
-        row = np.array(row, float)
+        row = np.array(self._run.Sample(t) if self._run else self._step(t, self.fed))
         sent = row[self._places[f"{self.spoken}_packet_sent"]]
         if sent.shape != self.sent[0].shape or not np.isfinite(sent).all():
             wanted = f"must send {self.sent[0].size} finite numbers"
             raise ArithmeticError(f"{wanted}, not {sent}")
         self.sent.append(sent)
         self._rows.append((before, row))
-        if turn and not self._driver:
+        if turn and self._run:
             self._run.Feed(self._fed[f"{self.heard}_channel"], self.fed)
         if turn and "hold" in self._fed:
             p, v = (row[self._places[f"tool_{x}"]] for x in ("position", "velocity"))
@@ -180,6 +177,7 @@ class Side(Half):
 
     Attributes:
         next_time: When Tick() is due, by the clock.
+        tick: The last one; -1 before the start.
         reason: Why it has ended, empty: it is complete; None while it goes on.
         log: Of each tick that was not missed, after a row before the start: the tick;
             1 if what was in use was too old, else -1; and what was measured.
@@ -217,7 +215,7 @@ class Side(Half):
         self._session = Session(key, side == "robot", agreement, self.fed.size, address)
         self.next_time = self._began = self._heard_at = clock()
         self.reason: str | None = None
-        self._termination, self._start = "completed", 0
+        self._termination, self._start, self.tick = "completed", 0, -1
         self._newest: Any = {"tick": -1, "used": [-1], "values": self.fed}
         self._peer_has_ended = self._is_told = False
         self._ns, self._last = round(period * 1e9), round(scenario.duration / period)
@@ -225,11 +223,6 @@ class Side(Half):
         num = NUM_USED + self._last + 1
         self._padded = {self.heard: np.full(num, -1), self.spoken: np.full(num, -2)}
         self.used = {way: used[NUM_USED:] for way, used in self._padded.items()}
-
-    @property
-    def tick(self) -> int:
-        """The last one; -1 before the start."""
-        return int(self.log[-1][0])
 
     def Run(self) -> "Side":
         """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.
@@ -248,7 +241,7 @@ class Side(Half):
         finally:
             gc.enable()
             signal.signal(signal.SIGTERM, before)
-        if self.tick < 0:
+        if len(self.log) == 1:
             raise ConnectionError(f"no connection: {self.reason}")
         return self
 
@@ -259,8 +252,7 @@ class Side(Half):
         if self._start or self._Meets(now):
             self._GoOn(now)
         self._Speak()
-        due = self._start + (self.tick + 1) * self._ns
-        self.next_time = due if self._start else now + self._ns
+        self.next_time = (self._start or now + self._ns) + (self.tick + 1) * self._ns
         # The robot's side waits for as long as it takes.
         is_waiting = self.side == "robot" and not self._start
         if self._peer_has_ended and (self.trust == 0 or not self._start):
@@ -301,14 +293,13 @@ class Side(Half):
 
     def _Meets(self, now: int) -> bool:
         """Returns whether both sides hear each other, and sets tick 0."""
-        session = self._session
         if self.side == "robot" and self._newest["tick"] >= 0:
-            self._start = max(round(self._newest["start"] - session.offset), 1)
-        elif self.side == "operator" and session.exchanges >= _NUM_EXCHANGES:
+            self._start = max(round(self._newest["start"] - self._session.offset), 1)
+        elif self.side == "operator" and self._session.exchanges >= _NUM_EXCHANGES:
             self._start = now
         if self._start:
             self.next_time, self._began = now, now - self._ns
-            self.Say(f"connected, round trip {session.round_trip * 1e-6:.3g} ms")
+            self.Say(f"connected, round trip {self._session.round_trip * 1e-6:.3g} ms")
         return self._start > 0
 
     def _GoOn(self, now: int) -> None:
@@ -328,7 +319,9 @@ class Side(Half):
             return
         ages = (tick - newest["tick"]) * self.period, age
         times = (now - self._began) * 1e-9, (now - self.next_time) * 1e-9
-        self.used[self.heard][tick], self._began = newest["tick"], now
+        self.used[self.heard][tick] = newest["tick"]
+        # The log is last: whatever interrupts, it has nothing that is half done.
+        self.tick, self._began = tick, now
         self.log.append((tick, turn, *ages, *times, self.trust))
 
     def _Speak(self) -> None:
@@ -350,15 +343,9 @@ class Side(Half):
         ticks, _, *measured = np.transpose(self.log[1:])[:, :, np.newaxis]
         time = ticks[:, 0] * self.period
         signals = dict(zip(_MEASURED, measured, strict=True)) | self.Signals(len(time))
-        outcome = Outcome(
-            engine="step" if self._driver else "compiled",
-            series=(time, signals, straight_steps(time)),
-            **({} if self._driver else self._run.Counts()),
-            wall_time=max(float(np.ptp(time)), 1e-9),
-            termination=self._termination,
-            reason=self.reason or "",
-        )
-        return MakeRecording(*self._model, outcome, [])
+        series, wall_time = (time, signals, straight_steps(time)), float(np.ptp(time))
+        ending = max(wall_time, 1e-9), self._termination, self.reason or ""
+        return MakeRecording(*self._model, OutcomeOf(self._run, series, *ending), [])
 
     def Used(self) -> dict[str, Any]:
         """Returns of each way which packet was in use at each tick where it is heard.
@@ -390,8 +377,7 @@ class Side(Half):
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""
         run, delays = self.Recording(), self.Delays()
-        turns = [turn for _, turn, *_ in self.log[1:]]
-        changes = np.flatnonzero(np.diff(turns, prepend=-1, append=-1))
+        changes = np.flatnonzero(np.diff([row[1] for row in self.log], append=-1))
         known = np.flatnonzero(self.used[self.spoken] > -2)
         outages = np.append(run.time, run.time[-1])[changes].reshape(-1, 2)
         report = {
@@ -411,9 +397,8 @@ class Side(Half):
         }
         for name in _MEASURED[:4]:
             x = run[name]
-            numbers = x.mean(), x.std(), *np.percentile(x, (0, 50, 100))
-            rounded = np.round(numbers, 9).tolist()
-            report[name] = dict(zip(_STATISTICS, rounded, strict=True))
+            numbers = np.round((x.mean(), x.std(), *np.percentile(x, (0, 50, 100))), 9)
+            report[name] = dict(zip(_STATISTICS, numbers.tolist(), strict=True))
         return report
 
 

@@ -11,7 +11,8 @@ from teleop_drake.compiler.check import CheckVisited
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.integrator.problem import SAME, TRIES
+from teleop_drake.integrator.problem import EVALUATIONS, SAME, STEPS, TRIES
+from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
@@ -169,11 +170,29 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
         termination, reason = "interrupted", "interrupted by the user"
     times, rows = run.Rows()
     signals = {name: rows[:, place] for name, place in places.items()}
+    series, wall_time = (
+        (times, signals, np.concatenate(steps)),
+        clock.monotonic() - start,
+    )
+    return OutcomeOf(run, series, wall_time, termination, reason, is_too_fast)
+
+
+def OutcomeOf(
+    run: CompiledRun | None,
+    series: Series,
+    wall_time: float,
+    termination: str,
+    reason: str,
+    is_too_fast: bool = False,
+) -> Outcome:
+    """Returns the outcome of a run; None: of a driver, nothing is simulated."""
+    counts = np.zeros(TRIES) if run is None else run.memory.counts
     return Outcome(
-        engine="compiled",
-        series=(times, signals, np.concatenate(steps)),
-        **run.Counts(),
-        wall_time=clock.monotonic() - start,
+        engine="compiled" if run else "step",
+        series=series,
+        steps=int(counts[STEPS]),
+        derivative_evaluations=int(counts[EVALUATIONS]),
+        wall_time=wall_time,
         termination=termination,
         reason=reason,
         is_too_fast=is_too_fast,

@@ -61,12 +61,12 @@ class Outcome:
 
     engine: str
     series: Series
+    steps: int
+    derivative_evaluations: int
     wall_time: float
     termination: str
     reason: str
-    steps: int = 0
-    derivative_evaluations: int = 0
-    is_too_fast: bool = False
+    is_too_fast: bool
     channels: dict[str, PacketStatistics] = field(default_factory=dict)
 
     def TakeStatistics(self, systems: Iterable[System]) -> None:

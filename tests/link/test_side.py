@@ -6,7 +6,7 @@ from grids import Slow
 from link_networks import Fates, Network
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.link.prediction import Compare, Draw, Predict, SaveRun
+from teleop_drake.link.prediction import Compare, Predict, SaveRun
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -277,7 +277,7 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     assert set(SaveRun(side, tmp_path)["prediction"].values()) == {0.0}
     assert (tmp_path / "operator_prediction.png").stat().st_size > 10_000
     recording, predicted = LoadRecording(tmp_path / "operator.npz"), Predict(side)
-    Draw(recording, predicted, picture)
+    Compare(recording, predicted, picture)
     text = picture.read_text(encoding="utf-8")
     for label in ("F_h x", "p_WT x", "v_WT x", "[mN]", "[µm]", "[mm/s]"):
         assert f"<!-- {label} -->" in text

@@ -46,12 +46,9 @@ def Execute(args: argparse.Namespace) -> int:
     from teleop_drake.link.prediction import SaveRun
     from teleop_drake.link.side import OperateRemotely, Say, ServeRobot
 
-    given: dict[str, Any] = {"key": args.key, "period": args.period}
-    given |= {"limit": args.limit, "say": (lambda line: None) if args.quiet else Say}
-    if is_robot:
-        side = ServeRobot(scenario, listen=args.listen, **given)
-    else:
-        side = OperateRemotely(scenario, connect=args.connect, **given)
+    run, place = (ServeRobot, "listen") if is_robot else (OperateRemotely, "connect")
+    given: Any = {x: getattr(args, x) for x in (place, "key", "period", "limit")}
+    side = run(scenario, say=(lambda line: None) if args.quiet else Say, **given)
     report = side.Report() if args.out is None else SaveRun(side, summary.parent)
     if args.out is not None:
         output.WriteText(summary, output.ToJson(report))
