@@ -1,6 +1,7 @@
 """Two sides in one process: clocks that tests move, and a network with a seed."""
 
 import heapq
+from types import SimpleNamespace
 
 from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
 from teleop_drake.channels.variable import DelayProfile
@@ -40,7 +41,7 @@ class Network:
     def __init__(self, *fates, offsets=(1, 1)):
         self.now, self._fates, self._offsets = 0, fates, list(offsets)
         self._queues, self._counts = ([], []), [0, 0]
-        self.log, self.lines = ([], []), ([], [])
+        self.lines = [], []
 
     def MakeSides(self, scenario, options=({}, {}), **both):
         return [
@@ -48,7 +49,11 @@ class Network:
                 scenario,
                 ("operator", "robot")[i],
                 KEY,
-                _End(self, i),
+                SimpleNamespace(
+                    sendto=lambda data, address, i=i: self.Send(i, data),
+                    recvfrom=lambda size, i=i: self.Receive(i),
+                    close=lambda: None,
+                ),
                 *["there"][i:],
                 clock=lambda i=i: self.now + self._offsets[i],
                 say=self.lines[i].append,
@@ -82,7 +87,6 @@ class Network:
         self._offsets[i] += round(seconds * 1e9)
 
     def Send(self, i, data):
-        self.log[i].append(data)
         for copy, delay in enumerate(self._fates[i](self._counts[i])):
             at = self.now + round(delay * 1e9)
             heapq.heappush(self._queues[1 - i], (at, self._counts[i], copy, data))
@@ -93,12 +97,3 @@ class Network:
         if not queue or queue[0][0] > self.now:
             raise BlockingIOError
         return heapq.heappop(queue)[3], "there"
-
-
-class _End:
-    def __init__(self, network, i):
-        self.sendto = lambda data, address: network.Send(i, data)
-        self.recvfrom = lambda size: network.Receive(i)
-
-    def close(self):
-        pass

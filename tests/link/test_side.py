@@ -16,11 +16,14 @@ def Scenario(kind="direct_force", name="one_dof", duration=1.0):
     return LoadScenario(name, {"controller.kind": kind, "duration": duration})
 
 
-def CheckPrediction(sides):
-    """Both sides that are simulated with their packets agree to the solvers' accuracy.
+def Made(*options, fates=None, duration=1.0, **both):
+    """Returns a network that loses some, and two sides."""
+    network = Network(*(fates or map(Fates, (1, 2))))
+    return network, network.MakeSides(Scenario(duration=duration), *options, **both)
 
-    No side lacks a packet.
-    """
+
+def CheckPrediction(sides):
+    """Both sides, simulated with the packets of each, agree with what it recorded."""
     for side in sides:
         apart = Compare(side.Recording(), Predict(side))
         assert len(apart) == 2
@@ -70,8 +73,7 @@ def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrende
 def test_the_delays_are_those_of_the_network():
     """Exactly so, in whole periods, after the robot's side has set its clock."""
     fates = Fates(0, delay=0.0203, std=0, loss=0), Fates(0, delay=0.0303, std=0, loss=0)
-    network = Network(*fates)
-    sides = network.MakeSides(Scenario(duration=0.4))
+    network, sides = Made(fates=fates, duration=0.4)
     network.Run(sides, phase=0.0)
     for side in sides:
         forward, back = (side.Delays()[way] for way in ("forward", "return"))
@@ -89,8 +91,8 @@ def test_the_delays_are_those_of_the_network():
 
 def test_a_clock_that_drifts_makes_packets_early(tmp_path, unrendered):
     """The operator's clock jumps ahead of the robot's by more than the delay."""
-    network = Network(Fates(0, delay=0.005, std=0, loss=0), Fates(2))
-    sides = network.MakeSides(Scenario(duration=0.2))
+    fates = Fates(0, delay=0.005, std=0, loss=0), Fates(2)
+    network, sides = Made(fates=fates, duration=0.2)
     network.Run(sides, until=0.15)
     network.Skip(sides, 0, 0.02)
     network.Run(sides)
@@ -149,8 +151,7 @@ def test_what_is_too_old_fades_and_comes_back():
 
 
 def test_who_is_left_alone_ends_safe():
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=3.0), limit=0.1, fade=0.05, patience=1)
+    network, sides = Made(duration=3.0, limit=0.1, fade=0.05, patience=1)
     network.Run(sides, until=0.3)
     network.Run(sides, until=9.0, stopped=[0])
     assert sides[1].reason == "nothing was heard for 1 s"
@@ -167,8 +168,7 @@ def test_who_is_left_alone_ends_safe():
 @pytest.mark.parametrize("stopped", Slow([0, 1]))
 def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered):
     """Its clock jumps by 0.2 s: it sends nothing for so long, and holds what it had."""
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=0.6), limit=1.0)
+    network, sides = Made(duration=0.6, limit=1.0)
     network.Run(sides, until=0.2)
     network.Run(sides, until=0.4, stopped=[stopped])
     network.Run(sides)
@@ -183,28 +183,24 @@ def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered)
 @pytest.mark.parametrize("stopped", Slow([1, 0]))
 def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade(stopped):
     """In periods that are executed, from what was in use before."""
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=0.9), limit=0.1, fade=0.05)
+    network, sides = Made(duration=0.9, limit=0.1, fade=0.05)
     network.Run(sides, until=0.4)
     network.Run(sides, until=0.7, stopped=[stopped])
     network.Run(sides)
     CheckPrediction(sides)
     recording = sides[stopped].Recording()
-    (name,) = [x for x in recording if x.endswith("_packet_received")]
+    received = recording[f"{sides[stopped].heard}_packet_received"]
     (awake,) = np.flatnonzero(np.diff(recording.time) > 0.2) + 1
-    received = recording[name]
     before = received[awake]  # The row is before what is fed then.
-    held = np.array([False, False] if stopped else [True, False])
     assert np.all(np.abs(before) > 1e-5)
-    shares = 1 - np.arange(11)[:, np.newaxis] / 50
-    expected = np.where(held, before, before * shares)
-    np.testing.assert_allclose(received[awake : awake + 11], expected)
+    # The position is held, which comes first from the robot.
+    shares = 1 - np.arange(11)[:, np.newaxis] / 50 * [stopped, 1]
+    np.testing.assert_allclose(received[awake : awake + 11], before * shares)
 
 
 def test_one_that_was_started_anew_is_another_one():
     """The robot does not go on with an operator who knows nothing of the run so far."""
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=3.0), patience=0.7)
+    network, sides = Made(duration=3.0, patience=0.7)
     network.Run(sides, until=0.3)
     sides[0] = network.MakeSides(Scenario(duration=3.0), patience=0.7)[0]
     network.Run(sides)
@@ -214,8 +210,7 @@ def test_one_that_was_started_anew_is_another_one():
 
 
 def test_only_the_robot_waits_for_as_long_as_it_takes():
-    network = Network(lambda k: [], lambda k: [])
-    sides = network.MakeSides(Scenario(), patience=1.0)
+    network, sides = Made(fates=[lambda k: []] * 2, patience=1.0)
     network.Run(sides, until=5.0)
     assert [side.reason for side in sides] == ["nothing was heard for 1 s", None]
     with pytest.raises(ConnectionError, match="no connection: nothing was heard"):
@@ -223,8 +218,7 @@ def test_only_the_robot_waits_for_as_long_as_it_takes():
 
 
 def test_both_have_the_same_period():
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(), ({"period": 0.001}, {"period": 0.002}))
+    network, sides = Made(({"period": 0.001}, {"period": 0.002}))
     network.Run(sides, until=0.2)
     line = "not heard: the other side's version, scenario or options differ"
     assert network.lines[1] == [line]
@@ -241,8 +235,7 @@ def test_a_driver_of_ones_own():
             raise OSError("the cable is out")
         return [0.002, 0.001]
 
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=2.0), ({"step": Step}, {}))
+    network, sides = Made(({"step": Step}, {}), duration=2.0)
     network.Run(sides)
     assert sides[0].reason == "OSError: the cable is out"
     recording = sides[0].Recording()
@@ -254,24 +247,19 @@ def test_a_driver_of_ones_own():
     assert received[200].tolist() == [0.002, 0.001]
     assert np.all(received[-1] <= [0.00003, 0.000015])
     assert "the other side has ended: forces fall" in network.lines[1][-1]
+    for values in ([1.0], [np.nan, 0.0]):
+        network, sides = Made(({"step": lambda t, packet, x=values: x}, {}))
+        network.Run(sides, until=0.5)
+        assert "must send 2 finite numbers" in sides[0].reason
     with pytest.raises(ScenarioError, match=r"period = 0\.0: must be"):
         network.MakeSides(Scenario(), period=0.0)
     with pytest.raises(ScenarioError, match="return_channel = 3: must be left out"):
         network.MakeSides(Scenario(), return_channel=3)
 
 
-@pytest.mark.parametrize("values", [[1.0], [np.nan, 0.0]])
-def test_what_cannot_be_sent_ends_the_side(values):
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(), ({"step": lambda t, packet: values}, {}))
-    network.Run(sides, until=0.5)
-    assert "must send 2 finite numbers" in sides[0].reason
-
-
 def test_files_and_a_prediction_that_is_wrong(tmp_path):
     """Files are those of any run."""
-    network = Network(Fates(1), Fates(2))
-    sides = network.MakeSides(Scenario(duration=0.3))
+    network, sides = Made(duration=0.3)
     network.Run(sides)
     side, picture = sides[0], tmp_path / "prediction.svg"
     assert set(SaveRun(side, tmp_path)["prediction"].values()) == {0.0}
