@@ -109,7 +109,7 @@ def Cut(kind, begin, end, duration, name="one_dof"):
     fates = Fates(0, delay=0.01, std=0, loss=0)
     network = Network(lambda k: [] if begin <= k < end else fates(k), fates)
     scenario = Scenario(kind, name, duration)
-    sides = network.MakeSides(scenario, limit=0.1, fade=0.05)
+    sides = network.MakeSides(scenario, limit=0.1, fade=0.05, period=0.002)
     network.Run(sides)
     return sides, network
 
@@ -117,18 +117,18 @@ def Cut(kind, begin, end, duration, name="one_dof"):
 @pytest.mark.parametrize("kind", Slow([x[0] for x in RUNS], but=(0,)))
 def test_the_robot_holds_its_place(kind):
     """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
-    sides, _ = Cut(kind, 1000, 1700, 1.8)
+    sides, _ = Cut(kind, 500, 850, 1.8)
     run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages"]
     held = run["tool_position"][(run.time > begin) & (run.time < end)]
     assert np.ptp(held) < 1e-4
-    assert np.ptp(held[-200:]) < 5e-6
+    assert np.ptp(held[-100:]) < 5e-6
     force = run["applied_force"][run.time > 0.5]
-    assert np.abs(np.diff(force, axis=0)).max() < 0.05 * np.ptp(force)
+    assert np.abs(np.diff(force, axis=0)).max() < 0.1 * np.ptp(force)
 
 
 def test_what_is_too_old_fades_and_comes_back():
     """The way to the robot is cut for 0.4 s: forces fall on both sides, smoothly."""
-    sides, network = Cut("wave_variables", 400, 800, 1.1)
+    sides, network = Cut("wave_variables", 200, 400, 1.1)
     recording = sides[1].Recording()
     time, (wave, position) = recording.time, recording["forward_packet_received"].T
     ((begin, end),) = sides[1].Report()["outages"]
@@ -141,7 +141,7 @@ def test_what_is_too_old_fades_and_comes_back():
     assert abs(wave[time < begin][-1]) > 0.2 * np.abs(wave).max()
     # Nothing jumps by more than the share of a period, and a little of its own.
     jump = np.abs(np.diff(wave))[time[1:] > 0.1].max()
-    assert jump < 1.5 * np.abs(wave).max() * 0.001 / 0.05
+    assert jump < 1.5 * np.abs(wave).max() * 0.002 / 0.05
     for side, lines in zip(sides, network.lines, strict=True):
         assert side.reason == ""
         assert len(side.Report()["outages"]) == 1
@@ -151,15 +151,16 @@ def test_what_is_too_old_fades_and_comes_back():
 
 
 def test_who_is_left_alone_ends_safe():
-    network, sides = Made(duration=3.0, limit=0.1, fade=0.05, patience=1)
+    options = {"limit": 0.1, "fade": 0.05, "patience": 1, "period": 0.002}
+    network, sides = Made(duration=3.0, **options)
     network.Run(sides, until=0.3)
     network.Run(sides, until=9.0, stopped=[0])
     assert sides[1].reason == "nothing was heard for 1 s"
     recording = sides[1].Recording()
     assert recording.termination == "interrupted"
-    assert np.all(recording["forward_packet_received"][-500:] == 0)
+    assert np.all(recording["forward_packet_received"][-250:] == 0)
     # Nothing of what was recorded is lost.
-    np.testing.assert_allclose(np.diff(recording.time), 0.001)
+    np.testing.assert_allclose(np.diff(recording.time), 0.002)
     # The other one wakes up behind the end, and is alone as well.
     network.Run(sides)
     assert sides[0].reason in ("", "the other side has ended")
@@ -243,6 +244,7 @@ def test_a_driver_of_ones_own():
     assert np.all(recording["forward_packet_sent"] == [0.002, 0.001])
     assert [x.shape for _, x in given] == [(2,)] * 302
     assert sides[1].reason == "the other side has ended"
+    assert sides[1].tick < 450  # It does not wait for the limit.
     received = sides[1].Recording()["forward_packet_received"]
     assert received[200].tolist() == [0.002, 0.001]
     assert np.all(received[-1] <= [0.00003, 0.000015])
