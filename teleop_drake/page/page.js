@@ -448,7 +448,7 @@ function makeHand() {
   };
   for (const type of ["down", "move", "up", "cancel"]) $("scene").addEventListener(`pointer${type}`, move);
   $("drive").onclick = drive;
-  $("repeat").textContent = data.hand.command;
+  $("repeat").append(...data.hand.command.split(" ").flatMap((x) => [make("nobr", {}, x), " "]));
   $("hand").hidden = false;
 }
 
