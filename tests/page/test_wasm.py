@@ -11,6 +11,7 @@ from wasm_runs import DataOf, Instance
 from teleop_drake.integrator.measured_run import BEYOND
 from teleop_drake.machine_code import cache
 from teleop_drake.numerics.step_polynomials import interpolate
+from teleop_drake.operators import OPERATOR_KINDS
 from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
@@ -157,3 +158,18 @@ def test_every_channel(kind, more):
     channel = {"kind": kind, "delay": 0.1, **more}
     channels = {f"{way}_channel": channel for way in ("forward", "return")}
     AssertSame(LoadScenario("one_dof", channels))
+
+
+MORE = {
+    "minimum_jerk": {"surgeon.waypoints": [[0.3], [0.1]]},
+    "recorded": {"surgeon.file": "v.csv"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
+def test_every_operator(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "v.csv").write_text("time,v_x\n0,0\n0.4,0.1\n2,0.1\n2.1,-0.05\n6,0")
+    operator = {"surgeon.kind": kind, **MORE.get(kind, {})}
+    AssertSame(LoadScenario("one_dof", {**operator, "duration": 8.0}))
