@@ -51,29 +51,12 @@ def AssertSame(scenario, model=None, instants=1e-9):
     return native
 
 
-def test_it_is_the_native_run():
-    AssertSame(LoadScenario("one_dof"))
-
-
-BACK = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}
-BACK["controller.kind"] = "direct_force"
-AWAY = {"controller.kind": "direct_force", "delay": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("name", "more"),
-    [
-        ("puma560_insertion", BACK),
-        ("one_dof", AWAY),
-        pytest.param(
-            *("network_tracking_coupled", {"disturbance.gain": -100.0}),
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_it_ends_where_the_native_run_does(name, more):
-    """At the range of a joint, at a speed, and where a loop explodes."""
-    assert AssertSame(LoadScenario(name, more)).termination == "diverged"
+def test_it_ends_where_the_native_run_does():
+    """At the range of a joint, and at a speed."""
+    back = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}
+    for name, more in (("puma560_insertion", back), ("one_dof", {"delay": 0.5})):
+        scenario = LoadScenario(name, {"controller.kind": "direct_force", **more})
+        assert AssertSame(scenario).termination == "diverged"
 
 
 @pytest.mark.slow
@@ -133,43 +116,29 @@ def test_random_values_of_every_input(request, name, more, vary):
         AssertSame(scenario, model, 1e-7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(ScenarioNames()))
-def test_every_scenario(name):
-    AssertSame(LoadScenario(name))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", sorted(ARCHITECTURES))
-def test_every_architecture(kind):
-    AssertSame(LoadScenario("one_dof", {"controller.kind": kind}))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "more"),
-    [
+def Kinds():
+    """The scenarios, one that explodes, and one with each kind."""
+    yield from ((name, {}) for name in sorted(ScenarioNames()))
+    yield "network_tracking_coupled", {"disturbance.gain": -100.0}
+    for kind in sorted(ARCHITECTURES):
+        yield "one_dof", {"controller.kind": kind}
+    for kind, more in (
         ("variable", {"sinusoid": {"amplitude": 0.03, "frequency": 2.0}}),
         ("sampled", {"sample_period": 0.01}),
         ("network", {"sample_period": 0.01, "seed": 3}),
-    ],
-)
-def test_every_channel(kind, more):
-    channel = {"kind": kind, "delay": 0.1, **more}
-    channels = {f"{way}_channel": channel for way in ("forward", "return")}
-    AssertSame(LoadScenario("one_dof", channels))
-
-
-MORE = {
-    "minimum_jerk": {"surgeon.waypoints": [[0.3], [0.1]]},
-    "recorded": {"surgeon.file": "v.csv"},
-}
+    ):
+        channel = {"kind": kind, "delay": 0.1, **more}
+        yield "one_dof", {f"{way}_channel": channel for way in ("forward", "return")}
+    needed = {"minimum_jerk": {"surgeon.waypoints": [[0.3], [0.1]]}}
+    needed["recorded"] = {"surgeon.file": "v.csv"}
+    for kind in OPERATOR_KINDS.names:
+        more = needed.get(kind, {})
+        yield "one_dof", {"surgeon.kind": kind, "duration": 8.0, **more}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
-def test_every_operator(tmp_path, monkeypatch, kind):
+@pytest.mark.parametrize(("name", "more"), [*Kinds()], ids=str)
+def test_every_kind(tmp_path, monkeypatch, name, more):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "v.csv").write_text("time,v_x\n0,0\n0.4,0.1\n2,0.1\n2.1,-0.05\n6,0")
-    operator = {"surgeon.kind": kind, **MORE.get(kind, {})}
-    AssertSame(LoadScenario("one_dof", {**operator, "duration": 8.0}))
+    AssertSame(LoadScenario(name, more))
