@@ -25,7 +25,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The short run has the same examples each time. The slow run searches at random, with a
 # seed that it prints; what it finds becomes an example of its test.
-settings.register_profile("short", derandomize=True, max_examples=25, deadline=None)
+settings.register_profile("short", derandomize=True, max_examples=15, deadline=None)
 settings.register_profile("search", max_examples=100, deadline=None)
 settings.load_profile("short")
 

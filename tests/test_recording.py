@@ -57,7 +57,7 @@ def test_html_of_a_run_without_a_number_says_so():
 
 
 def test_plot_is_the_figure_of_the_run():
-    figure = ShortRun("one_dof").plot()
+    figure = ShortRun("one_dof").plot(signals=["tool_velocity"])
     # A notebook shows it without pyplot.
     assert figure._repr_png_().startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]

@@ -114,11 +114,11 @@ def test_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
     collision = json.loads(capsys.readouterr().out)["metrics"]["collision"]
     assert 0.2 < collision["time"] < 1.0
     assert main(["compare", "two_dof_collision", *short, "--out", "c", "--quiet"]) == 0
-    sweep = ["sweep", "two_dof_collision", *short, "--delay", "0.05,0.1", "--out", "s"]
+    sweep = ["sweep", "two_dof_collision", *short, "--delay", "0.05", "--out", "s"]
     assert main([*sweep, "--jobs", "1", "--quiet"]) == 0
     lines = Path("s/runs.jsonl").read_text().splitlines()
     times = [json.loads(x)["metrics"]["collision"]["time"] for x in lines]
-    assert len(times) == 4 and min(times) > 0.2
+    assert len(times) == 2 and min(times) > 0.2
     capsys.readouterr()
     assert main(["analyze", "two_dof_collision", *own]) == 0
     assert "contact" in capsys.readouterr().out
