@@ -57,15 +57,8 @@ def test_every_station_opens_and_every_system_is_named():
 
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_no_delay_makes_no_algebraic_loop(kind):
-    scenario = LoadScenario(
-        "two_dof_combined",
-        {
-            "controller.kind": kind,
-            "forward_channel.delay": 0.0,
-            "return_channel.delay": 0.0,
-            "duration": 0.05,
-        },
-    )
+    overrides = {"controller.kind": kind, "delay": 0.0, "duration": 0.05}
+    scenario = LoadScenario("one_dof", overrides)
     assert simulate(scenario).termination == "completed"
 
 

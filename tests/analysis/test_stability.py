@@ -22,6 +22,9 @@ from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
+# They look at the same analyses.
+pytestmark = pytest.mark.xdist_group("stability")
+
 TASKS = ("one_dof", "two_dof_combined")
 KINDS = ("direct_force", "adaptive_backstepping")
 OTHERS = (

@@ -24,6 +24,9 @@ from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.scenario import LoadScenario
 
+# They look at the same analyses.
+pytestmark = pytest.mark.xdist_group("analyses")
+
 
 @functools.cache
 def Analysis(name="one_dof", kind="direct_force"):

@@ -166,7 +166,7 @@ def test_numbers_that_leave_the_finite_end_the_recording(overrides):
 
 
 class Raising(DirectForce):
-    """A control law that raises an error after half a second."""
+    """A control law that raises an error after 50 ms."""
 
     def __init__(self, error):
         super().__init__(num_axes=1)
@@ -177,7 +177,7 @@ class Raising(DirectForce):
         self._error = error
 
     def _CalcTelemetry(self, context, output):
-        if context.get_time() > 0.5:
+        if context.get_time() > 0.05:
             raise self._error
 
 
@@ -191,7 +191,7 @@ class Raising(DirectForce):
     ],
 )
 def test_errors_of_blocks_come_out_and_name_the_block(error):
-    scenario = LoadScenario("one_dof", {"duration": 0.6})
+    scenario = LoadScenario("one_dof", {"duration": 0.1})
     teleoperator = MakeTeleoperator(scenario, control_law=Raising(error))
     is_exit, block = isinstance(error, SystemExit), "teleoperator::controller::my_law"
     with pytest.raises(RuntimeError if is_exit else type(error)) as raised:
@@ -267,38 +267,39 @@ def test_more_steps_than_anyone_waits_for_are_refused():
         simulate(scenario)
 
 
-def test_progress_is_reported_in_order():
+def test_progress_is_reported_in_order(monkeypatch):
+    monkeypatch.setattr(drake_run, "_REPORT_PERIOD", 0.0)
     reports = []
-    scenario = LoadScenario("one_dof", {"duration": 0.5})
+    scenario = LoadScenario("one_dof", {"duration": 0.1})
     simulate(scenario, progress=reports.append, engine="drake")
     assert reports == sorted(reports)
-    assert 0 <= reports[0] <= reports[-1] <= 0.5
+    assert 0 <= reports[0] <= reports[-1] <= 0.1
 
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     """Raised in a callback of Drake, it would become another error."""
-    scenario = LoadScenario("one_dof", {"duration": 0.8})
+    scenario = LoadScenario("one_dof", {"duration": 0.3})
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     calls = 0
 
     def interrupt_once(self, context, derivatives):
         nonlocal calls
         calls += 1
-        if calls == 300:
+        if calls == 100:
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:
                 raise SystemError("returned a result with an exception set") from None
         law(self, context, derivatives)
 
-    reference = Run("one_dof", ADAPTIVE, "duration=0.8", engine="drake")
+    reference = Run("one_dof", ADAPTIVE, "duration=0.3", engine="drake")
     monkeypatch.setattr(AdaptiveBackstepping, "DoCalcTimeDerivatives", interrupt_once)
     recording = simulate(scenario, engine="drake")
     assert (recording.termination, recording.reason) == (
         "interrupted",
         "interrupted by the user",
     )
-    assert 300 < calls < 310
+    assert 100 < calls < 110
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     num_samples = len(recording.time)
     np.testing.assert_array_equal(recording.time, reference.time[:num_samples])
@@ -344,7 +345,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda number, frame: None])
 def test_interrupts_that_are_handled_elsewhere(handler):
-    scenario = LoadScenario("one_dof", {"duration": 0.3})
+    scenario = LoadScenario("one_dof", {"duration": 0.05})
     previous = signal.signal(signal.SIGINT, handler)
     try:
         recording = simulate(
@@ -359,7 +360,7 @@ def test_interrupts_that_are_handled_elsewhere(handler):
 
 
 def test_simulation_in_a_thread():
-    scenario = LoadScenario("one_dof", {"duration": 2.0})
+    scenario = LoadScenario("one_dof", {"duration": 0.2})
     with ThreadPoolExecutor() as threads:
         recording = threads.submit(simulate, scenario).result()
     assert recording.termination == "completed"

@@ -192,7 +192,7 @@ def test_runs_with_any_other_numbers_are_those_of_a_fresh_process(
 
 def test_kinds_of_a_users_own_are_made_anew(made, monkeypatch):
     delay = {"delay": 0.05}
-    scenario = Load("one_dof", "own_kinds:BrakedForce", delay, delay)
+    scenario = Load("one_dof", "own_kinds:BrakedForce", delay, delay, duration=0.1)
     simulate(scenario)
     simulate(scenario)
     assert len(made) == 2
@@ -204,7 +204,7 @@ def test_a_run_in_drake_has_its_own_channels(loops):
     assert loops
     other = Load(
         *("one_dof", "direct_force", CHANNELS[1], CHANNELS[1]),
-        **{"simulator.integration_scheme": "runge_kutta3"},
+        **{"simulator.integration_scheme": "runge_kutta3", "duration": 0.2},
     )
     after = simulate(other)
     loops.clear()

@@ -11,6 +11,9 @@ from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import PlanSweep, SweepResult
 from teleop_drake.sweep.boundary import Boundary, FindBoundaries
 
+# They look at the same boundaries.
+pytestmark = pytest.mark.xdist_group("boundary")
+
 MASSES = [0.2, 0.5]
 KIND = {"controller": "direct_force"}
 
