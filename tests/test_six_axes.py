@@ -392,7 +392,7 @@ def test_the_linear_model_knows_that_a_rotation_vector_is_no_integral():
 
 
 def test_a_run_ends_before_the_rotation_vector_jumps():
-    overrides = {"surgeon.velocity": [0.01, 0, 0, 3.0, 0, 0], "duration": 5.0}
+    overrides = {"surgeon.velocity": [0.01, 0, 0, 9.0, 0, 0], "duration": 2.0}
     overrides["robot.start"] = [*START[:3], 0, 0, 0]
     recording = simulate(short("damped_force", **overrides))
     assert recording.reason == "the tool is turned by 3 rad from the posture"
