@@ -15,12 +15,9 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.validation import Refuse
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NUM_USED = 32
 """A packet says what was in use at so many ticks: so many in a row may be lost."""

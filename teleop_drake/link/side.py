@@ -14,8 +14,9 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
 
+from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import displacement
-from teleop_drake.link.packets import NUM_USED, Array, OpenSocket, ReadKey, Session
+from teleop_drake.link.packets import NUM_USED, OpenSocket, ReadKey, Session
 from teleop_drake.numerics.step_polynomials import straight_steps
 from teleop_drake.recording import Recording
 from teleop_drake.robots.facts import FactsOfRobot
@@ -92,10 +93,8 @@ class Half:
         inputs, find = {"packet": self.fed}, builder.GetSubsystemByName
         builder.ExportInput(find(f"{heard}_channel").get_input_port(), "packet")
         if side == "robot":
-            robot, law = (
-                find("robot"),
-                find("controller").GetOutputPort("control_force"),
-            )
+            robot = find("robot")
+            law = find("controller").GetOutputPort("control_force")
             if (inertia := FactsOfRobot(robot).inertia) is None:
                 Refuse("robot", robot.get_name(), "one that tells its inertia")
             rate = min(_RATE, 0.2 / period)

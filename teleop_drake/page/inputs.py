@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.page.model import Model
 from teleop_drake.validation import Refuse
 
-Array = NDArray[np.float64]
 Numbers = dict[str, Array]
 
 # Shares of a range at which an input is looked at beside its ends.

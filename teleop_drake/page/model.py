@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, InputPortIndex, PortDataType, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
@@ -32,8 +33,6 @@ from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.measures import Measures
 from teleop_drake.teleoperator import MakeTeleoperator
-
-Array = NDArray[np.float64]
 
 # Of a port table's row in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)

@@ -103,7 +103,7 @@ def StartRun(
 
 
 def StartFed(
-    diagram: Diagram, config: SimulatorConfig, end: float, **inputs: NDArray[np.float64]
+    diagram: Diagram, config: SimulatorConfig, end: float, **inputs: Array
 ) -> tuple[CompiledRun, dict[str, slice], dict[str, slice]]:
     """Returns a run until a time in s that is fed, as its CompiledRun.Feed() has it.
 
@@ -170,10 +170,8 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
         termination, reason = "interrupted", "interrupted by the user"
     times, rows = run.Rows()
     signals = {name: rows[:, place] for name, place in places.items()}
-    series, wall_time = (
-        (times, signals, np.concatenate(steps)),
-        clock.monotonic() - start,
-    )
+    series = times, signals, np.concatenate(steps)
+    wall_time = clock.monotonic() - start
     return OutcomeOf(run, series, wall_time, termination, reason, is_too_fast)
 
 
