@@ -8,11 +8,16 @@ import re
 from typing import Any
 
 import numpy as np
+import pytest
 import wasmtime
 
+from teleop_drake.integrator.measured_run import BEYOND
 from teleop_drake.integrator.problem import ROWS
-from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.page.model import Model
+from teleop_drake.numerics.step_polynomials import DEGREE, interpolate
+from teleop_drake.page.model import Model, ModelOf
+from teleop_drake.simulation import simulate
+from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.tasks.metrics import RunMetrics
 
 _ROOM = 30_000  # For rows, which all stay.
 
@@ -89,6 +94,33 @@ def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     instance = Instance(model)
     assert instance.Run(*model.numbers["run"]) == 0
     return instance.Rows()
+
+
+def AssertSame(scenario, model=None, instants=1e-9):
+    """Compares the end, jumps, metrics, and signals between the rows of both runs."""
+    model = model or ModelOf(scenario)
+    native, instance = simulate(scenario, engine="compiled"), Instance(model)
+    status = instance.Run(*model.numbers["run"])
+    assert (status >= BEYOND) == (native.termination == "diverged")
+    times, rows, steps = instance.Rows()
+    assert times[-1] == pytest.approx(native.time[-1], rel=0, abs=instants)
+    jumps, native_jumps = (t[1:][np.diff(t) == 0] for t in (times, native.time))
+    assert jumps == pytest.approx(native_jumps, rel=0, abs=instants)
+    ports, looked = model.Ports(), np.linspace(0.0, times[-1], 400)
+    for name, port in model.Signals().items():
+        begin, size, _ = ports[port]
+        signal = interpolate(times, rows[:, begin : begin + size], steps, looked)
+        reference = native.Interpolate(name, looked)
+        error = np.abs(signal - reference).max(initial=0.0)
+        assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
+    results = dict(
+        zip(model.measures.names, instance.Read("record.results"), strict=True)
+    )
+    expected = FlattenMetrics(RunMetrics(native))
+    for name, x in results.items():
+        value = math.nan if expected.get(name) is None else expected[name]
+        assert x == pytest.approx(value, rel=1e-6, abs=1e-12, nan_ok=True), name
+    return native
 
 
 def DataOf(html: str) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     Raises:
         UnsupportedSystem: If it is one, but not in a form that can be compiled.
     """
-    for kind, make in _KERNELS.items():
+    for kind, make in KERNELS.items():
         if isinstance(system, kind):
             return make(system, context)
     return None
@@ -174,7 +174,7 @@ def _ZeroOrderHold(system: primitives.ZeroOrderHold, context: Context) -> Kernel
 
 
 # A class before those it derives from.
-_KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
+KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
     primitives.Gain: _Gain,
     primitives.Adder: lambda x, _: Kernel(outputs=_Output(x, (total, *_Inputs(x)))),
     primitives.Multiplexer: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x))),

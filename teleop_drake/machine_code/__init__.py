@@ -21,34 +21,10 @@ follow from the arguments.
 * *Refused*, by function and line: what is in no graph, such as loops until numbers have
   converged, caught errors, random numbers, state that changes from call to call
   (`contents` sees that), indices in writing that depend on numbers, and functions of
-  numpy that are not in the list below. Such a law runs as it is, and its diagram in
-  Drake's Simulator; the log says so.
+  numpy that are not in the table of docs/standards.md. Such a law runs as it is, and
+  its diagram in Drake's Simulator; the log says so.
 * *Bounds.* A law's index that depends on numbers is compared with each index there is;
   out of bounds its result is nan, as is what Python would raise an error for. A loop's
   index is checked, before the loop where that can be; out of bounds, also below 0, it
   raises an IndexError with function and line. Of a singular matrix, svd's U is nan.
-
-Functions that a law may call with what depends on numbers, besides operators and
-methods of arrays:
-
-* numpy: absolute, add, all, any, append, arange, arccos, arcsin, arctan, arctan2,
-  argmax, argmin, argwhere, array, array_split, asarray, ascontiguousarray, atleast_1d,
-  atleast_2d, bitwise_and, bitwise_or, bitwise_xor, block, broadcast_to, ceil, clip,
-  column_stack, concatenate, conjugate, copy, copysign, cos, cosh, count_nonzero, cross,
-  cumprod, cumsum, deg2rad, degrees, delete, diag, diagonal, diff, divide, dot, einsum,
-  empty, empty_like, equal, exp, expand_dims, eye, fabs, flatnonzero, flip, fliplr,
-  flipud, floor, floor_divide, fmod, full, full_like, greater, greater_equal, hstack,
-  hypot, identity, inner, insert, interp, invert, isfinite, isinf, isnan, kron, less,
-  less_equal, linspace, log, logical_and, logical_not, logical_or, matmul, max, maximum,
-  mean, min, minimum, moveaxis, multiply, ndim, negative, nonzero, not_equal, ones,
-  ones_like, outer, polyval, positive, power, prod, rad2deg, radians, ravel, reciprocal,
-  remainder, repeat, reshape, rint, roll, round, searchsorted, shape, sign, sin, sinh,
-  size, sort, split, sqrt, square, squeeze, stack, subtract, sum, swapaxes, tan, tanh,
-  tensordot, tile, trace, transpose, tril, triu, trunc, vdot, vecdot, vstack, where,
-  zeros, zeros_like.
-* numpy.linalg: det, eigh, inv, norm, solve, svd.
-* math: acos, asin, atan, atan2, ceil, copysign, cos, cosh, degrees, exp, fabs, floor,
-  fmod, hypot, isfinite, isinf, isnan, log, pow, radians, sin, sinh, sqrt, tan, tanh,
-  trunc.
-* Python: bool, float, int, isinstance, max, min.
 """

@@ -1,6 +1,5 @@
 """Functions as graphs of operations, and as LLVM's code: the same numbers."""
 
-import builtins
 import contextlib
 import inspect
 import math
@@ -10,7 +9,6 @@ import hostile_laws as laws
 import numpy as np
 import pytest
 
-from teleop_drake import machine_code
 from teleop_drake.compiler.source import put
 from teleop_drake.machine_code.native import (
     BoundEvaluate,
@@ -19,8 +17,7 @@ from teleop_drake.machine_code.native import (
     ObjectFile,
 )
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw, TraceProgram
-from teleop_drake.machine_code.symbols import FUNCTIONS, UFUNCS, Untraceable
-from teleop_drake.machine_code.traced_numpy import REPLACED
+from teleop_drake.machine_code.symbols import Untraceable
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 
@@ -137,18 +134,3 @@ def test_what_would_be_wrong_is_refused_with_its_line(law):
     # What it has changed is as it was.
     after = repr([laws.COUNTS, laws.NOTES, vars(laws.Calls), laws.WORK, laws.TOTAL])
     assert after == before
-
-
-def test_the_page_lists_what_is_known():
-    page = machine_code.__doc__.split("Functions that a law may call")[1]
-    for title, module in {
-        "numpy": np, "numpy.linalg": np.linalg, "math": math, "Python": builtins
-    }.items():  # fmt: skip
-        listed = re.search(rf"\* {re.escape(title)}: ([^.]*)\.", page)[1]
-        known = {
-            function.__name__
-            for function in {*UFUNCS, *FUNCTIONS, *REPLACED}
-            if getattr(module, function.__name__, None) is function
-            and not (module is np and isinstance(function, type))
-        }
-        assert set(re.split(r",\s+", listed)) == known

@@ -1,54 +1,21 @@
 """WebAssembly of a run against its native run."""
 
 import dataclasses
-import math
 import secrets
 
 import numpy as np
 import pytest
-from wasm_runs import DataOf, Instance
+from wasm_runs import AssertSame, DataOf
 
-from teleop_drake.integrator.measured_run import BEYOND
 from teleop_drake.machine_code import cache
-from teleop_drake.numerics.step_polynomials import interpolate
 from teleop_drake.operators import OPERATOR_KINDS
 from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
-from teleop_drake.simulation import simulate
-from teleop_drake.sweep import FlattenMetrics
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.scenario import LoadScenario, ScenarioNames
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
-
-
-def AssertSame(scenario, model=None, instants=1e-9):
-    """Compares the end, jumps, metrics, and signals between the rows of both runs."""
-    model = model or ModelOf(scenario)
-    native, instance = simulate(scenario, engine="compiled"), Instance(model)
-    status = instance.Run(*model.numbers["run"])
-    assert (status >= BEYOND) == (native.termination == "diverged")
-    times, rows, steps = instance.Rows()
-    assert times[-1] == pytest.approx(native.time[-1], rel=0, abs=instants)
-    jumps, native_jumps = (t[1:][np.diff(t) == 0] for t in (times, native.time))
-    assert jumps == pytest.approx(native_jumps, rel=0, abs=instants)
-    ports, looked = model.Ports(), np.linspace(0.0, times[-1], 400)
-    for name, port in model.Signals().items():
-        begin, size, _ = ports[port]
-        signal = interpolate(times, rows[:, begin : begin + size], steps, looked)
-        reference = native.Interpolate(name, looked)
-        error = np.abs(signal - reference).max(initial=0.0)
-        assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
-    results = dict(
-        zip(model.measures.names, instance.Read("record.results"), strict=True)
-    )
-    expected = FlattenMetrics(RunMetrics(native))
-    for name, x in results.items():
-        value = math.nan if expected.get(name) is None else expected[name]
-        assert x == pytest.approx(value, rel=1e-6, abs=1e-12, nan_ok=True), name
-    return native
 
 
 def test_it_ends_where_the_native_run_does():

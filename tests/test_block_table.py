@@ -1,0 +1,311 @@
+"""Which blocks and functions compile, linearise exactly and run in a page.
+
+`python tests/test_block_table.py` tries each and writes docs/standards.md.
+"""
+
+import builtins
+import importlib
+import math
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engines import Compiled, Errors, InWebAssembly
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from pydrake.systems import primitives as drake
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
+from wasm_runs import AssertSame
+
+import teleop_drake
+from teleop_drake.compiler.check import Compare
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.compiler.primitives import KERNELS
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw
+from teleop_drake.machine_code.symbols import FUNCTIONS, UFUNCS, Untraceable
+from teleop_drake.machine_code.traced_numpy import REPLACED
+from teleop_drake.operators.hand import HandOperator
+from teleop_drake.page.model import Systems
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.simulation import MakeDiagram
+from teleop_drake.teleoperator import MakeTeleoperator
+
+PAGE = Path(teleop_drake.__file__).parent / "docs" / "standards.md"
+# What one of them compiles, the others find on the disk.
+pytestmark = [
+    pytest.mark.xdist_group("machine_code"),
+    pytest.mark.filterwarnings("ignore"),
+]
+MODULES = {"numpy": np, "numpy.linalg": np.linalg, "math": math, "Python": builtins}
+KNOWN = {*UFUNCS, *FUNCTIONS, *REPLACED}
+Rows = Iterator[tuple[str, ...]]
+YES = "yes"
+FOLDERS = "architectures", "channels", "environments", "operators", "robots", "systems"
+BEGIN, END = "<!-- tests/test_block_table.py writes this -->", "<!-- until here -->"
+EXTRAS: dict = {
+    "forward_channel": {"kind": "network", "delay": 0.1, "sample_period": 0.01},
+    "return_channel.kind": "variable",
+    "return_channel.sinusoid": {"amplitude": 0.02, "frequency": 3.0},
+    "environment": {"kind": "standard_linear_solid", "start": 0.001}
+    | {"stiffness": 100.0, "branch_stiffness": 50.0},
+    "surgeon": {"kind": "human", "velocity": [0.001]},
+    "sensor.force.sample_period": 0.01,
+    "actuator.coulomb_friction": 0.001,
+}
+WALL = {"kind": "hunt_crossley", "start": 0.9, "stiffness": 100.0}
+
+# Scenarios and changes; together they have every block.
+SCENES: list[tuple[str, dict]] = [
+    *(("one_dof", {"controller.kind": kind}) for kind in ARCHITECTURES),
+    ("one_dof", EXTRAS),
+    ("two_dof_combined", {"environment": WALL}),
+    *((f"puma560_{name}", {}) for name in ("insertion", "six_axes")),
+    *((name, {}) for name in ("needle_insertion", "network_tracking_coupled")),
+    ("leader_follower", {}),
+]
+
+
+def Primitives() -> Diagram:
+    """Returns a diagram with those of Drake's primitives that no scenario has."""
+    I, zero = np.eye(2), np.zeros((2, 2))
+    builder = DiagramBuilder()
+    row = [
+        drake.Sine([1.0, 0.5], [3.0, 5.0], [0.1, 0.2], True),
+        drake.AffineSystem(-I, I, [0.1, 0.2], I, zero, [0.3, 0.4]),
+        drake.MatrixGain(0.5 * I),
+        drake.ZeroOrderHold(0.1, 2),
+        drake.Integrator(2),
+        drake.PassThrough(2),
+        drake.VectorLogSink(2, 0.1),
+    ]
+    for i, system in enumerate(row):
+        builder.AddNamedSystem(f"block_{i}", system)
+        if i:
+            last = row[i - 1].get_output_port(0)
+            builder.Connect(last, system.get_input_port())
+    return builder.Build()
+
+
+def Scenes() -> Iterator[tuple[str, Diagram, Callable[[], object]]]:
+    """Yields the kind of the robot, a diagram, and what runs it in a page."""
+    for name, changes in SCENES:
+        scenario = LoadScenario(name, {**changes, "duration": 2.0})
+        kind = getattr(scenario.robot, "kind", "")
+        yield kind, MakeDiagram(scenario), partial(AssertSame, scenario)
+    hand = HandOperator(num_axes=1)
+    loop = MakeTeleoperator(LoadScenario("one_dof"), operator=hand)
+    for diagram in (loop, Primitives()):
+        yield "slider", diagram, partial(AssertRuns, diagram)
+
+
+def AssertRuns(diagram: Diagram) -> None:
+    """Compares a diagram in a page with its native run."""
+    config, times = SimulatorConfig(max_step_size=0.01, accuracy=1e-9), np.arange(1, 5)
+    native = Compiled(diagram, config, times / 4, as_machine_code=True)
+    assert (
+        max(Errors(InWebAssembly(diagram, config, times / 4), native).values()) < 1e-6
+    )
+
+
+def Ports(system: System, way: str) -> list:
+    """Returns the ports of vectors; of a plant those that its kernel knows."""
+    count = getattr(system, f"num_{way}_ports")()
+    ports = [getattr(system, f"get_{way}_port")(i) for i in range(count)]
+    known = ("actuation", "applied_generalized_force", "state")
+    return [
+        port
+        for port in ports
+        if port.get_data_type() == PortDataType.kVectorValued
+        and (not hasattr(system, "num_bodies") or port.get_name() in known)
+    ]
+
+
+def Code(system: System) -> str:
+    """Returns "yes", or why a block does not compile; it computes what Drake's does."""
+    rng, context = np.random.default_rng(0), system.CreateDefaultContext()
+    context.SetAccuracy(1e-4)
+    for port in Ports(system, "input"):
+        port.FixValue(context, rng.uniform(0.1, 0.2, port.size()))
+    try:
+        evaluator = Evaluator(system, context, as_machine_code=True)
+    except UnsupportedSystem as error:
+        return str(error).partition("cannot be compiled: ")[2]
+    Compare(evaluator, system, context)
+    return YES
+
+
+def Slopes(system: System) -> str:
+    """Returns "yes", or why derivatives by AutoDiffXd are not those of differences."""
+    rng, context = np.random.default_rng(0), system.CreateDefaultContext()
+    state = context.get_continuous_state_vector().CopyToVector()
+    inputs = Ports(system, "input")
+    x = np.concatenate([state, *(np.zeros(port.size()) for port in inputs)])
+    x, line = x + rng.uniform(0.1, 0.2, len(x)), rng.normal(size=len(x))
+    ends = np.cumsum([len(state), *(port.size() for port in inputs)])[:-1]
+
+    def Evaluate(system: System, x: np.ndarray) -> np.ndarray:
+        context, (state, *values) = system.CreateDefaultContext(), np.split(x, ends)
+        for port, value in zip(Ports(system, "input"), values, strict=True):
+            port.FixValue(context, value)
+        if len(state):
+            context.SetContinuousState(state)
+        seen = [port.Eval(context) for port in Ports(system, "output")]
+        if len(state):
+            seen.append(system.EvalTimeDerivatives(context).CopyToVector())
+        return np.concatenate([[], *seen])
+
+    try:
+        dual = system.ToAutoDiffXd()
+    except ValueError as error:
+        assert "LinearizePorts()" in str(error)
+        return "no: a delay, which `LinearizePorts()` cuts"
+    found = Evaluate(dual, InitializeAutoDiff(x, line[:, np.newaxis]).ravel())
+    slopes = ExtractGradient(found).ravel() if found.dtype == object else []
+    h = 1e-6 * line
+    expected = (Evaluate(system, x + h) - Evaluate(system, x - h)) / 2e-6
+    slopes = slopes if len(slopes) else np.zeros(len(expected))
+    scale = np.abs(expected).max(initial=1e-3)
+    return YES if np.abs(slopes - expected).max(initial=0) < 1e-5 * scale else "wrong"
+
+
+def InPage(run: Callable[[], object]) -> str:
+    """Returns "yes", or why a diagram does not run in a page."""
+    try:
+        run()
+    except UnsupportedSystem as error:
+        return str(error).partition("cannot be compiled: ")[2]
+    return YES
+
+
+def Blocks(page: Callable[..., str]) -> Rows:
+    """Yields folder and name of each block and kind of robot, with what it can do."""
+    seen = {"Diagram", ""}
+    for robot, diagram, run in Scenes():
+        inside = {path: system for system, path in Systems(diagram)}
+        in_page = page(run)
+        for path, system in inside.items():
+            module, name = type(system).__module__, type(system).__name__
+            if name == "ToolInterface":  # By itself nothing tells it accelerations.
+                system = inside[path.rpartition("/")[0]]
+            if path == "robot" and name == "Diagram":
+                module, name = "teleop_drake.robots", robot
+            if name not in seen:
+                seen.add(name)
+                folder = module.removeprefix("teleop_drake.").partition(".")[0]
+                group = {"pydrake": "Drake"}.get(folder, folder)
+                yield group, name, Code(system), Slopes(system), in_page
+
+
+# Functions. The first call that numpy and the tracer take counts: of a vector and a
+# matrix, which depend on numbers, and at last of what does not.
+CALLS: list[Callable[[np.ndarray, np.ndarray], tuple]] = [
+    *(lambda v, M: (v,), lambda v, M: (M,), lambda v, M: (v, v[::-1])),
+    *(lambda v, M: (M, M.T), lambda v, M: (v[0],), lambda v, M: (v[0], v[1])),
+    *(lambda v, M: (v > 0.4, v < 0.65), lambda v, M: (v > 0.4,)),
+    *(lambda v, M: (v, 2), lambda v, M: (M, 0), lambda v, M: ([v, v],)),
+    *(lambda v, M: (M, (2, 2)), lambda v, M: ("i,i->i", v, v)),
+    *(lambda v, M: (v, [0, 1, 2], v[:3]), lambda v, M: (v, 0.3, 0.6)),
+    *(lambda v, M: (v, 1, v[0]), lambda v, M: (v > 0.4, v, v * v)),
+    *(lambda v, M: (M, 0, 1), lambda v, M: (v, np.ndarray), lambda v, M: (2, v[0])),
+    *(lambda v, M: (2,), lambda v, M: (0, 1), lambda v, M: ([0.0, 1.0],)),
+]
+ONLY_OF_COMPARISONS = np.logical_and, np.logical_or
+
+
+def Functions(page: Callable[..., str]) -> Rows:
+    """Yields module and name of each function, with what it can do."""
+    builder, u = DiagramBuilder(), np.array([0.3, 0.6, 0.2, 0.7])
+    source = builder.AddNamedSystem("u", drake.ConstantVectorSource(u))
+    rows = []
+    for title, module in MODULES.items():
+        for name, function in sorted(vars(module).items()):
+            is_type = module is np and isinstance(function, type)
+            if is_type or getattr(function, "__name__", "") != name:
+                continue
+            if function in KNOWN:
+                block = OfFunction(function, u)
+                builder.AddNamedSystem(f"{title} {name}", block)
+                builder.Connect(source.get_output_port(), block.get_input_port())
+                try:
+                    slopes = Slopes(block)
+                except (TypeError, AttributeError, RuntimeError):
+                    slopes = "no"
+                rows.append((title, name, YES, slopes))
+    in_page = page(partial(AssertRuns, builder.Build()))
+    yield from ((*row, in_page) for row in rows)
+
+
+def OfFunction(function: Callable, u: np.ndarray) -> FixedBlock:
+    """Returns a block that calls a function, and which compiles."""
+    calls = CALLS[6:] if function in ONLY_OF_COMPARISONS else CALLS
+    refused = []
+    for call in calls:
+        try:
+            are_many = isinstance(function(*call(u, u.reshape(2, 2))), (list, tuple))
+
+            def law(u, call=call, are_many=are_many):
+                result = function(*call(u, u.reshape(2, 2)))
+                parts = result if are_many else [result]
+                return np.concatenate([np.ravel(part) * 1.0 for part in parts])
+
+            kernel, size = Kernel(outputs={"y": (law, "u")}), len(law(u))
+        except (TypeError, ValueError, IndexError, np.linalg.LinAlgError):
+            continue  # Numpy takes something else.
+        try:
+            MakeCode(TraceLaw(law, [u]))
+        except Untraceable as error:
+            refused.append(str(error))
+            continue
+        return FixedBlock("f", kernel, inputs={"u": len(u)}, outputs={"y": size})
+    raise AssertionError(f"{function.__name__}: no call compiles: {refused}")
+
+
+def Table(page: Callable[..., str] = InPage) -> str:
+    """Returns the table in markdown, a row for all that can do the same."""
+    names: dict[tuple[str, ...], list[str]] = {}
+    for group, name, *can in [*sorted(Blocks(page)), *Functions(page)]:
+        names.setdefault((group, *can), []).append(f"`{name}`")
+    lines = ["| | | machine code | AutoDiffXd | page |", "|---|---|---|---|---|"]
+    for (group, *can), members in names.items():
+        lines.append(f"| {group} | {', '.join(members)} | {' | '.join(can)} |")
+    return "\n".join([BEGIN, *lines, END])
+
+
+def Written() -> tuple[str, str, str]:
+    """Returns the page before the table, the table, and the page behind it."""
+    before, text = PAGE.read_text("utf-8").split(BEGIN)
+    table, after = text.split(END)
+    return before, BEGIN + table + END, after
+
+
+def test_the_table_is_what_the_code_gives():
+    """But for the pages, which take minutes."""
+    assert Table(lambda run: YES) == Written()[1]
+
+
+@pytest.mark.slow
+def test_the_pages_of_the_table_are_what_the_code_gives():
+    assert Table() == Written()[1]
+
+
+def test_every_block_is_in_the_table():
+    names = {kind.__name__ for kind in KERNELS}
+    for module in pkgutil.walk_packages(teleop_drake.__path__, "teleop_drake."):
+        if module.name.split(".")[1] in FOLDERS:
+            for name, kind in vars(importlib.import_module(module.name)).items():
+                if isinstance(kind, type) and issubclass(kind, System):
+                    is_base = name.startswith("_") or kind.__subclasses__()
+                    is_own = kind.__module__ == module.name
+                    names |= {name} if is_own and not is_base else set()
+    assert names <= set(re.findall(r"`(\w+)`", Written()[1]))
+
+
+if __name__ == "__main__":
+    before, _, after = Written()
+    PAGE.write_text(before + Table() + after, "utf-8")
