@@ -22,7 +22,9 @@ def _WithoutCollecting(monkeypatch):
     monkeypatch.setattr("benchmarks.measuring.gc.collect", lambda: 0)
 
 
-@pytest.mark.parametrize("name", Slow(["evaluation", "comparison", "delays"]))
+@pytest.mark.parametrize(
+    "name", Slow(["evaluation", "comparison", "delays", "delay_problems"])
+)
 def test_quick_tables_have_finite_numbers(name):
     tables = list(importlib.import_module(f"benchmarks.{name}").Measure(QUICK))
     assert tables

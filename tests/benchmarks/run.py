@@ -16,7 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-BENCHMARKS = ("comparison", "evaluation", "delays")
+BENCHMARKS = ("comparison", "evaluation", "delays", "delay_problems")
 
 
 def main() -> None:
