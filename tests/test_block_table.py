@@ -62,10 +62,11 @@ WALL = {"kind": "hunt_crossley", "start": 0.9, "stiffness": 100.0}
 
 # Scenarios and changes; together they have every block.
 SCENES: list[tuple[str, dict]] = [
+    ("two_dof_combined", {"environment": WALL, "controller.network.count": [2, 2]}),
     *(("one_dof", {"controller.kind": kind}) for kind in ARCHITECTURES),
     ("one_dof", EXTRAS),
-    ("two_dof_combined", {"environment": WALL}),
-    *((f"puma560_{name}", {}) for name in ("insertion", "six_axes")),
+    ("puma560_insertion", {}),
+    ("puma560_six_axes", {"controller.kind": "direct_force"}),
     *((name, {}) for name in ("needle_insertion", "network_tracking_coupled")),
     ("leader_follower", {}),
 ]
@@ -202,20 +203,24 @@ def Blocks(page: Callable[..., str]) -> Rows:
                 yield group, name, Code(system), Slopes(system), in_page
 
 
-# Functions. The first call that numpy and the tracer take counts: of a vector and a
-# matrix, which depend on numbers, and at last of what does not.
-CALLS: list[Callable[[np.ndarray, np.ndarray], tuple]] = [
-    *(lambda v, M: (v,), lambda v, M: (M,), lambda v, M: (v, v[::-1])),
-    *(lambda v, M: (M, M.T), lambda v, M: (v[0],), lambda v, M: (v[0], v[1])),
-    *(lambda v, M: (v > 0.4, v < 0.65), lambda v, M: (v > 0.4,)),
-    *(lambda v, M: (v, 2), lambda v, M: (M, 0), lambda v, M: ([v, v],)),
-    *(lambda v, M: (M, (2, 2)), lambda v, M: ("i,i->i", v, v)),
-    *(lambda v, M: (v, [0, 1, 2], v[:3]), lambda v, M: (v, 0.3, 0.6)),
-    *(lambda v, M: (v, 1, v[0]), lambda v, M: (v > 0.4, v, v * v)),
-    *(lambda v, M: (M, 0, 1), lambda v, M: (v, np.ndarray), lambda v, M: (2, v[0])),
-    *(lambda v, M: (2,), lambda v, M: (0, 1), lambda v, M: ([0.0, 1.0],)),
-]
-ONLY_OF_COMPARISONS = np.logical_and, np.logical_or
+def Calls(v: np.ndarray) -> list[tuple]:
+    """Returns what a function may be called with; the first that works counts.
+
+    At last come constants.
+    """
+    M = v.reshape(2, 2)
+    some = v > 0.4
+    return [
+        *[(v,), (M,), (v, v[::-1]), (M, M.T), (v[0],), (v[0], v[1])],
+        *[(some, v < 0.65), (some,), (v, 2), (M, 0), ([v, v],), (v[:3], v[1:])],
+        *[(M, (2, 2)), ("i,i->i", v, v), (v, [0, 1, 2], v[:3]), (v, 0.3, 0.6)],
+        *[(v, 1, v[0]), (some, v, v * v), (M, 0, 1), (v, np.ndarray), (2, v[0])],
+        *[(2,), (0, 1), ([0.0, 1.0],)],
+    ]
+
+
+# Of numbers these return one of them to AutoDiffXd: they start with comparisons.
+OF_COMPARISONS = {np.logical_and: 6, np.logical_or: 6}
 
 
 def Functions(page: Callable[..., str]) -> Rows:
@@ -243,14 +248,13 @@ def Functions(page: Callable[..., str]) -> Rows:
 
 def OfFunction(function: Callable, u: np.ndarray) -> FixedBlock:
     """Returns a block that calls a function, and which compiles."""
-    calls = CALLS[6:] if function in ONLY_OF_COMPARISONS else CALLS
     refused = []
-    for call in calls:
+    for k in range(OF_COMPARISONS.get(function, 0), len(Calls(u))):
         try:
-            are_many = isinstance(function(*call(u, u.reshape(2, 2))), (list, tuple))
+            are_many = isinstance(function(*Calls(u)[k]), (list, tuple))
 
-            def law(u, call=call, are_many=are_many):
-                result = function(*call(u, u.reshape(2, 2)))
+            def law(u, k=k, are_many=are_many):
+                result = function(*Calls(u)[k])
                 parts = result if are_many else [result]
                 return np.concatenate([np.ravel(part) * 1.0 for part in parts])
 
@@ -292,6 +296,13 @@ def test_the_table_is_what_the_code_gives():
 @pytest.mark.slow
 def test_the_pages_of_the_table_are_what_the_code_gives():
     assert Table() == Written()[1]
+
+
+def test_an_arm_that_holds_its_posture_has_slopes():
+    """The table's holds its orientation."""
+    scenario = LoadScenario("puma560_insertion", {"robot.hold": "posture"})
+    inside = {path: system for system, path in Systems(MakeDiagram(scenario))}
+    assert Slopes(inside["robot/posture_hold"]) == YES
 
 
 def test_every_block_is_in_the_table():

@@ -37,22 +37,7 @@ from teleop_drake.kernel import Kernel
 from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.operators.modes import past_surface, with_stop
 from teleop_drake.operators.planned import TrapezoidConfig
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.simulation import MakeDiagram
 from teleop_drake.systems.disturbance_force import DisturbanceForce
-
-
-@pytest.mark.parametrize(
-    ("name", "controller"),
-    [
-        *(("two_dof_combined", kind) for kind in ARCHITECTURES),
-        ("network_tracking_coupled", None),
-    ],
-)
-def test_a_scenario_compiles(name, controller):
-    overrides = {"controller.kind": controller} if controller else {}
-    CheckKernel(MakeDiagram(LoadScenario(name, overrides)), num_states=3)
-
 
 I = np.eye(2)
 LOCAL = LocalController(damping=I, stiffness=9 * I)

@@ -5,15 +5,13 @@ import traceback
 
 import numpy as np
 import pytest
-from blocks import Feedthrough, Gains
+from blocks import Feedthrough
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.framework import BasicVector, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
 
-from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, times
-from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.validation import ScenarioError
 
 EYE = np.eye(4)
@@ -200,29 +198,6 @@ def test_every_sort_of_term_converts():
     assert ExtractGradient(joined).tolist() == [[6, 0], [0, 6], [0, 0]]
     assert ExtractValue(mode).ravel().tolist() == [5.0]
     assert ExtractValue(slope).ravel().tolist() == [0.5, 5.0]
-
-
-def test_the_adaptive_law_has_derivatives():
-    """Of 42 states and 10 inputs, against central differences."""
-    network = GaussianNetwork(lower=[-1, -1], upper=[1, 1], count=[3, 3], width=1.0)
-    law = AdaptiveBackstepping(gains=Gains(2), network=network)
-    size = law.num_continuous_states()
-    x = np.random.default_rng(1).normal(size=size + 10)
-
-    def Rate(block, values):
-        context = block.CreateDefaultContext()
-        context.SetContinuousState(values[:size])
-        for i in range(5):
-            part = values[size + 2 * i : size + 2 * i + 2]
-            block.get_input_port(i).FixValue(context, part)
-        return block.EvalTimeDerivatives(context).CopyToVector()
-
-    exact = ExtractGradient(Rate(law.ToAutoDiffXd(), InitializeAutoDiff(x).ravel()))
-    h = 1e-6
-    columns = [
-        (Rate(law, x + h * e) - Rate(law, x - h * e)) / (2 * h) for e in np.eye(len(x))
-    ]
-    np.testing.assert_allclose(exact, np.array(columns).T, rtol=1e-6, atol=1e-6)
 
 
 class Late(KernelBlock):
