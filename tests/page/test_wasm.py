@@ -12,7 +12,7 @@ from teleop_drake.operators import OPERATOR_KINDS
 from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
-from teleop_drake.scenario import LoadScenario, ScenarioNames
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
