@@ -20,7 +20,9 @@ from runs import Run
 from teleop_drake.cli.main import main
 
 NAME, NEEDLE = "two_dof_puncture_direct_force", "needle_insertion_adaptive_backstepping"
-CASES = [(name, engine) for name in REFERENCES for engine in ("auto", "drake")]
+CASES = [(name, "auto") for name in REFERENCES]
+# In Drake's Simulator, which is slow, not each task with both controllers.
+CASES += [(name, "drake") for i, name in enumerate(REFERENCES) if i in (0, 3, 4, 6, 7)]
 
 
 def Reference(name):
