@@ -298,13 +298,6 @@ def test_the_pages_of_the_table_are_what_the_code_gives():
     assert Table() == Written()[1]
 
 
-def test_an_arm_that_holds_its_posture_has_slopes():
-    """The table's holds its orientation."""
-    scenario = LoadScenario("puma560_insertion", {"robot.hold": "posture"})
-    inside = {path: system for system, path in Systems(MakeDiagram(scenario))}
-    assert Slopes(inside["robot/posture_hold"]) == YES
-
-
 def test_every_block_is_in_the_table():
     names = {kind.__name__ for kind in KERNELS}
     for module in pkgutil.walk_packages(teleop_drake.__path__, "teleop_drake."):
