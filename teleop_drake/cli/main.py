@@ -30,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: The arguments after the command's name; None: those of the process.
     """
+    # Matrices are small here: BLAS's threads would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         parser = MakeParser()
         if "_ARGCOMPLETE" in os.environ:  # A shell asks at the tab key.
