@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
-from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
 
 import teleop_drake
@@ -45,7 +45,6 @@ pytestmark = [
 MODULES = {"numpy": np, "numpy.linalg": np.linalg, "math": math, "Python": builtins}
 KNOWN = {*UFUNCS, *FUNCTIONS, *REPLACED}
 Rows = Iterator[tuple[str, ...]]
-YES = "yes"
 FOLDERS = "architectures", "channels", "environments", "operators", "robots", "systems"
 BEGIN, END = "<!-- tests/test_block_table.py writes this -->", "<!-- until here -->"
 EXTRAS: dict = {
@@ -114,19 +113,6 @@ def AssertRuns(diagram: Diagram) -> None:
     )
 
 
-def Ports(system: System, way: str) -> list:
-    """Returns the ports of vectors; of a plant those that its kernel knows."""
-    count = getattr(system, f"num_{way}_ports")()
-    ports = [getattr(system, f"get_{way}_port")(i) for i in range(count)]
-    known = ("actuation", "applied_generalized_force", "state")
-    return [
-        port
-        for port in ports
-        if port.get_data_type() == PortDataType.kVectorValued
-        and (not hasattr(system, "num_bodies") or port.get_name() in known)
-    ]
-
-
 def Code(system: System) -> str:
     """Returns "yes", or why a block does not compile; it computes what Drake's does."""
     rng, context = np.random.default_rng(0), system.CreateDefaultContext()
@@ -139,40 +125,6 @@ def Code(system: System) -> str:
         return str(error).partition("cannot be compiled: ")[2]
     Compare(evaluator, system, context)
     return YES
-
-
-def Slopes(system: System) -> str:
-    """Returns "yes", or why derivatives by AutoDiffXd are not those of differences."""
-    rng, context = np.random.default_rng(0), system.CreateDefaultContext()
-    state = context.get_continuous_state_vector().CopyToVector()
-    inputs = Ports(system, "input")
-    x = np.concatenate([state, *(np.zeros(port.size()) for port in inputs)])
-    x, line = x + rng.uniform(0.1, 0.2, len(x)), rng.normal(size=len(x))
-    ends = np.cumsum([len(state), *(port.size() for port in inputs)])[:-1]
-
-    def Evaluate(system: System, x: np.ndarray) -> np.ndarray:
-        context, (state, *values) = system.CreateDefaultContext(), np.split(x, ends)
-        for port, value in zip(Ports(system, "input"), values, strict=True):
-            port.FixValue(context, value)
-        if len(state):
-            context.SetContinuousState(state)
-        seen = [port.Eval(context) for port in Ports(system, "output")]
-        if len(state):
-            seen.append(system.EvalTimeDerivatives(context).CopyToVector())
-        return np.concatenate([[], *seen])
-
-    try:
-        dual = system.ToAutoDiffXd()
-    except ValueError as error:
-        assert "LinearizePorts()" in str(error)
-        return "no: a delay, which `LinearizePorts()` cuts"
-    found = Evaluate(dual, InitializeAutoDiff(x, line[:, np.newaxis]).ravel())
-    slopes = ExtractGradient(found).ravel() if found.dtype == object else []
-    h = 1e-6 * line
-    expected = (Evaluate(system, x + h) - Evaluate(system, x - h)) / 2e-6
-    slopes = slopes if len(slopes) else np.zeros(len(expected))
-    scale = np.abs(expected).max(initial=1e-3)
-    return YES if np.abs(slopes - expected).max(initial=0) < 1e-5 * scale else "wrong"
 
 
 def InPage(run: Callable[[], object]) -> str:

@@ -140,7 +140,6 @@ def test_a_diagram_can_be_simulated_again():
 
 
 def test_the_guard_lets_go_of_the_simulator():
-    gc.freeze()  # What was there before is not looked at.
     simulator = MakeSimulator(make_oscillator(), SimulatorConfig())
     simulator.AdvanceTo(0.1)
     reference = weakref.ref(simulator)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from slopes import Slopes
 
-from teleop_drake.laws.task_space import orientation_error
+from teleop_drake.laws.task_space import PostureGains, orientation_error
 from teleop_drake.robots import Puma560Config
 from teleop_drake.robots.inverse_kinematics import ToolRotation
 from teleop_drake.systems.posture_hold import PostureHold
@@ -51,14 +52,22 @@ def test_it_turns_the_tool_back():
     np.testing.assert_allclose(alpha, -(10.0**2) * e, atol=1e-9)
 
 
+def Hold(**changes):
+    given = {
+        "plant": Puma560Config(start=START).LoadPlant(),
+        "num_axes": 3,
+        "tool_name": "tool",
+        "joint_positions": POSTURE,
+        "gains": PostureGains(frequency=10.0, damping_ratio=1, near=1e-3, damping=0.1),
+        "keeps_orientation": True,
+    }
+    return PostureHold(**(given | changes))
+
+
+def test_either_hold_has_its_slopes():
+    assert Slopes(Hold()) == Slopes(Hold(keeps_orientation=False)) == "yes"
+
+
 def test_what_cannot_be_held():
-    config = Puma560Config(start=START)
     with pytest.raises(ScenarioError, match="num_axes = 4: must be 3 or less"):
-        PostureHold(
-            plant=config.LoadPlant(),
-            num_axes=4,
-            tool_name="tool",
-            joint_positions=np.zeros(6),
-            gains=None,
-            keeps_orientation=True,
-        )
+        Hold(num_axes=4)
