@@ -11,9 +11,10 @@ import pytest
 import runs
 from hypothesis import settings
 
-# Byte code that one process has made of the package is there for all that the tests
-# start: without it each takes twice as long to start.
+# Byte code that one process has made of the package and of the tests is there for all
+# that the tests start, and for the next run: without it each takes twice as long.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # Matrices are small here. The threads of BLAS would wait for each other, beside as many
 # processes as there are processors.

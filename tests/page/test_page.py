@@ -2,6 +2,7 @@
 
 import math
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,7 @@ def look(tmp_path_factory):
         browser.Call("Page.navigate", url=page.as_uri())
         is_there = f"location.href == '{page.as_uri()}' && 'teleop' in window"
         while not browser.Evaluate(is_there):
-            pass
+            time.sleep(0.02)
         return browser.Evaluate(script)
 
     yield Look
