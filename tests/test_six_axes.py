@@ -233,7 +233,7 @@ def short(kind, **overrides):
 LOOPS = [
     ("adaptive_backstepping", 0.1, "drake"),
     ("direct_force", 0.6, "compiled"),
-    ("proportional_damping", 1.0, "compiled"),
+    ("proportional_damping", 0.8, "compiled"),
     ("adaptive_backstepping", 0.8, "compiled"),
     ("robust_backstepping", 0.8, "compiled"),
 ]
