@@ -179,9 +179,8 @@ def test_systems_in_place_of_the_channels():
     )
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
+def test_bad_input():
+    for override, message in [
         (
             "return_channel.kind=no_module:X",
             "return_channel.kind = 'no_module:X': must",
@@ -200,13 +199,11 @@ def test_systems_in_place_of_the_channels():
             "controller={kind: own_kinds:BrakedForce, parameters: {damping: -1}}",
             "controller.parameters.damping = -1.0: must be a finite number >= 0",
         ),
-    ],
-)
-def test_bad_input(override, message):
-    with pytest.raises(ScenarioError) as error:
-        LoadScenario("one_dof", [override])
-    assert str(error.value).startswith(message)
-    assert "\n" not in str(error.value)
+    ]:
+        with pytest.raises(ScenarioError) as error:
+            LoadScenario("one_dof", [override])
+        assert str(error.value).startswith(message)
+        assert "\n" not in str(error.value)
 
 
 def test_an_unknown_kind_falls_nowhere():

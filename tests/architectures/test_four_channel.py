@@ -183,15 +183,12 @@ def test_bad_parameters_of_the_blocks():
             )
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
+def test_bad_input_is_named():
+    for override, message in [
         ("variant=three_channel", "four_channel.variant = .three_channel.: "),
         ("C1=.inf", "controller.four_channel.C1 = inf: must be a finite number"),
         ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
         ("C_s={gain: 1}", "controller.four_channel.C_s.gain = 1: unknown key"),
-    ],
-)
-def test_bad_input_is_named(override, message):
-    with pytest.raises(ScenarioError, match=message):
-        Scenario(override)
+    ]:
+        with pytest.raises(ScenarioError, match=message):
+            Scenario(override)

@@ -96,17 +96,14 @@ def test_bad_parameters_of_the_blocks():
         ProportionalSlave(replace(CONFIG, stiffness=None), num_axes=2)
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
+def test_bad_input_is_named():
+    for override, message in [
         (f"controller.{KIND}.margin=1", f"controller.{KIND}.margin = 1.0: must be"),
         (f"controller.{KIND}.master_mass=0", "master_mass = 0.0: must be"),
         (f"controller.{KIND}.stiffness=-1", "stiffness = -1.0: must be"),
         (f"controller.{KIND}.master_damping=0", f"controller.{KIND}.stiffness = null"),
         ("haptic_device.numerator=[50]", f"controller.{KIND}.master_damping = null"),
-    ],
-)
-def test_bad_input_is_named(override, message):
-    overrides = ["duration=0.1", override, f"controller.kind={KIND}"]
-    with pytest.raises(ScenarioError, match=message):
-        simulate(LoadScenario("one_dof", overrides), engine="auto")
+    ]:
+        overrides = ["duration=0.1", override, f"controller.kind={KIND}"]
+        with pytest.raises(ScenarioError, match=message):
+            simulate(LoadScenario("one_dof", overrides), engine="auto")

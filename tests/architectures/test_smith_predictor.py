@@ -152,17 +152,14 @@ def test_defaults_are_the_tool_in_its_first_layer():
     assert not np.any(config.damping)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
+def test_bad_input_is_named():
+    for overrides, message in [
         ([f"controller.{KIND}.mass=0"], f"controller.{KIND}.mass = 0.0: must be"),
         ([f"controller.{KIND}.damping=-1"], "damping = -1.0: must be null, not neg"),
         ([f"controller.{KIND}.delay=-1"], "delay = -1.0: must be a finite number >= 0"),
-    ],
-)
-def test_bad_input_is_named(overrides, message):
-    with pytest.raises(ScenarioError, match=message):
-        simulate(Scenario("duration=0.1", *overrides))
+    ]:
+        with pytest.raises(ScenarioError, match=message):
+            simulate(Scenario("duration=0.1", *overrides))
 
 
 def test_the_delay_of_the_model_limits_the_step():

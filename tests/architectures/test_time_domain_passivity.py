@@ -183,15 +183,12 @@ def test_bad_parameters_of_the_blocks():
                 PassivityMaster(replace(CONFIG, **{name: value}), num_axes=1)
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
+def test_bad_input_is_named():
+    for override, message in [
         (f"controller.{KIND}.horizon=0", f"controller.{KIND}.horizon = 0.0"),
         (f"controller.{KIND}.initial_energy=-1", "initial_energy = -1.0: must be"),
         (f"controller.{KIND}.maximum_damping=0", "maximum_damping = 0.0: must be"),
         ("haptic_device.numerator=[50]", f"controller.{KIND}.maximum_mobility = null"),
-    ],
-)
-def test_bad_input_is_named(override, message):
-    with pytest.raises(ScenarioError, match=message):
-        Passivity("one_dof", "duration=0.1", override)
+    ]:
+        with pytest.raises(ScenarioError, match=message):
+            Passivity("one_dof", "duration=0.1", override)

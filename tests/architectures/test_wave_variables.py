@@ -166,9 +166,8 @@ def test_defaults_match_the_operator():
     assert (config.forward_scaling, config.return_scaling) == (1.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
+def test_bad_input_is_named():
+    for overrides, message in [
         (["controller.wave_variables.impedance=0"], "wave_variables.impedance = 0.0"),
         (["controller.wave_variables.forward_scaling=2"], "forward_scaling = 2.0: "),
         (
@@ -187,8 +186,6 @@ def test_defaults_match_the_operator():
             ],
             "controller.wave_variables.master_damping = ",
         ),
-    ],
-)
-def test_bad_input_is_named(overrides, message):
-    with pytest.raises(ScenarioError, match=message):
-        Wave("one_dof", "duration=0.1", *overrides)
+    ]:
+        with pytest.raises(ScenarioError, match=message):
+            Wave("one_dof", "duration=0.1", *overrides)

@@ -85,26 +85,23 @@ def test_what_others_are_told(config, step, period, passes, delay, note):
     assert note is None or told.note.startswith("return_channel: ")
 
 
-@pytest.mark.parametrize(
-    ("config", "block_type"),
-    [
+def test_the_block_delivers_the_initial_value_first():
+    for config, block_type in [
         (TransportChannelConfig(delay=0.1), TransportDelay),
         (VariableChannelConfig(delay=0.1), VariableDelay),
         (SampledChannelConfig(delay=0.1, sample_period=0.02), SampledDelay),
         (Network(), NetworkDelay),
-    ],
-)
-def test_the_block_delivers_the_initial_value_first(config, block_type):
-    block = config.MakeChannel(size=2, initial_value=[1.0, 2.0], duration=DURATION)
-    assert isinstance(block, block_type)
-    assert not block.HasAnyDirectFeedthrough()
-    context = block.CreateDefaultContext()
-    output = block.GetOutputPort("delayed_signal").Eval(context)
-    assert output.tolist() == [1.0, 2.0]
-    config.delay = 0.0
-    if config.IsPassThrough():
-        block = config.MakeChannel(size=2, initial_value=[1.0, 2.0])
-        assert block.HasAnyDirectFeedthrough()
+    ]:
+        block = config.MakeChannel(size=2, initial_value=[1.0, 2.0], duration=DURATION)
+        assert isinstance(block, block_type)
+        assert not block.HasAnyDirectFeedthrough()
+        context = block.CreateDefaultContext()
+        output = block.GetOutputPort("delayed_signal").Eval(context)
+        assert output.tolist() == [1.0, 2.0]
+        config.delay = 0.0
+        if config.IsPassThrough():
+            block = config.MakeChannel(size=2, initial_value=[1.0, 2.0])
+            assert block.HasAnyDirectFeedthrough()
 
 
 @pytest.mark.parametrize(
@@ -133,18 +130,15 @@ def test_what_is_refused(config, message):
     assert str(error.value).startswith(f"channel{message}")
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
+def test_what_is_no_constant_delay():
+    for fields, message in [
         ({"receiver": Receiver(policy="extrapolate")},
          r"return_channel.receiver.policy = 'extrapolate': must be newest"),
         ({"loss": Loss(kind="independent", probability=1.0)},
          "return_channel: must deliver a packet within the duration, 20 s"),
-    ],
-)  # fmt: skip
-def test_what_is_no_constant_delay(fields, message):
-    with pytest.raises(ScenarioError, match=message):
-        Network(**fields).AsConstantDelay("return_channel", DURATION)
+    ]:  # fmt: skip
+        with pytest.raises(ScenarioError, match=message):
+            Network(**fields).AsConstantDelay("return_channel", DURATION)
 
 
 def test_arrivals():

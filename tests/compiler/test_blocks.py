@@ -57,9 +57,8 @@ WAVES = WaveVariablesConfig(
 MATCHED = replace(WAVES, master_damping=2.0, return_scaling=0.9)
 
 
-@pytest.mark.parametrize(
-    "block",
-    [
+def test_a_variant_has_a_kernel():
+    for block in [
         WaveMaster(WAVES, start=[0.1, 0]),
         WaveMaster(MATCHED, start=[0.1, 0]),
         WaveSlave(WAVES, num_axes=2),
@@ -68,11 +67,8 @@ MATCHED = replace(WAVES, master_damping=2.0, return_scaling=0.9)
         TransportDelay(delay=0, size=2),
         DisturbanceForce(kind="linear", gain=I),
         DisturbanceForce(kind="coupled", gain=I),
-    ],
-    ids=lambda block: type(block).__name__,
-)
-def test_a_variant_has_a_kernel(block):
-    CheckKernel(block)
+    ]:
+        CheckKernel(block)
 
 
 def layers():
@@ -159,20 +155,17 @@ def wrong(block, **changes):
     return system
 
 
-@pytest.mark.parametrize(
-    "block, changes",
-    [
+def test_a_wrong_transition_or_delay_is_found():
+    for block, changes in [
         ("operator", {"guard": WRONG_PLACE}),
         ("operator", {"mode": (with_stop, "mode")}),
         ("transport", {"time": 0.301}),
         ("transport", {"initial_value": [1, 2.1]}),
         ("variable", {"time": lambda t: 0.2}),
         ("network", {"shown": lambda k: np.inf}),
-    ],
-)
-def test_a_wrong_transition_or_delay_is_found(block, changes):
-    with pytest.raises(KernelDisagrees, match="its kernel says"):
-        CheckKernel(wrong(block, **changes), num_states=1)
+    ]:
+        with pytest.raises(KernelDisagrees, match="its kernel says"):
+            CheckKernel(wrong(block, **changes), num_states=1)
 
 
 class Limit(LeafSystem):

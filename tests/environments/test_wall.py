@@ -92,9 +92,9 @@ NORMAL = np.array([0.8, 0.6])
 ALONG = np.outer(NORMAL, NORMAL)
 
 
-@pytest.mark.parametrize(
-    ("config", "stiffness", "damping"),
-    [
+def test_slopes():
+    """Of the force at rest: what it is to analyze and to the architectures."""
+    for config, stiffness, damping in [
         (
             HuntCrossleyConfig(start=0.0, stiffness=2000.0, damping=1.5),
             2000 * 1.5 * 0.02**0.5 * ALONG,
@@ -112,15 +112,11 @@ ALONG = np.outer(NORMAL, NORMAL)
             25 * ALONG,
             0 * ALONG,
         ),
-    ],
-    ids=lambda config: getattr(config, "kind", ""),
-)
-def test_slopes(config, stiffness, damping):
-    """Of the force at rest: what it is to analyze and to the architectures."""
-    config.direction = NORMAL
-    K, D = config.StiffnessAndDamping(0.02 * NORMAL)
-    np.testing.assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
+    ]:
+        config.direction = NORMAL
+        K, D = config.StiffnessAndDamping(0.02 * NORMAL)
+        np.testing.assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
 
 
 def test_equation_of_the_solid():
@@ -157,9 +153,8 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
     np.testing.assert_allclose(models[1] - models[0], expected, atol=1e-4 * scale)
 
 
-@pytest.mark.parametrize(
-    ("kind", "change", "message"),
-    [
+def test_refuses():
+    for kind, change, message in [
         ("hunt_crossley", "direction: [0, 0]", "direction = [0.0, 0.0]: must be"),
         ("hunt_crossley", "direction: [1]", "direction = [1.0]: must be"),
         ("hunt_crossley", "start: .inf", "start = inf: must be"),
@@ -173,10 +168,8 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
         ("standard_linear_solid", "branch_stiffness: 0", "branch_stiffness = 0.0: mus"),
         ("standard_linear_solid", "relaxation_time: null", "relaxation_time = null: m"),
         ("standard_linear_solid", "relaxation_time: 0", "relaxation_time = 0.0: must"),
-    ],
-)
-def test_refuses(kind, change, message):
-    assert Refusal(kind, change).startswith(f"environment.{message}")
+    ]:
+        assert Refusal(kind, change).startswith(f"environment.{message}")
 
 
 def test_refuses_a_wall_behind_the_start():

@@ -42,9 +42,8 @@ def test_states_of_one_axis_stand_together():
     np.testing.assert_array_equal(B, [[0, 0], [1, 0], [0, 0], [0, 1]])
 
 
-@pytest.mark.parametrize(
-    ("numerator", "denominator", "num_axes", "message"),
-    [
+def test_bad_arguments():
+    for numerator, denominator, num_axes, message in [
         ([1, 2, 3], [1, 2], 1, "numerator = .*must be of degree 1 at most"),
         ([1], [0, 1], 1, "denominator = .*whose first coefficient is not zero"),
         ([1], [], 1, "denominator = .*must be a vector"),
@@ -52,11 +51,9 @@ def test_states_of_one_axis_stand_together():
         ([1], [1, float("nan")], 1, "denominator = .*must be finite"),
         ([float("inf")], [1, 1], 1, "numerator = .*must be finite"),
         ([1], [1, 1], 0, "num_axes = 0: must be a finite number >= 1"),
-    ],
-)
-def test_bad_arguments(numerator, denominator, num_axes, message):
-    with pytest.raises(ValueError, match=message):
-        realize_transfer_function(numerator, denominator, num_axes=num_axes)
+    ]:
+        with pytest.raises(ValueError, match=message):
+            realize_transfer_function(numerator, denominator, num_axes=num_axes)
 
 
 def test_low_frequency_resistance():

@@ -146,18 +146,15 @@ def test_feedthrough():
             ) == (output == "force_command" and source == "haptic_force")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_bad_parameters():
+    for arguments, message in [
         ({"velocity": [math.nan]}, "velocity = "),
         ({"contact_force": [1.0, 2.0]}, "contact_force = .*1 finite"),
         ({"contact_surface": Surface("a", [math.inf], [1.0])}, "contact_surface"),
         ({"stop_time": -1.0}, "stop_time = -1.0"),
-    ],
-)
-def test_bad_parameters(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
+    ]:
+        with pytest.raises(ValueError, match=message):
+            ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
 
 
 def Commands(dut, times):

@@ -142,9 +142,8 @@ def NoOutputs():
     return diagram
 
 
-@pytest.mark.parametrize(
-    ("make", "options", "message"),
-    [
+def test_bad_input():
+    for make, options, message in [
         (Halver, {}, "diagram = 'Halver': must be a Diagram, which"),
         (Open, {}, "input of open = 'force': must be connected to a source"),
         (NoOutputs, {}, "outputs of silent = null: must be one vector or more"),
@@ -152,12 +151,10 @@ def NoOutputs():
         (NoOutputs, {"duration": -1.0}, "duration = -1.0: must be"),
         (NoOutputs, {"engine": "fast"}, "engine = 'fast': must be"),
         (NoOutputs, {"teleoperator": 1}, "teleoperator, task = 1: must be left out"),
-    ],
-)
-def test_bad_input(make, options, message):
-    with pytest.raises(ScenarioError) as info:
-        simulate(make(), **{"duration": 1.0} | options)
-    assert str(info.value).startswith(message) and "\n" not in str(info.value)
+    ]:
+        with pytest.raises(ScenarioError) as info:
+            simulate(make(), **{"duration": 1.0} | options)
+        assert str(info.value).startswith(message) and "\n" not in str(info.value)
 
 
 def test_numbers_that_leave_the_finite_end_a_run():

@@ -64,9 +64,8 @@ def Files(folder):
 # What is swept.
 
 
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
+def test_parse_values():
+    for text, values in [
         ("0:0.4:5", [0.0, 0.1, 0.2, 0.3, 0.4]),
         ("0:0.3:4", [0.0, 0.1, 0.2, 0.3]),
         ("-1:1e-3:2", [-1.0, 0.001]),
@@ -78,10 +77,8 @@ def Files(folder):
         ("auto,4.3,null", ["auto", 4.3, None]),
         ("[0.1, 0],[0.2, 0]", [[0.1, 0], [0.2, 0]]),
         ("{kind: sampled, delay: 0.1}", [{"kind": "sampled", "delay": 0.1}]),
-    ],
-)
-def test_parse_values(text, values):
-    assert ParseValues(text) == values
+    ]:
+        assert ParseValues(text) == values
 
 
 def test_parse_refuses():
@@ -199,9 +196,8 @@ def test_select_metrics():
         SelectMetrics(scenario, ["collisio"])
 
 
-@pytest.mark.parametrize(
-    ("grid", "message"),
-    [
+def test_bad_grids():
+    for grid, message in [
         ({"forward_channel.dealy": [1]}, "forward_channel.dealy = 1: unknown key"),
         ({"delay": [0.1, -0.1]}, r"forward_channel.delay = -0.1: must be"),
         ({"delay": [0.1], "controller": ["direct", *CONTROLLERS]}, "controller.kind"),
@@ -214,12 +210,10 @@ def test_select_metrics():
         ({"duration": [1.0]}, "grid.duration: must leave duration alone, overrides"),
         ({"delay": range(1000), "robot.mass": range(1, 200)}, "199000 runs: must be"),
         ({"seed": [1, 2]}, "grid.seed = .*no channel is random"),
-    ],
-)
-def test_bad_grids(grid, message):
-    with pytest.raises(ValueError, match=message) as info:
-        PlanSweep("one_dof", grid, overrides=SHORT)
-    assert "\n" not in str(info.value)
+    ]:
+        with pytest.raises(ValueError, match=message) as info:
+            PlanSweep("one_dof", grid, overrides=SHORT)
+        assert "\n" not in str(info.value)
 
 
 def test_two_names_of_a_field_are_refused():
@@ -609,9 +603,8 @@ def test_the_controllers_are_a_choice():
     assert Axes(scenario="network_tracking_linear") == {}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_bad_input(capsys):
+    for options, message in [
         (["--delay", "0:0.4"], "grid.delay = '0:0.4': must be START:STOP:COUNT or"),
         (["--delay", "0:0.4:0"], "grid.delay = '0:0.4:0': COUNT must be 1 to"),
         (["--vary", "robot.mass"], "--vary = 'robot.mass': must be PATH=VALUES"),
@@ -629,16 +622,14 @@ def test_the_controllers_are_a_choice():
         (["--seeds", "0"], "seeds = 0: must be 1 to"),
         (["--out", "file"], "out = 'file': must be a folder that can be written"),
         (["--json", "none/x.json"], "--json = 'none/x.json': must be where"),
-    ],
-)
-def test_bad_input(options, message, capsys):
-    Path("file").touch()
-    assert main(["sweep", "one_dof", *OPTIONS, *options]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"teleop-drake: error: {message}")
-    assert err.count("\n") == 1
-    assert os.listdir() == ["file"]
+    ]:
+        Path("file").touch()
+        assert main(["sweep", "one_dof", *OPTIONS, *options]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"teleop-drake: error: {message}")
+        assert err.count("\n") == 1
+        assert os.listdir() == ["file"]
 
 
 # Figures.
