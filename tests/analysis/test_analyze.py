@@ -117,9 +117,8 @@ def test_files(capsys, unrendered):
     assert record["chart"]["analyses"][0]["controller"] == "direct_force"
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
+def test_bad_input(capsys):
+    for command, message in [
         ("one_dot", "scenario = 'one_dot': must be one of "),
         ("one_dof --max-delay 0", "max_delay = 0.0: must be a finite number > 0 (s)"),
         ("one_dof --max-delay soon", "argument --max-delay: invalid float value: 'so"),
@@ -149,17 +148,15 @@ def test_files(capsys, unrendered):
         ),
         ("one_dof --out file", "--out = 'file': must be a folder that can be"),
         ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
-    ],
-)
-def test_bad_input(command, message, capsys):
-    Path("file").touch()
-    command = ["analyze", *re.split(r"(?<![:,]) ", command), "--quiet"]
-    assert main(command) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"teleop-drake: error: {message}")
-    assert err.count("\n") == 1 and err.endswith("\n")
-    assert os.listdir() == ["file"]
+    ]:
+        Path("file").touch()
+        command = ["analyze", *re.split(r"(?<![:,]) ", command), "--quiet"]
+        assert main(command) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"teleop-drake: error: {message}")
+        assert err.count("\n") == 1 and err.endswith("\n")
+        assert os.listdir() == ["file"]
 
 
 def Chart(capsys, *options):

@@ -297,9 +297,8 @@ def test_a_run_that_comes_no_further_ends_with_its_reason(capsys, monkeypatch):
     assert line.startswith("teleop-drake: error: duration = 1: must be at most ")
 
 
-@pytest.mark.parametrize(
-    ("command", "options", "message"),
-    [
+def test_what_a_figure_cannot_show_is_refused(capsys):
+    for command, options, message in [
         ("compare", ["--vary", "delay"], "--vary = 'delay': must be PATH=VALUES"),
         ("compare", ["--vary", "delay=a:b:c"], "grid.delay = 'a:b:c': must be START"),
         ("compare", ["--vary", "dely=1,2"], "dely = 1: unknown key 'dely'"),
@@ -309,12 +308,10 @@ def test_a_run_that_comes_no_further_ends_with_its_reason(capsys, monkeypatch):
         ("run", ["--signals", "psy", "--out", "."],
          "--signals = 'psy': must be one of"),
         ("run", ["--window", "1:2", "--out", "."], "time = [1.0, 2.0]: must be before"),
-    ],
-)  # fmt: skip
-def test_what_a_figure_cannot_show_is_refused(command, options, message, capsys):
-    assert main([command, "one_dof", *SHORT, *options]) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert message in error
+    ]:  # fmt: skip
+        assert main([command, "one_dof", *SHORT, *options]) == 2
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert message in error
 
 
 @pytest.mark.slow
@@ -387,9 +384,8 @@ def no_simulation(monkeypatch):
     monkeypatch.setattr(teleop_drake.simulation, "simulate", fail)
 
 
-@pytest.mark.parametrize(
-    "command, message",
-    [
+def test_bad_input(no_simulation, capsys):
+    for command, message in [
         ("", "the following arguments are required: COMMAND"),
         ("rum one_dof", "argument COMMAND: invalid choice: 'rum'"),
         ("run", "the following arguments are required: SCENARIO"),
@@ -417,16 +413,14 @@ def no_simulation(monkeypatch):
         ("diagram one_dof -o a.txt",
          "--output: path = 'a.txt': must be a file that ends"),
         ("diagram one_dof -o no/a.dot", "--output: "),
-    ],
-)  # fmt: skip
-def test_bad_input(command, message, no_simulation, capsys):
-    Path("file").touch()
-    assert main(command.split()) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"teleop-drake: error: {message}")
-    assert err.count("\n") == 1 and err.endswith("\n")
-    assert os.listdir() == ["file"]
+    ]:  # fmt: skip
+        Path("file").touch()
+        assert main(command.split()) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"teleop-drake: error: {message}")
+        assert err.count("\n") == 1 and err.endswith("\n")
+        assert os.listdir() == ["file"]
 
 
 def test_failed_write_leaves_nothing(monkeypatch, capsys):
