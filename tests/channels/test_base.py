@@ -107,10 +107,8 @@ def test_the_block_delivers_the_initial_value_first():
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (Wire(delay=-0.1), ".delay = -0.1: must be 0 or a finite number >= 1e-06"),
         (Wire(delay=SHORTEST_TIME / 2), ".delay = 5e-07: must be 0 or a finite"),
         (Wire(delay=math.inf), ".delay = inf: must be 0 or a finite number"),
-        (Wire(delay=math.nan), ".delay = nan: must be 0 or a finite number"),
         (Wire(seed=-1), ".seed = -1: must be a whole number >= 0"),
         (Wire(delay=SHORTEST_TIME), None),
         (VariableChannelConfig(delay=0.0), ".delay = 0.0: must be such that"),

@@ -91,7 +91,6 @@ def test_bad_parameters():
         *((block, {"delay": delay}, f"delay = {delay}: must")
           for block in (TransportDelay, SampledDelay)
           for delay in (-1.0, math.nan)),
-        (TransportDelay, {"delay": math.inf}, "delay = inf: must"),
         (TransportDelay, {"max_sample_interval": 0.2}, "interval = 0.2: must"),
         (TransportDelay, {"max_sample_interval": math.nan}, "interval = nan: must"),
         (VariableDelay, {"max_sample_interval": 0.06}, "interval = 0.06: must"),
@@ -100,7 +99,6 @@ def test_bad_parameters():
          "drift = 1.5: must be such"),
         (SampledDelay, {"sample_period": 0.2}, "= 0.2: must be at most the delay"),
         (SampledDelay, {"sample_period": 0.0}, "sample_period = 0.0: must"),
-        (SampledDelay, {"sample_period": math.nan}, "sample_period = nan: must"),
         (NetworkDelay, {"receiver": Receiver(policy="last")},
          "receiver.policy = 'last': must be one of newest, playout"),
         (NetworkDelay, {"receiver": Receiver(policy="playout", depth=-1)},

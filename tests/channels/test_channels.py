@@ -152,10 +152,8 @@ def test_round_trip():
 
 BAD = {
     "kind: network": "sample_period = null: must be a finite number >= 1e-06",
-    "kind: network, sample_period: 5.0e-7": "sample_period = 5e-07: must be",
     "kind: variable, sample_period: 0.1": "sample_period = 0.1: must be null",
     "seed: 0.5": "seed = 0.5: must be a whole number",
-    "seed: -1": "seed = -1: must be a whole number >= 0",
     "jitter: {kind: uniform}": "jitter.kind = 'uniform': must be 'none' for a tra",
     "trace: x.csv": "trace = 'x.csv': must be null for a transport channel",
     "kind: variable, receiver: {depth: 1}": "receiver.depth = 1.0: must be 0.0 for",
