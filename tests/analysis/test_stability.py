@@ -302,24 +302,23 @@ def test_force_that_is_held_leaves_the_slider_alone():
     assert held.stable_delays == [(0.0, 2.0)] and held.margin is None
 
 
-@pytest.mark.parametrize(
-    ("overrides", "reason"),
-    [
+def test_no_loop_of_a_held_force():
+    for overrides, reason in [
         ({"surgeon.contact_force": None}, ""),
         ({"surgeon.contact_force": [-0.1]}, "the tool does not rest under it"),
         (
             {"surgeon.kind": "own_kinds:FadingConfig"},
             "own_kinds:FadingConfig does not tell it",
         ),
-    ],
-)
-def test_no_loop_of_a_held_force(overrides, reason):
-    analysis = Analyze("one_dof", **overrides)
-    bone = analysis.ToRecord()["operating_points"][2]
-    assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
-    note = "The loop in bone once the operator holds a force there is not known: "
-    note += f"{reason}."
-    assert [x for x in analysis.notes if "holds a force" in x] == [note] * bool(reason)
+    ]:
+        analysis = Analyze("one_dof", **overrides)
+        bone = analysis.ToRecord()["operating_points"][2]
+        assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
+        note = "The loop in bone once the operator holds a force there is not known: "
+        note += f"{reason}."
+        assert [x for x in analysis.notes if "holds a force" in x] == [note] * bool(
+            reason
+        )
 
 
 def PredictorDeterminant(s, T, model_mass, k, d):

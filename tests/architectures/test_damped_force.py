@@ -60,17 +60,16 @@ def test_others_that_stand_on_the_damper_come_to_rest(kind):
     assert settled == [None, pytest.approx(0.5887, rel=5e-3)]
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
+def test_bad_input_is_named():
+    for overrides, message in [
         (["controller.damped_force.damping=-1"], r"damping = -1.0: must be null, not"),
         (
             ["haptic_device.numerator=[25.0]", "haptic_device.denominator=[1.0, 25.0]"],
             "damping = null: must be a number, because none derives from haptic_device",
         ),
-    ],
-)
-def test_bad_input_is_named(overrides, message):
-    with pytest.raises(ScenarioError, match=f"controller.damped_force.{message}"):
-        scenario = LoadScenario("one_dof", ["controller.kind=damped_force", *overrides])
-        MakeControlLaw(scenario)
+    ]:
+        with pytest.raises(ScenarioError, match=f"controller.damped_force.{message}"):
+            scenario = LoadScenario(
+                "one_dof", ["controller.kind=damped_force", *overrides]
+            )
+            MakeControlLaw(scenario)

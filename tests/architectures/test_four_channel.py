@@ -146,21 +146,17 @@ def test_defaults_derive_from_the_delays_and_the_robot():
     assert config.C_s.stiffness == pytest.approx(config.C_m.stiffness)
 
 
-@pytest.mark.parametrize(
-    ("variant", "name"),
-    # In force-force nothing ties the motions of two different masses together.
-    [
+def test_without_delay_the_tool_follows_the_command():
+    for variant, name in [
         *((variant, "one_dof") for variant in VARIANTS),
         (VARIANTS[0], "two_dof_puncture"),
-    ],
-)
-def test_without_delay_the_tool_follows_the_command(variant, name):
-    scenario = Scenario(f"variant={variant}", name=name, delay=0)
-    scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
-    recording = simulate(scenario, engine="auto")
-    assert recording.termination == "completed"
-    v = recording["tool_velocity"][-1, 0]
-    assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
+    ]:
+        scenario = Scenario(f"variant={variant}", name=name, delay=0)
+        scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
+        recording = simulate(scenario, engine="auto")
+        assert recording.termination == "completed"
+        v = recording["tool_velocity"][-1, 0]
+        assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
 
 
 def test_a_lasting_force_arrives_as_it_was_sent():

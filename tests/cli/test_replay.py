@@ -86,9 +86,8 @@ def test_an_interrupted_run_is_written_and_not_opened(out, monkeypatch):
     assert not out or Runs("a.html") == ["direct force"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_bad_input(recording, capsys):
+    for arguments, message in [
         (["a.npz", "--out", "a.gif"], "--out = 'a.gif': must end in .html"),
         (["a.npz", "--out", "no/a.html"], "--out = 'no/a.html': must be where"),
         (["a.npz", "--delay", "1"], "--delay = '1': must be left out with a recording"),
@@ -96,10 +95,8 @@ def test_an_interrupted_run_is_written_and_not_opened(out, monkeypatch):
         (["b.npz"], "FILE.npz = 'b.npz': must be a file that can be read (No such"),
         (["one_dof", "a.npz"], "FILE.npz = 'a.npz': must be left out after a scenario"),
         (["one_dof", "--controllers", "a,a"], "--controllers = 'a,a': must be diff"),
-    ],
-)
-def test_bad_input(arguments, message, recording, capsys):
-    assert message in Refused(capsys, "replay", *arguments)
+    ]:
+        assert message in Refused(capsys, "replay", *arguments)
 
 
 def test_half_a_recording_is_none(recording, capsys):

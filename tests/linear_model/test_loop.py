@@ -399,14 +399,6 @@ def test_no_difference_crosses_a_border():
         LinearizeLoop(scenario, replace(model.point, position=np.array([0.015])))
 
 
-def test_path():
-    scenario = LoadScenario("two_dof_combined")
-    inside = OperatingPointAt(scenario, 1.11)
-    assert inside.name == "bone" and np.all(inside.velocity == 0)
-    before = OperatingPointAt(scenario, 1.05)
-    assert before.name == "free" and before.velocity[0] == 0.1
-
-
 def test_no_point_is_invented_where_surfaces_are_not_told():
     with pytest.raises(ScenarioError, match=r"^environment = 'LeafSystem': must "):
         OperatingPoints(LoadScenario("two_dof_collision"), environment=LeafSystem())

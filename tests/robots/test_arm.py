@@ -203,7 +203,6 @@ def test_bad_fields_get_one_clear_line():
     for fields, message in [
         ({"start": [2.0, 0.0, 0.2]}, "the tool, which comes no nearer than 1.3"),
         ({"start": [0.6999, 0.0, 0.2]}, "singular poses .* smallest singular value"),
-        ({"start": []}, "robot.start = .*: must be a list of 1, 2 or 3 finite numbers"),
         ({"file": None}, "robot.file = null: must be the path of an .sdf or .urdf"),
         ({"file": "no.urdf"}, "robot.file = 'no.urdf': must be readable .No such file"),
         ({"posture": [0.0]}, r"robot.posture = \[0.0\]: must be a list of 3 finite"),

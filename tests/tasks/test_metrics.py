@@ -227,25 +227,6 @@ def test_task_against_closed_forms(steps):
     assert (metrics["diverged"], metrics["diverged_at"]) == (False, None)
 
 
-@pytest.mark.parametrize("steps", STEPS)
-def test_rms_errors_do_not_depend_on_the_steps(steps):
-    phases = TaskPhases()
-    for phase in phases:
-        phase.F_hd = lambda t: 1e-3 * np.cos(3 * t)
-    metrics = RunMetrics(Record(phases, steps))
-    dense = {"v": 0.0, "F": 0.0}
-    layers = LoadScenario("one_dof").environment.layers
-    for phase, layer in zip(phases, [0, 1, 2, 1, 2], strict=True):
-        t = np.linspace(0, phase.duration, 20_001)
-        F_e = layer_force(layers[layer], phase.x(t), phase.v(t))
-        dense["v"] += np.trapezoid((phase.v(t) - V_D) ** 2, t)
-        dense["F"] += np.trapezoid((F_e - phase.F_hd(t)) ** 2, t)
-    duration = sum(phase.duration for phase in phases)
-    expected = {name: math.sqrt(value / duration) for name, value in dense.items()}
-    assert metrics["velocity_rms_error"] == pytest.approx([expected["v"]], rel=1e-6)
-    assert metrics["force_rms_error"] == pytest.approx([expected["F"]], rel=1e-6)
-
-
 @given(
     phase=st.floats(0, 2 * math.pi),
     amplitude=st.floats(1e-5, 1e-3),
