@@ -1,6 +1,7 @@
 """The seam: an architecture is a master side and a slave side, and nothing else."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -12,10 +13,7 @@ from teleop_drake.architectures import Architecture
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.figures.runs import PlotRun
 from teleop_drake.recording import LoadRecording
-from teleop_drake.scenario import (
-    ARCHITECTURES,
-    LoadScenario,
-)
+from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import (
     MakeArchitecture,
@@ -167,6 +165,62 @@ def test_every_other_architecture_resolves_its_defaults():
                 )
     auto = LoadScenario("two_dof_combined", {"controller.initial_psi": "auto"})
     np.testing.assert_array_equal(ResolveController(auto).Psi0, auto.initial_psi)
+
+
+# Of each kind: fields of its own and others, and the beginning of what is said.
+BAD = {
+    "damped_force": {
+        "damping=-1": "damping = -1.0: must be null, not",
+        "haptic_device.numerator=[25] haptic_device.denominator=[1,25]":
+            "damping = null: must be a number, because none derives from haptic_device",
+    },
+    "four_channel": {
+        "variant=three_channel": "variant = 'three_channel': ",
+        "C1=.inf": "C1 = inf: must be a finite number",
+        "C_m.stiffness=-1": "C_m.stiffness = -1.0: must be",
+        "C_s.gain=1": "C_s.gain = 1: unknown key",
+    },
+    "proportional_damping": {
+        "margin=1": "margin = 1.0: must be",
+        "master_mass=0": "master_mass = 0.0: must be",
+        "stiffness=-1": "stiffness = -1.0: must be",
+        "master_damping=0": "stiffness = null",
+        "haptic_device.numerator=[50]": "master_damping = null",
+    },
+    "smith_predictor": {
+        "mass=0": "mass = 0.0: must be",
+        "damping=-1": "damping = -1.0: must be null, not neg",
+        "delay=-1": "delay = -1.0: must be a finite number >= 0",
+    },
+    "time_domain_passivity": {
+        "horizon=0": "horizon = 0.0",
+        "initial_energy=-1": "initial_energy = -1.0: must be",
+        "maximum_damping=0": "maximum_damping = 0.0: must be",
+        "haptic_device.numerator=[50]": "maximum_mobility = null",
+    },
+    "wave_variables": {
+        "impedance=0": "impedance = 0.0",
+        "forward_scaling=2": "forward_scaling = 2.0: ",
+        "haptic_device.numerator=[0,50]": "impedance = null",
+        "haptic_device.numerator=[1,9] haptic_device.denominator=[1,2]":
+            "haptic_device.numerator",
+        "master_damping=0 forward_channel.delay=0 return_channel.delay=0":
+            "master_damping = ",
+    },
+}  # fmt: skip
+
+
+def test_bad_input_is_named():
+    for kind, rows in BAD.items():
+        own = f"controller.{kind}."
+        for changes, message in rows.items():
+            overrides = [f"controller.kind={kind}"]
+            for change in changes.split():
+                is_other = re.match(r"\w+(_device|_channel)\.", change)
+                overrides.append(change if is_other else own + change)
+            message = rf"^({own})?{re.escape(message)}"
+            with pytest.raises(ScenarioError, match=message):
+                MakeTeleoperator(LoadScenario("one_dof", overrides))
 
 
 def test_the_thesis_has_no_master_side():

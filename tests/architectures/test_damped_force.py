@@ -5,9 +5,9 @@ import pytest
 from blocks import AssertFeedthroughIsReal, Block, RandomInputs
 
 from teleop_drake.architectures.damped_force import DampedForce, DampedForceConfig
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeControlLaw, ResolveController
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 
@@ -58,18 +58,3 @@ def test_others_that_stand_on_the_damper_come_to_rest(kind):
         metrics = RunMetrics(simulate(scenario, engine="auto"))
         settled.append(metrics["collision"]["settling_time"])
     assert settled == [None, pytest.approx(0.5887, rel=5e-3)]
-
-
-def test_bad_input_is_named():
-    for overrides, message in [
-        (["controller.damped_force.damping=-1"], r"damping = -1.0: must be null, not"),
-        (
-            ["haptic_device.numerator=[25.0]", "haptic_device.denominator=[1.0, 25.0]"],
-            "damping = null: must be a number, because none derives from haptic_device",
-        ),
-    ]:
-        with pytest.raises(ScenarioError, match=f"controller.damped_force.{message}"):
-            scenario = LoadScenario(
-                "one_dof", ["controller.kind=damped_force", *overrides]
-            )
-            MakeControlLaw(scenario)

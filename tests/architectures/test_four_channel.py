@@ -11,7 +11,7 @@ from teleop_drake.architectures.four_channel import (
     FourChannelSlave,
     LocalController,
 )
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeArchitecture, ResolveController
 
@@ -177,14 +177,3 @@ def test_bad_parameters_of_the_blocks():
                 FourChannelSlave if name in slave else FourChannelMaster,
                 **{name: value},
             )
-
-
-def test_bad_input_is_named():
-    for override, message in [
-        ("variant=three_channel", "four_channel.variant = .three_channel.: "),
-        ("C1=.inf", "controller.four_channel.C1 = inf: must be a finite number"),
-        ("C_m.stiffness=-1", "controller.four_channel.C_m.stiffness = -1.0: must be"),
-        ("C_s={gain: 1}", "controller.four_channel.C_s.gain = 1: unknown key"),
-    ]:
-        with pytest.raises(ScenarioError, match=message):
-            Scenario(override)

@@ -13,7 +13,7 @@ from teleop_drake.architectures.proportional_damping import (
     ProportionalMaster,
     ProportionalSlave,
 )
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
@@ -94,16 +94,3 @@ def test_bad_parameters_of_the_blocks():
         ProportionalMaster(CONFIG, start=[np.nan])
     with pytest.raises(ValueError, match="stiffness = null"):
         ProportionalSlave(replace(CONFIG, stiffness=None), num_axes=2)
-
-
-def test_bad_input_is_named():
-    for override, message in [
-        (f"controller.{KIND}.margin=1", f"controller.{KIND}.margin = 1.0: must be"),
-        (f"controller.{KIND}.master_mass=0", "master_mass = 0.0: must be"),
-        (f"controller.{KIND}.stiffness=-1", "stiffness = -1.0: must be"),
-        (f"controller.{KIND}.master_damping=0", f"controller.{KIND}.stiffness = null"),
-        ("haptic_device.numerator=[50]", f"controller.{KIND}.master_damping = null"),
-    ]:
-        overrides = ["duration=0.1", override, f"controller.kind={KIND}"]
-        with pytest.raises(ScenarioError, match=message):
-            simulate(LoadScenario("one_dof", overrides), engine="auto")

@@ -14,7 +14,7 @@ from teleop_drake.architectures.time_domain_passivity import (
     PassivitySlave,
     TimeDomainPassivityConfig,
 )
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 
@@ -181,14 +181,3 @@ def test_bad_parameters_of_the_blocks():
         for value in (0.0, None):
             with pytest.raises(ValueError, match=name):
                 PassivityMaster(replace(CONFIG, **{name: value}), num_axes=1)
-
-
-def test_bad_input_is_named():
-    for override, message in [
-        (f"controller.{KIND}.horizon=0", f"controller.{KIND}.horizon = 0.0"),
-        (f"controller.{KIND}.initial_energy=-1", "initial_energy = -1.0: must be"),
-        (f"controller.{KIND}.maximum_damping=0", "maximum_damping = 0.0: must be"),
-        ("haptic_device.numerator=[50]", f"controller.{KIND}.maximum_mobility = null"),
-    ]:
-        with pytest.raises(ScenarioError, match=message):
-            Passivity("one_dof", "duration=0.1", override)

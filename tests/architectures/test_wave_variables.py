@@ -16,7 +16,7 @@ from teleop_drake.architectures.wave_variables import (
     WaveSlave,
     WaveVariablesConfig,
 )
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
@@ -164,28 +164,3 @@ def test_defaults_match_the_operator():
     assert config.impedance == pytest.approx(0.92 * np.eye(2))
     assert config.master_damping == pytest.approx(config.impedance)
     assert (config.forward_scaling, config.return_scaling) == (1.0, 1.0)
-
-
-def test_bad_input_is_named():
-    for overrides, message in [
-        (["controller.wave_variables.impedance=0"], "wave_variables.impedance = 0.0"),
-        (["controller.wave_variables.forward_scaling=2"], "forward_scaling = 2.0: "),
-        (
-            ["haptic_device.numerator=[0, 50]", "haptic_device.denominator=[1, 25, 0]"],
-            "controller.wave_variables.impedance = null",
-        ),
-        (
-            ["haptic_device.numerator=[1, 9]", "haptic_device.denominator=[1, 2]"],
-            "haptic_device.numerator",
-        ),
-        (
-            [
-                "controller.wave_variables.master_damping=0",
-                "forward_channel.delay=0",
-                "return_channel.delay=0",
-            ],
-            "controller.wave_variables.master_damping = ",
-        ),
-    ]:
-        with pytest.raises(ScenarioError, match=message):
-            Wave("one_dof", "duration=0.1", *overrides)
