@@ -35,11 +35,9 @@ def test_what_is_not_told_is_not_guessed():
     ]:
         with pytest.raises(ScenarioError, match=rf"^controller.mass = null: .*{who}"):
             Facts(**UNTOLD).Told(fact, "controller.mass")
-        half = Facts(environment_damping=None)
-        with pytest.raises(
-            ScenarioError, match="environment does not tell its damping"
-        ):
-            half.StartDamping("controller.damping")
+    half = Facts(environment_damping=None)
+    with pytest.raises(ScenarioError, match="environment does not tell its damping"):
+        half.StartDamping("controller.damping")
 
 
 def test_delays():

@@ -154,22 +154,18 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
 
 
 def test_refuses():
-    for kind, change, message in [
-        ("hunt_crossley", "direction: [0, 0]", "direction = [0.0, 0.0]: must be"),
-        ("hunt_crossley", "direction: [1]", "direction = [1.0]: must be"),
-        ("hunt_crossley", "start: .inf", "start = inf: must be"),
-        ("hunt_crossley", "stiffness: 0", "stiffness = 0.0: must be"),
-        ("hunt_crossley", "exponent: 0.5", "exponent = 0.5: must be"),
-        ("hunt_crossley", "damping: -1", "damping = -1.0: must be"),
-        ("hunt_crossley", "friction: 1", "friction = 1.0: must be"),
-        ("friction_wall", "friction: -0.1", "friction = -0.1: must be"),
-        ("friction_wall", "creep_speed: 0", "creep_speed = 0.0: must be"),
-        ("standard_linear_solid", "stiffness: -1", "stiffness = -1.0: must be"),
-        ("standard_linear_solid", "branch_stiffness: 0", "branch_stiffness = 0.0: mus"),
-        ("standard_linear_solid", "relaxation_time: null", "relaxation_time = null: m"),
-        ("standard_linear_solid", "relaxation_time: 0", "relaxation_time = 0.0: must"),
+    for kind, *changes in [
+        ("hunt_crossley", "direction: [0, 0]", "direction: [1]", "friction: 1"),
+        ("hunt_crossley", "start: .inf", "stiffness: 0", "exponent: 0.5"),
+        ("hunt_crossley", "damping: -1"),
+        ("friction_wall", "friction: -0.1", "creep_speed: 0"),
+        ("standard_linear_solid", "stiffness: -1", "branch_stiffness: 0"),
+        ("standard_linear_solid", "relaxation_time: null", "relaxation_time: 0"),
     ]:
-        assert Refusal(kind, change).startswith(f"environment.{message}")
+        for change in changes:
+            field, refusal = change.partition(":")[0], Refusal(kind, change)
+            assert refusal.startswith(f"environment.{field} = ")
+            assert ": must be" in refusal
 
 
 def test_refuses_a_wall_behind_the_start():

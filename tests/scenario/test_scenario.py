@@ -352,10 +352,6 @@ BAD_ONE_DOF = [
     ("return_channel.delay=", "return_channel.delay = null: must be a number"),
     ("return_channel.kind=transprot", "return_channel.kind = 'transprot': must be one"),
     ("robot.model=robot", "robot.model = 'robot': must be one of slider, two_link_arm"),
-    (
-        "robot.model=two_link_arm",
-        "robot.mass = 0.5: must be null for a two_link",
-    ),
     ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
     ("robot.elbow=up", "robot.elbow = 'up': must be null for a slider robot"),
     ("surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be non-zero"),

@@ -169,9 +169,8 @@ def test_the_best_of_real_runs(tmp_path):
 COMMAND = ["tune", "two_dof_combined", "--controller", "damped_force"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_bad_input(capsys, monkeypatch, tmp_path):
+    for options, message in [
         (["--gains", "dampin"], "damped_force.dampin: unknown key 'dampin'"),
         (["--gains", "damping=3"], "gains.damping = '3': must be LOW:HIGH"),
         (["--gains", "damping=3:1"], "LOW:HIGH, two numbers, the larger one last"),
@@ -187,15 +186,13 @@ COMMAND = ["tune", "two_dof_combined", "--controller", "damped_force"]
         (["--held-out", "delay"], "must be KEY=VALUES of a scenario, or one study"),
         (["--vary", f"{B}=1,2"], f"gains.{B} = (0.1"),
         (["--delay", "a"], "forward_channel.delay = 'a': must be a number"),
-    ],
-)
-def test_bad_input(options, message, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    given = ["--gains", "damping", "--minimize", FORCE]
-    assert main([*COMMAND, *given, *options]) == 2
-    out, err = capsys.readouterr()
-    assert not out and err.count("\n") == 1 and message in err
-    assert not list(tmp_path.iterdir())
+    ]:
+        monkeypatch.chdir(tmp_path)
+        given = ["--gains", "damping", "--minimize", FORCE]
+        assert main([*COMMAND, *given, *options]) == 2
+        out, err = capsys.readouterr()
+        assert not out and err.count("\n") == 1 and message in err
+        assert not list(tmp_path.iterdir())
 
 
 def test_the_command(capsys, tmp_path, fake_runs):

@@ -130,20 +130,17 @@ def test_command(tmp_path, monkeypatch, capsys, unrendered):
     }
 
 
-@pytest.mark.parametrize(
-    "arguments, parts",
-    [
+def test_bad_input(tmp_path, monkeypatch, capsys):
+    for arguments, parts in [
         (["--only", "4.1,9.9"], ["--only", "'9.9'", "2.1, 2.4", "5.20"]),
         (["--only", ""], ["--only", "2.1, 2.4", "5.20"]),
         (["--format", "jpg"], ["--format", "'jpg'", "png, svg"]),
         (["--out", "/dev/null/x"], ["--out", "/dev/null/x", "folder"]),
-    ],
-)
-def test_bad_input(tmp_path, monkeypatch, capsys, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    assert main(["reproduce", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    for part in parts:
-        assert part in captured.err
+    ]:
+        monkeypatch.chdir(tmp_path)
+        assert main(["reproduce", *arguments]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        for part in parts:
+            assert part in captured.err
