@@ -272,6 +272,7 @@ def test_bad_parameters():
         ({"duration": 0.0}, "duration = 0.0: must be a number > 0"),
         ({"trace": TRACE, "h": 1.5}, "sample_period = 1.5: must be .* <= 1 "),
         ({"h": 0.0}, "sample_period = 0.0: must be"),
+        ({"h": math.inf}, "sample_period = inf: must be"),
         ({"seed": -1}, "seed = -1: must be"),
         (jitter("norm"), "jitter.kind = 'norm': must be one of none,"),
         (jitter("none", std=0.1), "jitter.std = 0.1: must be 0 where"),

@@ -47,7 +47,6 @@ def test_bad_traces(tmp_path):
         ),
         # No header, but a typing error.
         ("O.0,0.1\n1,0.1\n30,0.1\n", "line 1, 'O.0,0.1': must be time,delay in s"),
-        (".0;0.1\n1,0.1\n30,0.1\n", "line 1, '.0;0.1': must be time,delay in s"),
         ("nan,inf\n1,0.1\n30,0.1\n", "line 1, 'nan,inf': must be finite numbers"),
         ("0,0.1\n5,0.1\n", "must be at least as long as the duration, 25 s, not 5 s"),
         (b"\xff\xfe", "must be readable (not UTF-8 text)"),
