@@ -58,7 +58,7 @@ def test_random_values_of_every_input(request, name, more, vary):
     print(f"seed {seed}")
     generator = np.random.default_rng(seed)
     # In the short run test_page.py has the other one.
-    kinds = None if is_long else ["adaptive_backstepping"]
+    kinds = None if is_long else ["direct_force"]
     page = MakePage(name, overrides=more, vary=vary, controllers=kinds)
     data = DataOf(page.html)
     for loop in data["controllers"] * (8 if is_long else 1):

@@ -140,9 +140,11 @@ def test_a_diagram_can_be_simulated_again():
 
 
 def test_the_guard_lets_go_of_the_simulator():
+    gc.disable()  # So that all that is made here is young.
     simulator = MakeSimulator(make_oscillator(), SimulatorConfig())
     simulator.AdvanceTo(0.1)
     reference = weakref.ref(simulator)
     del simulator
-    gc.collect()
+    gc.collect(0)
+    gc.enable()
     assert reference() is None
