@@ -225,6 +225,7 @@ def namespaces(request):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("namespaces")  # Both have the same names.
 def test_through_the_network_of_the_kernel(namespaces, tmp_path):
     kind, prefixes = namespaces
     loop = Loop(tmp_path, "--duration", "2", prefixes=prefixes)
