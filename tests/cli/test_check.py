@@ -71,7 +71,7 @@ def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
             (NEEDLE, "environment.layers.bone.lateral_stiffness=4"),
             (NEEDLE, "robot.payload=0.002"),
         ],
-        but=[0, 2],
+        but=[0],
     ),
 )
 def test_a_wrong_run_is_outside(name, change, tmp_path, capsys):

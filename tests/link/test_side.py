@@ -166,7 +166,8 @@ def test_who_is_left_alone_ends_safe():
     assert sides[0].reason in ("", "the other side has ended")
 
 
-@pytest.mark.parametrize("stopped", Slow([0, 1]))
+@pytest.mark.slow  # The short run has the one that follows.
+@pytest.mark.parametrize("stopped", [0, 1])
 def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered):
     """Its clock jumps by 0.2 s: it sends nothing for so long, and holds what it had."""
     network, sides = Made(duration=0.6, limit=1.0)

@@ -175,7 +175,9 @@ CHOOSE = """
     [
         ("one_dof", ["wave_variables"], ["sine"]),
         ("network_tracking_linear", [], []),
-        ("puma560_six_axes", ["damped_force"], []),
+        pytest.param(
+            *("puma560_six_axes", ["damped_force"], []), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_choices_tasks_and_arms(look, tmp_path, name, kinds, operators):
