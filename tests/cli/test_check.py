@@ -51,7 +51,7 @@ def CheckOwn(name, engine, tmp_path, capsys, *changes):
 
 @pytest.mark.parametrize(
     ("name", "engine"),
-    Slow(CASES, but=[CASES.index((name, "auto")) for name in (NAME, NEEDLE, NETWORK)]),
+    Slow(CASES, but=[CASES.index((name, "auto")) for name in (NAME, NETWORK)]),
 )
 def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
     code, printed = CheckOwn(name, engine, tmp_path, capsys)

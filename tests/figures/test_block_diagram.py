@@ -133,6 +133,7 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
     ]
 
 
+@pytest.mark.slow  # It starts processes.
 def test_dot_text_is_the_same_in_every_build_and_process():
     expected = DiagramDot(MakeLoop())
     # Drake's own text differs here: it sorts connections by memory address and numbers
