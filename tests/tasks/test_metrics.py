@@ -503,6 +503,61 @@ def test_environment_and_robot_of_ones_own():
         )
 
 
+def test_two_axes():
+    """Each axis has its own numbers; the events concern x alone."""
+    scenario = LoadScenario("two_dof_puncture")
+    t = np.arange(0, 3 * math.pi, 0.005)
+    n = len(t)
+    one = np.ones(n)
+    x, y = 0.85 + 0.1 * t / 4, 0.01 * np.sin(2 * t)
+    recording = Record([Still(0.9, 1.0)], RegularSteps(0.5), scenario)
+    recording.time = t
+    recording.steps = np.arange(n - 1).reshape(-1, DEGREE)[:, :1] + np.arange(
+        DEGREE + 1
+    )
+    recording.signals = {
+        "tool_position": np.column_stack([x, y]),
+        "tool_velocity": np.column_stack([0.025 * one, 0.02 * np.cos(2 * t)]),
+        "tool_acceleration": np.column_stack([0 * t, -0.04 * np.sin(2 * t)]),
+        "environment_force": np.column_stack([0.01 * x + 0.5 * 0.025, 0 * t]),
+        "environment_layer": 0 * t[:, None],
+        "control_force": np.column_stack([0.3 * one, -2 * np.sin(t)]),
+        "forward_packet_received": np.column_stack(
+            [0.01 * x + 0.0125 + 0.2, 0.4 * one, 0.025 * one + 0.01, 0 * t]
+        ),
+    }
+    metrics = RunMetrics(recording)
+    assert metrics["velocity_rms_error"] == pytest.approx(
+        [0.01, 0.02 * math.sqrt(0.5 + math.sin(4 * t[-1]) / (8 * t[-1]))], rel=1e-9
+    )
+    assert metrics["force_rms_error"] == pytest.approx([0.2, 0.4], rel=1e-9)
+    assert metrics["control_force_peak"] == pytest.approx([0.3, 2.0], rel=1e-9)
+    assert metrics["control_force_variation"][0] == pytest.approx(0.0, abs=1e-12)
+    last = 2 * abs(math.sin(t[-1]))
+    assert metrics["control_force_variation"][1] == pytest.approx(12 - last, rel=1e-6)
+    assert metrics["puncture"] is None  # x gets to 1.09 m.
+    assert RunSummary(recording)["final"]["position"] == [x[-1], y[-1]]
+
+
+@pytest.mark.parametrize("steps", STEPS)
+def test_rms_errors_do_not_depend_on_the_steps(steps):
+    phases = TaskPhases()
+    for phase in phases:
+        phase.F_hd = lambda t: 1e-3 * np.cos(3 * t)
+    metrics = RunMetrics(Record(phases, steps))
+    dense = {"v": 0.0, "F": 0.0}
+    layers = LoadScenario("one_dof").environment.layers
+    for phase, layer in zip(phases, [0, 1, 2, 1, 2], strict=True):
+        t = np.linspace(0, phase.duration, 20_001)
+        F_e = layer_force(layers[layer], phase.x(t), phase.v(t))
+        dense["v"] += np.trapezoid((phase.v(t) - V_D) ** 2, t)
+        dense["F"] += np.trapezoid((F_e - phase.F_hd(t)) ** 2, t)
+    duration = sum(phase.duration for phase in phases)
+    expected = {name: math.sqrt(value / duration) for name, value in dense.items()}
+    assert metrics["velocity_rms_error"] == pytest.approx([expected["v"]], rel=1e-6)
+    assert metrics["force_rms_error"] == pytest.approx([expected["F"]], rel=1e-6)
+
+
 def test_summary_has_the_promised_fields():
     scenario = LoadScenario(
         "one_dof", {"forward_channel.delay": 0.2, "return_channel.delay": 0.05}
