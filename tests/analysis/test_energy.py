@@ -1,0 +1,97 @@
+"""Energy: the robots conserve it, the tissue only takes it."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.robots import MakeRobot
+from teleop_drake.scenario import LayerConfig
+
+ROBOTS = {
+    "slider": {"model": "slider", "start": [0.0], "damping": 0.0},
+    "two_link_arm": {"model": "two_link_arm", "start": [0.85, 0.0], "elbow": "down"},
+}
+
+
+def Energies(robot_name, *, layers, v0, duration):
+    """Lets a robot go against a force field; returns (times, kinetic, stored)."""
+    builder = DiagramBuilder()
+    robot = builder.AddNamedSystem("robot", MakeRobot(**ROBOTS[robot_name]))
+    n = robot.GetInputPort("control_force").size()
+    nothing = builder.AddNamedSystem("nothing", ConstantVectorSource(np.zeros(n)))
+    field = builder.AddNamedSystem(
+        "environment", LayeredForceField(layers=layers, num_axes=n)
+    )
+    builder.Connect(nothing.get_output_port(), robot.GetInputPort("control_force"))
+    for name in ("tool_position", "tool_velocity"):
+        builder.Connect(robot.GetOutputPort(name), field.GetInputPort(name))
+    builder.Connect(
+        field.GetOutputPort("environment_force"),
+        robot.GetInputPort("environment_force"),
+    )
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(
+        SimulatorConfig(
+            integration_scheme="runge_kutta5",
+            accuracy=1e-10,
+            use_error_control=True,
+            max_step_size=0.02,
+        ),
+        simulator,
+    )
+    plant = robot.GetSubsystemByName("plant")
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetVelocities(context, v0)
+    times, kinetic, stored = [], [], []
+
+    def Monitor(root_context):
+        times.append(root_context.get_time())
+        kinetic.append(plant.CalcKineticEnergy(context))
+        x = robot.GetOutputPort("tool_position").Eval(
+            robot.GetMyContextFromRoot(root_context)
+        )[0]
+        stored.append(
+            sum(
+                layer.stiffness * (x - layer.reference) ** 2 / 2
+                for i, layer in enumerate(layers)
+                if layer.start <= x
+                and (i + 1 == len(layers) or x < layers[i + 1].start)
+            )
+        )
+
+    simulator.set_monitor(Monitor)
+    simulator.AdvanceTo(duration)
+    return np.array(times), np.array(kinetic), np.array(stored)
+
+
+BONE = {"name": "bone", "stiffness": 150.0}
+TISSUE = {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("robot", "v0", "surface"),
+    [("slider", [0.3], 0.1), ("two_link_arm", [0.4, -0.9], 0.9)],
+)
+def test_energy_is_conserved_but_for_damping(robot, v0, surface):
+    _, free, _ = Energies(robot, layers=[], v0=v0, duration=1.0)
+    assert free[0] > 0
+    np.testing.assert_allclose(free, free[0], rtol=1e-8)
+    bone = LayerConfig(**BONE, start=surface, reference=surface)
+    _, kinetic, stored = Energies(robot, layers=[bone], v0=v0, duration=1.0)
+    assert stored.max() > 0.5 * kinetic[0]
+    np.testing.assert_allclose(kinetic + stored, kinetic[0], rtol=1e-6)
+    tissue = LayerConfig(**TISSUE)
+    _, kinetic, stored = Energies(robot, layers=[tissue], v0=v0, duration=2.0)
+    total = kinetic + stored
+    assert np.all(np.diff(total) <= 1e-10)
+    assert total[-1] < 0.8 * total[0]
