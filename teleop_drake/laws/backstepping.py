@@ -57,6 +57,7 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
 from teleop_drake.laws.task_space import position_rate
+from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 
@@ -248,13 +249,13 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     that cannot be promised, because the matrices with singular values >= Psi_min are
     not a convex set: there the projection keeps Psi invertible and no more.
     """
-    U, sigma, Vt = np.linalg.svd(Psi)
+    U, sigma, Vt = singular_values(Psi)
     at_limit = sigma <= Psi_min
     if not at_limit.any():
         return update.copy()
     # All else is 0: machine code has matrices of one size.
     R = (U.T @ update @ Vt.T) * np.outer(at_limit, at_limit)
-    eigenvalues, vectors = np.linalg.eigh((R + R.T) / 2)
+    eigenvalues, vectors = symmetric_eigen((R + R.T) / 2)
     S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
     return update - U @ S_minus @ Vt
 

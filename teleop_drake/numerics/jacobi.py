@@ -1,0 +1,109 @@
+"""Eigenvalues and singular values of small matrices, by rotations of two axes (Jacobi).
+
+Unlike LAPACK's, these functions are a fixed sequence of operations. In machine code
+they return the same vectors with the same signs as in Python.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+
+# Rounds of rotations: they converge quadratically. With two axes one rotation is exact.
+_SWEEPS = {1: 0, 2: 1, 3: 5}
+_MAX_SWEEPS = 8
+
+_EPSILON = float(np.finfo(float).eps)
+
+# As a share of the difference on the diagonal. Its square is no infinite number.
+_NEGLIGIBLE = 1e-150
+
+
+def symmetric_eigen(matrix: Array) -> tuple[Array, Array]:
+    """Returns ascending eigenvalues (n) and eigenvectors (n, n) of a symmetric matrix.
+
+    Args:
+        matrix: (n, n). Column i of the eigenvectors belongs to eigenvalue i.
+    """
+    A = matrix.copy()
+    n = len(A)
+    V = np.eye(n)
+    for i, j in _pairs(n):
+        cosine, sine = _rotation(A[i, j], A[j, j] - A[i, i])
+        for M in (A, A.T, V):
+            _rotate(M, i, j, cosine, sine)
+    values = [A[i, i] for i in range(n)]
+    vectors = [V[:, i] for i in range(n)]
+    _sort(values, vectors)
+    return np.array(values), np.stack(vectors, axis=1)
+
+
+def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
+    """Returns U (n, n), descending singular values (n) and V^T (n, n) of a matrix.
+
+    A column of U whose singular value vanishes is nan: nothing determines it.
+
+    Args:
+        matrix: (n, n) = U diag(sigma) V^T.
+    """
+    U = matrix.copy()
+    n = len(U)
+    V = np.eye(n)
+    for i, j in _pairs(n):
+        a = U[:, i]
+        b = U[:, j]
+        cosine, sine = _rotation((a * b).sum(), (b * b).sum() - (a * a).sum())
+        for M in (U, V):
+            _rotate(M, i, j, cosine, sine)
+    negatives = [-np.sqrt((U[:, i] * U[:, i]).sum()) for i in range(n)]
+    both = [np.concatenate((U[:, i], V[:, i])) for i in range(n)]
+    _sort(negatives, both)
+    sigma = -np.array(negatives)
+    columns = np.stack(both, axis=1)
+    is_regular = sigma > n * _EPSILON * sigma[0]
+    return columns[:n] / np.where(is_regular, sigma, np.nan), sigma, columns[n:].T
+
+
+def _pairs(n: int) -> list[tuple[int, int]]:
+    """Returns the pairs of axes to turn, one after another."""
+    sweep = [(i, j) for i in range(n) for j in range(i + 1, n)]
+    return sweep * _SWEEPS.get(n, _MAX_SWEEPS)
+
+
+def _rotation(off_diagonal: float, difference: float) -> tuple[Any, Any]:
+    """Returns cosine and sine of the rotation that makes [a, c; c, b] diagonal.
+
+    Args:
+        off_diagonal: c.
+        difference: b - a.
+    """
+    # Less than that turns nothing. What is not a number stays so.
+    is_small = np.abs(off_diagonal) <= _NEGLIGIBLE * np.abs(difference)
+    is_needed = np.logical_not(is_small)
+    zeta = difference / (2.0 * np.where(is_needed, off_diagonal, 1.0))
+    root = np.abs(zeta) + np.sqrt(zeta * zeta + 1.0)
+    tangent = np.where(zeta < 0.0, -1.0, 1.0) / root
+    cosine = 1.0 / np.sqrt(tangent * tangent + 1.0)
+    sine = tangent * cosine
+    return np.where(is_needed, cosine, 1.0), np.where(is_needed, sine, 0.0)
+
+
+def _rotate(M: Array, i: int, j: int, cosine: Any, sine: Any) -> None:
+    """Turns two columns into each other, in place."""
+    first = M[:, i].copy()
+    second = M[:, j].copy()
+    M[:, i] = cosine * first - sine * second
+    M[:, j] = sine * first + cosine * second
+
+
+def _sort(keys: list[Any], columns: list[Any]) -> None:
+    """Sorts keys in place, and columns in the same order."""
+    for end in range(len(keys) - 1, 0, -1):
+        for k in range(end):
+            is_swapped = keys[k] > keys[k + 1]
+            for items in (keys, columns):
+                first = items[k]
+                second = items[k + 1]
+                items[k] = np.where(is_swapped, second, first)
+                items[k + 1] = np.where(is_swapped, first, second)

@@ -1,0 +1,53 @@
+"""Rotations give the eigenvalues and singular values of LAPACK."""
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 6])
+def test_symmetric_eigen(n):
+    A = np.random.default_rng(n).normal(size=(n, n))
+    S = A + A.T
+    values, vectors = symmetric_eigen(S)
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(S), atol=1e-12)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(n), atol=1e-12)
+    np.testing.assert_allclose(vectors * values @ vectors.T, S, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 6])
+def test_singular_values(n):
+    A = np.random.default_rng(n).normal(size=(n, n))
+    U, sigma, Vt = singular_values(A)
+    expected = np.linalg.svd(A, compute_uv=False)
+    np.testing.assert_allclose(sigma, expected, atol=1e-12)
+    np.testing.assert_allclose(U.T @ U, np.eye(n), atol=1e-12)
+    np.testing.assert_allclose(U * sigma @ Vt, A, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("c", [0.0, 1e-300, 1e-160, 1e-20])
+def test_almost_diagonal_matrices(c):
+    values, vectors = symmetric_eigen(np.array([[1.0, c], [c, 2.0]]))
+    np.testing.assert_array_equal(values, [1.0, 2.0])
+    np.testing.assert_allclose(vectors, [[1.0, c], [-c, 1.0]], atol=1e-149)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_matrix_of_zeros():
+    values, vectors = symmetric_eigen(np.zeros((2, 2)))
+    np.testing.assert_array_equal(values, np.zeros(2))
+    np.testing.assert_array_equal(vectors, np.eye(2))
+
+
+def test_what_is_no_number_stays_so():
+    values, _ = symmetric_eigen(np.array([[1.0, np.nan], [np.nan, 2.0]]))
+    assert np.isnan(values).all()
+
+
+def test_left_vectors_of_a_singular_matrix_are_undetermined():
+    U, sigma, _ = singular_values(np.array([[3.0, 0.0], [4.0, 0.0]]))
+    np.testing.assert_allclose(sigma, [5.0, 0.0])
+    np.testing.assert_allclose(U[:, 0], [0.6, 0.8])
+    assert np.isnan(U[:, 1]).all()
