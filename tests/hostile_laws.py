@@ -2,13 +2,18 @@
 
 # ruff: noqa: B006
 import contextlib
+import datetime
 import functools
 import itertools
 import math
+import operator
+from datetime import date
 from types import SimpleNamespace
 
 import numpy as np
 from numpy.linalg import norm
+
+from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 
 
 # Helpers that write under a condition, or return what they got.
@@ -22,7 +27,7 @@ def limit_list(F, limit):
 def limit_object(state, F, limit):
     state.is_limited = abs(F) > limit
     if state.is_limited:
-        state.F = math.copysign(limit, F)
+        state.F = limit if F > 0 else -limit
 
 
 def limit_dictionary(state, F, limit):
@@ -79,10 +84,27 @@ def kind_of(x):
     return "push" if x > 0 else None
 
 
+def twice(x):
+    y = 2 * x if x[0] > 0 else 3 * x
+    return y, y
+
+
+def twice_in_a_list(x):
+    y = [x[0], 2 * x[1] if x[0] > 0 else 3.0]
+    return y, y
+
+
+def twice_inside(x):
+    y = 2 * x if x[0] > 0 else 3 * x
+    return y, [y]
+
+
 def zeros_of(x):
     return np.array([0, 0]) if x > 0 else np.zeros(2)
 
 
+TABLE_32, NUMBER_32 = np.full(6, 0.1, np.float32), np.float32(0.1)
+TABLE_8, LARGE = np.array([1, 2, 3, 4], np.int8), np.array([2**53 + 1, 2**53])
 TABLE, PLACES = np.array([1.0, 4.0, 9.0, 16.0]), np.array([3, 1, 2, 0])
 
 
@@ -107,6 +129,9 @@ def shifted(x):
 
 
 shifted.__module__ = "timers"  # It begins as `time` does, which is refused.
+
+
+HOOKS = [lambda x: x]
 
 
 class Spring:
@@ -191,21 +216,13 @@ class Right:
         stored = np.zeros(3)
         stored[0], stored[1] = a, stored[0] + b
         numbers = [float(a) + float(b), a * 2 + b * 3.0, np.sum(x > 0), sum([a, b])]
-        numbers += [
-            np.mean(x > 0),
-            np.count_nonzero(x),
-            math.exp(float(a)),
-            math.exp(a),
-        ]
-        logic = [a & b, a | b, a ^ b, np.logical_or(x[0], b), not a, abs(a), max(a, b)]
+        numbers += [math.exp(float(a)), math.exp(a)]
+        logic = [a & b, a | b, np.logical_or(x[0], b), not a, abs(a), max(a, b)]
         logic += [np.any(x > 0), np.all(x > -1), np.where(a, True, b), int(a) / 2, 2**b]
         return np.array([*numbers, *logic, *stored, *np.where(~(x > 0), x, 2.0)])
 
     def yes_of_numbers(x):
-        signs = np.copysign(math.isfinite(1.0), x[0]), np.hypot(np.isfinite(2.0), x[1])
-        return np.array(
-            [x.any() * x[1], (0 * x).all() * x[2], float(x[:2].all()), *signs]
-        )
+        return np.array([x.any() * x[1], (0 * x).all() * x[2], float(x[:2].all())])
 
     def indices(x):
         y = 2 * x
@@ -222,7 +239,6 @@ class Right:
 
     def types(x):
         y = np.array(x, dtype=float) + np.asarray(x, float) + np.zeros(6, dtype=float)
-        y += x.astype(int) + x.astype(float) + np.full_like(x, x[0]) + np.full(6, x[1])
         return y if isinstance(x, np.ndarray) and not isinstance(x, (float, str)) else x
 
     # What is no number.
@@ -230,27 +246,37 @@ class Right:
         big = x / (0.0 * x)
         none = big - big
         pairs = np.minimum(none, x), np.maximum(x, none), np.clip(none, 0, 1), 0.0 * big
-        sums = (
-            0 * np.exp(1e4 * abs(x)),
-            0.0 / (x - x),
-            np.sort(none),
-            big // 1.0,
-            x // big,
-        )
-        signs = np.sign(big), np.sign(none), np.isnan(none), np.isinf(big)
-        choices = (
-            min(none[0], 1.0),
-            min(1.0, none[0]),
-            max(1.0, none[0]),
-            np.argmax(none),
-        )
-        return np.concatenate((*pairs, *sums, *signs, choices))
+        sums = 0 * np.exp(1e4 * abs(x)), 0.0 / (x - x)
+        choices = min(none[0], 1.0), min(1.0, none[0]), max(1.0, none[0])
+        return np.concatenate((*pairs, *sums, choices))
 
+    # arctan2(0.0, -1) is pi, and arctan2(-0.0, -1) is -pi.
     def signs_of_zero(x):
-        none, y = -0.0 * abs(x[0]), -0.3 / (1 + abs(x[0]))
-        zeros = int(y), round(y), math.ceil(y), math.trunc(y), np.ceil(y), 2 * y % y
-        zeros += none + 0.0, 0.0 - none, none - none, np.sign(none), none // 2
-        return np.array([math.copysign(1, zero) for zero in zeros])
+        none = -0.0 * abs(x[0])
+        zeros = int(-0.3 / (1 + abs(x[0]))), none + 0.0, 0.0 - none, none - none
+        return np.array([np.arctan2(zero, -1.0) for zero in zeros])
+
+    def array_returned_twice(x):
+        a, b = twice(x)
+        a[0] = 7.0
+        return np.concatenate((a, b))
+
+    def list_returned_twice(x):
+        a, b = twice_in_a_list(x)
+        a[0] = 7.0
+        return np.array([*a, *b])
+
+    def array_inside_of_a_result(x):
+        a, (b,) = twice_inside(x)
+        b[0] = 7.0
+        return np.concatenate((a, b))
+
+    def whole_numbers(x):
+        k = int(3 * x[0])
+        sign = 1 if x[1] > 0 else -1
+        array = np.array([sign, 2])
+        array[0] = 2 * sign
+        return np.array([k / 2, float(k) * 3, 2 * sign - 1, *(0.5 * array)])
 
     def constants(x):
         return SPRING.k * x * len(COUNTS)
@@ -259,62 +285,24 @@ class Right:
     def functions(x):
         a, b, u = x[0], x[1], math.tanh(x[2])
         angles = np.arctan2(a, b), math.atan2(a, b), np.arccos(u), math.acos(u)
-        waves = np.arcsin(u), np.cosh(a), math.sinh(a), np.sinh(b), math.degrees(b)
-        rests = (
-            a % b,
-            a // b,
-            np.mod(a, b),
-            a % 0.7,
-            5.0 // b,
-            -7.5 % b,
-            math.fmod(a, b),
-        )
-        whole = (
-            *(np.ceil(a), math.ceil(b), round(a)),
-            *(np.round(a, 1), round(b, 2), np.rint(a)),
-        )
-        sizes = np.hypot(a, b), math.hypot(a, b, 2), norm(x), norm([a, b]), math.fabs(a)
-        signs = (
-            np.copysign(a, 0.0),
-            np.copysign(a, -0.0),
-            np.copysign(3, a),
-            abs(a) ** b,
-        )
-        steps = math.copysign(a, b), np.deg2rad(a), 2**a, a**-1
-        tables = (
-            np.interp(a, [-1, 0, 0.5], [2, 3, -1]),
-            np.interp(b, [0, 1], x[:2], left=a),
-        )
-        lists = np.max([a, b]), np.sum([a, 1.0]), np.clip([a], -0.1, 0.1)[0]
-        numbers = (
-            *angles,
-            *waves,
-            *rests,
-            *whole,
-            *sizes,
-            *signs,
-            *steps,
-            *tables,
-            *lists,
-        )
-        clipped = np.clip(x, None, 0.5), x.clip(-1, b)
-        return np.concatenate((numbers, *clipped, x[::-1]))
+        waves = np.arcsin(u), np.cosh(a), math.sinh(a), np.sinh(b), np.arctan(b)
+        rests = np.floor(a), norm(x), norm([a, b]), abs(a) ** b, 2**a, a**-1
+        lists = np.sum([a, 1.0]), np.clip([a], -0.1, 0.1)[0], np.searchsorted([0, 1], a)
+        return np.array([*angles, *waves, *rests, *lists, *x[::-1]])
 
     def matrices_of_numpy(x):
         A, M = np.outer(x[:3], x[3:]) + np.diag(x[1:4]), x.reshape(2, 3)
-        norms = norm(M), norm(A[0], np.inf), norm(A[0], 1), *norm(M, axis=1)
-        determinants = np.linalg.det(A), np.linalg.det(A[:2, :2]), np.linalg.det(0 * A)
-        solutions = np.linalg.solve(A, x[:3]), np.linalg.eigh(A)[0], M.mean(axis=0)
-        products = norm(M, axis=0), np.einsum("ij,kj->ik", M, M)[0]
-        return np.concatenate((norms, determinants, *solutions, *products))
+        solutions = np.linalg.solve(A, x[:3]), np.linalg.inv(A)[0], np.sum(M, axis=0)
+        return np.concatenate(([norm(M), np.trace(A)], *solutions, (M @ A)[0]))
 
-    def matrices_of_rank_two(x):
-        A = np.outer(x[:3], x[3:]) + np.diag([x[0], 0.0, 2.0])
-        U, sigma, Vt = np.linalg.svd(A)
-        return np.concatenate((*(U.T @ U), *(Vt @ Vt.T), sigma, *(U * sigma @ Vt)))
+    def vectors_with_their_signs(x):
+        A = np.outer(x[:3], x[3:]) + np.diag([x[0], 0.5, 2.0])
+        values, vectors = symmetric_eigen(A + A.T)
+        U, sigma, Vt = singular_values(A)
+        return np.concatenate((values, sigma, *vectors, *U, *Vt))
 
     def singular_matrix(x):
-        U, sigma, Vt = np.linalg.svd(np.outer(x[:3], x[3:]))
+        U, sigma, Vt = singular_values(np.outer(x[:3], x[3:]))
         return np.concatenate((sigma, *(Vt @ Vt.T), [np.nan * U[0, 2]]))
 
     def helper_of_a_module(x):
@@ -409,9 +397,101 @@ class Refused:
         return y
 
     def written_into_cut_numbers(x):
-        y = x.astype(int)
+        y = np.array([int(x[0]), int(x[1])])
         y[0] = 0.7  # here
         return y
+
+    def written_into_signs(x):
+        y = np.where(x > 0, 1, -1)
+        y[0] = 0.7  # here
+        return y
+
+    def converted(x):
+        return x.astype(int) / 2  # here
+
+    # What would round in another way.
+    def decimals(x):
+        return np.array([round(float(x[0]), 2)])  # here
+
+    def decimals_of_numpy(x):
+        return np.round(x, 2)  # here
+
+    def buffer_of_16_bits(x):
+        y = np.zeros(6, dtype=np.float16)  # here
+        y[:] = x
+        return y
+
+    def buffer_of_32_bits(x):
+        y = np.zeros(6, np.float32)  # here
+        y[:] = x
+        return y
+
+    def array_of_32_bits(x):
+        return np.array(x, dtype=np.float32)  # here
+
+    def table_of_32_bits(x):
+        return TABLE_32 * float(x[0])
+
+    def number_of_32_bits(x):
+        return np.array([NUMBER_32 * float(x[0])])  # here
+
+    def element_of_8_bits(x):
+        return np.array([TABLE_8[int(abs(x[0]))] * 100 + x[0]])  # here
+
+    def filled_with_whole_numbers(x):
+        return np.full_like(PLACES, x[0])  # here
+
+    def filled_like_whole_numbers(x):
+        return np.full_like([1, 2], x[0])  # here
+
+    def zeros_like_whole_numbers(x):
+        y = np.zeros_like([int(x[0]), int(x[1])])  # here
+        y[0] = 0.7
+        return y
+
+    def size_of_large_numbers(x):
+        return np.hypot(1e200 * x, 1e200)  # here
+
+    def size_of_a_large_number(x):
+        return np.array([math.hypot(1e200 * x[0], 1e200)])  # here
+
+    def signs_of_eigenvectors(x):
+        return np.linalg.eigh(np.outer(x, x))[1][0]  # here
+
+    def signs_of_singular_vectors(x):
+        return np.linalg.svd(x.reshape(2, 3))[0][0]  # here
+
+    def remainder(x):
+        return np.array([x[0] % 0.7])  # here
+
+    def quotient(x):
+        return np.array([x[0] // 0.7])  # here
+
+    # Whole numbers, which Python has beyond 2^53.
+    def sum_beyond_floats(x):
+        return np.array([int(1e17 * x[0]) + 1])  # here
+
+    def product_beyond_floats(x):
+        return np.array([np.where(x[0] > 0, 2**52, 1) * 3])  # here
+
+    def power_beyond_floats(x):
+        return np.array([int(x[0]) ** 40 * 1.0])  # here
+
+    def compared_beyond_floats(x):
+        return np.array([1.0 if int(1e17 * x[0]) < 2**53 + 1 else 2.0])  # here
+
+    def element_beyond_floats(x):
+        return np.array([LARGE[int(abs(x[0]) > 1)] - 2.0**53])  # here
+
+    # Whether one thing is another one.
+    def is_same_number(x):
+        return np.array([1.0 if x[0] is x[0] else 2.0])  # here
+
+    def is_first_of(x):
+        return np.array([1.0 if x[0] is not x[1] else 2.0])  # here
+
+    def is_by_operator(x):
+        return np.array([1.0 if operator.is_(x[0], x[0]) else 2.0])  # here
 
     def counting(x):
         COUNTS[0] += 1  # here
@@ -434,6 +514,23 @@ class Refused:
         change = x[0] - NOTES["last"]  # here
         NOTES["last"] = x[0]
         return np.array([change])
+
+    def counting_in_function(x):
+        shifted.count = x[0]  # here
+        return x
+
+    def counting_in_function_of_a_list(x):
+        HOOKS[0].count = 1.0  # here
+        return x
+
+    def time_of_day(x):
+        return x + datetime.datetime.now().microsecond  # here
+
+    def today(x):
+        return x + date.today().day  # here
+
+    def time_of_numpy(x):
+        return x + np.datetime64("now").astype(float)  # here
 
     def working_outside(x):
         WORK[0] = x[0]  # here

@@ -24,38 +24,36 @@ _GRAMMAR = """
 =one u|u[::-1]|v|1 * u|w|kept[1]
 =other u|w|np.zeros(3)|v - limit|kept[0]
 =s {k}|x[{i}]|x[{i} + 3]|{v}[{i}]|{v}[-1]|({s} + {s})|({s} - {s})|{s} * {s}|-{s}
-abs({s})|{s} / (1.5 + abs({s}))|{s} % 0.7|{s} // 0.3|0.7 % (0.1 + {s} ** 2)
+abs({s})|{s} / (1.5 + abs({s}))|{s} / (0.3 + {s} ** 2)
 min({s}, {s})|max({s}, {s}, {k})|np.minimum({s}, {s})|np.clip({s}, -0.4, {s})
-math.sin({s})|np.tanh({s})|math.hypot({s}, {s})|np.hypot({s}, 0.3)
-math.atan2({s}, 0.1 + abs({s}))|np.cos({s})|math.copysign({s}, {s} - 0.01)|np.sign({s})
-math.floor({s})|np.ceil({s})|int({s})|round({s}, 1)|np.where({b}, {s}, {s})
-({s} if {b} else {s})|float({b})|{v}.sum()|{v}.max()|np.min({v})|{v} @ {v}
-np.dot({v}, {v})|np.linalg.norm({v})|np.linalg.norm({v}, 1)|{v}.mean()
-np.interp({s}, [-1.0, 0.0, 0.6], [0.5, {k}, 2.0])|np.mean({v})|sum({v})|max({v})
-np.interp({s}, [-1.0, 0.5], {v}[:2])|TABLE[int(abs({s})) % 4]|sum(items)|items[-1]
-pair[{i} % 2]|np.sum({v} > {s})|np.prod({v})|any(y > {k} for y in {v})|len(items)
+math.sin({s})|np.tanh({s})|math.atan2({s}, 0.1 + abs({s}))|np.cos({s})|np.floor({s})
+int({s}) * 1.0|np.where({b}, {s}, {s})|int({s}) / 2|np.arctan({s})
+({s} if {b} else {s})|float({b})|{v}.sum()|{v}.max()|{v} @ {v}
+np.dot({v}, {v})|np.linalg.norm({v})
+sum({v})|max({v})|TABLE[int(min(abs({s}), 3.0))]|sum(items)|items[-1]
+pair[{i} % 2]|np.sum({v} > {s})|any(y > {k} for y in {v})|len(items)
 sum(y * {k} for y in {v} if y > {s})|abs({s}) ** 0.5|{s} ** 2|abs({s}) ** 1.5|note.last
-notes["a"]|notes.get("b", {k})|{v}[np.argmax({v})]|TABLE[np.searchsorted(STARTS, {s})]
-bool({s}) * {k}|({b}) * {s}|np.linalg.det(np.outer({v}, {v}) + EYE)|math.exp(-abs({s}))
-np.einsum("i,ij,j", {v}, EYE, {v})|(lambda y, scale={k}: y * scale)({s})|{s} or {k}
-np.float64({s}) - {k}|np.fmod({s}, 0.4)|np.rint({s})|np.count_nonzero({v} > 0)
+notes["a"]|notes.get("b", {k})|TABLE[np.searchsorted(STARTS, {s})]
+bool({s}) * {k}|({b}) * {s}|math.exp(-abs({s}))
+(lambda y, scale={k}: y * scale)({s})|{s} or {k}
+np.float64({s}) - {k}
 =v x[:3]|x[3:]|x[::2]|x[::-2]|np.array([{s}, {s}, {s}])|({v} + {v})|({v} - {s})
 {s} * {v}|{v} * {v}|-{v}|{v}[::-1]|np.where({v} > {s}, {v}, {v})|np.where({b}, {v}, {s})
-np.clip({v}, -0.5, {s})|{v}.clip(-0.3, 0.6)|np.cross({v}, {v})|np.sort({v})|abs({v})
-np.cumsum({v})|np.roll({v}, {i})|{v}.copy()|np.concatenate(({v}[:1], {v}[1:]))
+np.clip({v}, -0.5, {s})|np.cross({v}, {v})|abs({v})
+{v}.copy()|np.concatenate(({v}[:1], {v}[1:]))
 np.maximum({v}, {s})|np.minimum({v}, {v})|np.diag({v}) @ {v}|np.outer({v}, {v})[{i}]
 np.linalg.solve(np.outer({v}, {v}) + 3 * EYE, {v})|np.stack(({v}, {v}), axis=1)[:, 0]
 np.stack([{v}, {v}]).T[:, 1]|np.stack([{v}, {v}]).sum(axis=0)|{f}({v}, {s})|np.sin({v})
 np.array([y + {s} for y in {v}])|np.array([*{v}[:2], {s}])|({v} if {b} else {v})
-np.full(3, {s})|np.zeros_like({v})|np.array(items[:3]) * {s}|np.hstack(({v}[1:], {s}))
-np.linalg.eigh(np.outer({v}, {v}))[0]|({v} > {s}) * {v}|np.append({v}[:2], {s})
-np.asarray({v})|{v}.reshape(3, 1)[:, 0]|np.array(sorted({v}))|np.ravel({v})|{v} % 0.6
-np.abs({v}) ** {k}|np.linalg.inv(np.outer({v}, {v}) + EYE)[{i}]|np.sign({v})|EYE[{i}]
-np.atleast_2d({v})[0]|np.tile({v}[:1], 3)|np.flip({v})|np.diff([{s}, *{v}])|TABLE[1:]
+np.zeros_like({v})|np.array(items[:3]) * {s}|np.hstack(({v}[1:], {s}))
+({v} > {s}) * {v}|np.append({v}[:2], {s})
+np.asarray({v})|{v}.reshape(3, 1)[:, 0]|np.array(sorted({v}))|np.ravel({v})
+np.abs({v}) ** {k}|np.linalg.inv(np.outer({v}, {v}) + EYE)[{i}]|EYE[{i}]
+TABLE[1:]
 =b {s} > {s}|{s} <= {k}|{k} < {s} < 0.8|not {b}|({b} and {b})|({b} or {b})|{v}.any()
-np.all({v} > {s})|np.any({v} < {k})|np.isfinite({s})|({s} > {k}) & ({s} > {k})
-np.logical_or({b}, {s} > 0)|bool({s} > {k})|all(y > {k} for y in {v})|({s} < 0) ^ ({b})
-{k} >= {s} or {b}|isinstance({s}, float)|len(items) > 4|{v}[0] == {v}[-1]|{s} != 0.0
+np.all({v} > {s})|np.any({v} < {k})|({s} > {k}) & ({s} > {k})
+np.logical_or({b}, {s} > 0)|bool({s} > {k})|all(y > {k} for y in {v})
+{k} >= {s} or {b}|len(items) > 4|{v}[0] == {v}[-1]|{s} != 0.0
 =do {S} = {s}|{V} = {v}|{V} = {V}|{V} = {V}[::-1]|{S} += {s}|{V} += {v}|{V} *= {s}
 {V}[{i}] = {s}|{V}[:2] -= {s}|{V}[{V} > {s}] = {s}|{V}[{i}], {V}[0] = {s}, {s}
 {S}, {V} = {s}, {v}|{V}[1:] = {V}[:2]|items.append({s})|items[{i}] = {s}|items = [*{v}]
@@ -65,7 +63,7 @@ if {b}:{do}|if {b}:{do}else:{do}|if {b}:{do}elif {b}:{do}else:{do}|kept = [{V}, 
 for {S} in {v}:{do}|for i in range({i} + 1):{do}|for {S} in items[:3]:{do}
 for j, {S} in enumerate({v}):{do}{V}[j] = {S}|for {S}, last in zip({v}, {V}):{do}
 kept[{i} % 2][{i}] = {s}|kept[0], kept[1] = kept[1], kept[0]|{V} = kept[{i} % 2]
-{V}.sort()|{V}.fill({s})|{V}[:] = {v}|items.sort()|items.reverse()|del items[3:]
+{V}.fill({s})|{V}[:] = {v}|items.sort()|items.reverse()|del items[3:]
 {V}[np.array([2, 0])] = {v}[:2]|{V} = np.asarray({V})|{V}[{V} < {k}] *= {k}
 """
 _HELPER = """

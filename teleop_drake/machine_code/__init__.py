@@ -21,10 +21,12 @@ follow from the arguments.
 * *Refused*, by function and line: what is in no graph, such as loops until numbers have
   converged, caught errors, random numbers, state that changes from call to call
   (`contents` sees that), indices in writing that depend on numbers, and functions of
-  numpy that are not in the table of docs/standards.md. Such a law runs as it is, and
-  its diagram in Drake's Simulator; the log says so.
+  numpy that are not in the table of docs/standards.md. So is what would round in
+  another way: float32, whole numbers beyond 2^53, LAPACK's eigenvectors with their
+  signs. Such a law runs as it is, and its diagram in Drake's Simulator; the log says
+  so.
 * *Bounds.* A law's index that depends on numbers is compared with each index there is;
   out of bounds its result is nan, as is what Python would raise an error for. A loop's
   index is checked, before the loop where that can be; out of bounds, also below 0, it
-  raises an IndexError with function and line. Of a singular matrix, svd's U is nan.
+  raises an IndexError with function and line.
 """

@@ -110,7 +110,8 @@ def _Parts(value: Any) -> tuple[Any, ...]:
         return type(value), *value
     if isinstance(value, FunctionType):
         cells = [x.cell_contents for x in value.__closure__ or () if x != CellType()]
-        return FunctionType, *cells, value.__defaults__, value.__kwdefaults__
+        outside = value.__defaults__, value.__kwdefaults__, vars(value)
+        return FunctionType, *cells, *outside
     if isinstance(value, (MethodType, BuiltinFunctionType)):
         return MethodType, value.__self__
     if isinstance(value, (Opaque, Number, ModuleType, CodeType, *_PLAIN)):

@@ -153,15 +153,25 @@ class _Module(Opaque):
 class _Followed(Opaque):
     """A function that notes what it and its helpers do."""
 
+    _graph: Graph
+    _function: Any
+    _copy: Any
+
     def __init__(self, graph: Graph, function: FunctionType):
-        self._graph, self._function = graph, function
-        self._copy: FunctionType | None = None
+        object.__setattr__(self, "_graph", graph)
+        object.__setattr__(self, "_function", function)
+        object.__setattr__(self, "_copy", None)
+
+    def __setattr__(self, attribute: str, value: Any) -> None:
+        name = self._function.__name__
+        raise Untraceable(f"it assigns to {name}.{attribute}")
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         function = self._function
         try:
-            copy = self._copy = self._copy or self._Copy()
-            return self._graph.Call(copy, arguments, keywords)
+            if self._copy is None:
+                object.__setattr__(self, "_copy", self._Copy())
+            return self._graph.Call(self._copy, arguments, keywords)
         except Exception as error:  # Whatever it does to what is no number.
             line = self._Line(error.__traceback__)
             if not isinstance(error, Untraceable):
@@ -222,9 +232,15 @@ _REFUSED = {
     "STORE_GLOBAL": "it assigns to a global variable",
     "DELETE_GLOBAL": "it deletes a global variable",
     "STORE_DEREF": "it assigns to a variable outside of it",
-    "IS_OP": "it asks whether something `is` True or False",
+    "IS_OP": "it asks whether one thing `is` another one",
 }
 _REFUSED_NUMBERS = {dis.opmap[name] for name in _REFUSED}
+
+
+def _IsNone(instruction: dis.Instruction | None) -> bool:
+    if instruction is None or instruction.opname != "LOAD_CONST":
+        return False
+    return instruction.argval is None
 
 
 def _CheckCode(code: CodeType, is_outermost: bool) -> None:
@@ -240,7 +256,7 @@ def _CheckCode(code: CodeType, is_outermost: bool) -> None:
         line = (x.positions and x.positions.lineno) or line
         if x.opname not in _REFUSED:
             continue
-        if x.opname == "IS_OP" and not (before and isinstance(before.argval, bool)):
+        if x.opname == "IS_OP" and _IsNone(before):
             continue
         if x.opname == "STORE_DEREF" and not (
             is_outermost and x.argval in code.co_freevars

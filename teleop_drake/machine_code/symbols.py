@@ -4,8 +4,9 @@ See tracing, which makes a graph of that, and traced_numpy, which fills in what 
 functions do with them.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -40,11 +41,27 @@ def IsBoolean(value: Any) -> bool:
     return isinstance(value, (bool, np.bool_))
 
 
+def LimitOf(value: Any) -> float | None:
+    """Returns the largest magnitude of a whole number; None for other numbers."""
+    if IsBoolean(value):
+        return 1.0
+    if isinstance(value, Number):
+        return value.limit
+    return abs(float(value)) if isinstance(value, (int, np.integer)) else None
+
+
 def AsReal(value: Any) -> Any:
-    """Returns a number of which a yes is 1 and a no is 0."""
+    """Returns a number as a float, of which a yes is 1 and a no is 0."""
     if not isinstance(value, Number):
-        return float(value)
-    return value.graph.Add("select", value, 1.0, 0.0) if value.is_boolean else value
+        return _AsFloat(value)
+    if value.is_boolean:
+        return value.graph.Add("select", value, 1.0, 0.0)
+    return value if value.limit is None else Number(value.graph, value.ref)
+
+
+def AsWhole(value: Any, limit: float = math.inf) -> Any:
+    """Returns a Number as a whole number of at most a magnitude."""
+    return Number(value.graph, AsReal(value).ref, limit=limit)
 
 
 def AsBoolean(value: Any) -> Any:
@@ -69,80 +86,155 @@ def IsSame(column: Sequence[Any]) -> bool:
     return all(not isinstance(x, Number) and repr(x) == repr(first) for x in column)
 
 
+def CheckPrecision(value: Any) -> None:
+    """Refuses arrays and numbers that round in another way than Python's floats."""
+    if isinstance(value, Numbers) or not isinstance(value, (np.ndarray, np.generic)):
+        return
+    if value.dtype.kind in "fc" and value.dtype != np.float64:
+        raise Untraceable(f"numbers of the type {value.dtype}")
+
+
+def _AsFloat(value: Any) -> float:
+    """Returns a number of Python's as a float; refuses one that is none."""
+    CheckPrecision(value)
+    result = float(value)
+    if isinstance(value, (int, np.integer)) and result != int(value):
+        raise Untraceable("a whole number that is no float")
+    return result
+
+
 def _Constant(value: Any) -> Any:
     """Returns a number of Python's as a float; None if it is something else."""
-    if isinstance(value, (bool, np.bool_, int, float, np.integer, np.floating)):
-        return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 0:
-        return value.item()
-    return None
+        value = value.item()
+    if not isinstance(value, (bool, np.bool_, int, float, np.integer, np.floating)):
+        return None
+    return _AsFloat(value)
 
 
-def _Operator(
-    name: str, fold: Callable[[Any, Any], Any] | None = None, swapped: bool = False
-) -> Callable[[Any, Any], Any]:
-    """Returns a method for an operator with two sides.
+def _Operand(value: Any) -> Any:
+    """Returns a number as a float or a Number of the graph; None for anything else."""
+    return AsReal(value) if isinstance(value, Number) else _Constant(value)
 
-    Where fold() returns a result, that is it, and there is no operation `name`.
+
+def _LimitOfResult(operation: str, a: Any, b: Any) -> float | None:
+    """Returns the largest magnitude of a sum, difference or product of whole numbers.
+
+    Floats have gaps from 2^53 on, where whole numbers of Python's have none.
     """
-
-    def Operate(self: "Number", other: Any) -> Any:
-        if self.is_boolean and IsBoolean(other) and name in ("add", "mul", "sub"):
-            if name == "mul":
-                return self & other
-            raise Untraceable(
-                "a sum of two comparisons, which numpy takes for `or`: write float()"
-            )
-        other = AsReal(other) if isinstance(other, Number) else _Constant(other)
-        if other is None:
-            return NotImplemented
-        a, b = (other, AsReal(self)) if swapped else (AsReal(self), other)
-        result = fold(a, b) if fold else None
-        return self.graph.Add(name, a, b) if result is None else result
-
-    return Operate
-
-
-def _FoldProduct(a: Any, b: Any) -> Any:
-    for x, y in ((a, b), (b, a)):
-        if isinstance(x, float) and abs(x) == 1.0:
-            return y if x == 1.0 else -y
-        if isinstance(x, float) and x == 0.0 and y.graph.IsFinite(y):
-            return 0.0  # Also where it is -0.0.
-    return None
-
-
-def _FoldQuotient(a: Any, b: Any) -> Any:
-    is_exact = isinstance(b, float) and abs(b) in (0.5, 1.0, 2.0, 4.0)
-    return a * (1 / b) if is_exact else None
-
-
-def _HasOtherSign(rest: Any, b: Any) -> Any:
-    return (rest != 0.0) & (AsReal(rest < 0.0) != AsReal(b < 0.0))
-
-
-def Remainder(a: Any, b: Any) -> Any:
-    """Returns a % b, whose sign is that of b."""
-    rest = Apply("fmod", a, b)
-    rest = Where(_HasOtherSign(rest, b), rest + b, rest)
-    return Where(rest == 0.0, Apply("copysign", rest, b), rest)
-
-
-def FloorQuotient(a: Any, b: Any) -> Any:
-    """Returns a // b."""
-    rest = Apply("fmod", a, b)
-    quotient = (a - rest) / b
-    quotient = Where(_HasOtherSign(rest, b), quotient - 1.0, quotient)
-    whole = Apply("floor", quotient)
-    whole = Where(quotient - whole > 0.5, whole + 1.0, whole)
-    whole = Where(whole == 0.0, Apply("copysign", whole, a / b), whole)
-    return whole if isinstance(b, float) else Where(b == 0.0, a / b, whole)
+    first = LimitOf(a)
+    second = LimitOf(b)
+    if first is None or second is None:
+        return None
+    limit = first * second if operation == "mul" else first + second
+    if limit > 2.0**53:
+        raise Untraceable("whole numbers that may be beyond 2^53: write float()")
+    return limit
 
 
 def Apply(operation: str, *values: Any) -> Any:
     """Returns the value of an operation, of which one argument is a Number."""
     graph = next(value.graph for value in values if isinstance(value, Number))
     return graph.Add(operation, *values)
+
+
+def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
+    """Returns a sum, a difference or a product."""
+    if IsBoolean(a) and IsBoolean(b):
+        if operation == "mul":
+            return Both(a, b)
+        raise Untraceable(
+            "a sum of two comparisons, which numpy takes for `or`: write float()"
+        )
+    x = _Operand(a)
+    y = _Operand(b)
+    if x is None or y is None:
+        return NotImplemented
+    limit = _LimitOfResult(operation, a, b)
+    result = _FoldedProduct(x, y) if operation == "mul" else None
+    if result is None:
+        result = Apply(operation, x, y)
+    if limit is None or not isinstance(result, Number):
+        return result
+    return AsWhole(result, limit)
+
+
+def _FoldedProduct(a: Any, b: Any) -> Any:
+    """Returns a product that takes no operation; None if it takes one."""
+    for x, y in ((a, b), (b, a)):
+        if not isinstance(x, float):
+            continue
+        if x == 1.0:
+            return y
+        if x == -1.0:
+            return -y
+        if x == 0.0 and y.graph.IsZeroTimes(y):
+            return 0.0
+    return None
+
+
+def _Quotient(a: Any, b: Any) -> Any:
+    """Returns a / b."""
+    x = _Operand(a)
+    y = _Operand(b)
+    if x is None or y is None:
+        return NotImplemented
+    if isinstance(y, float) and abs(y) in (0.5, 1.0, 2.0, 4.0):
+        return x * (1 / y)
+    return Apply("div", x, y)
+
+
+def _Power(a: Any, b: Any) -> Any:
+    """Returns a ** b; small powers are products."""
+    x = _Operand(a)
+    y = _Operand(b)
+    if x is None or y is None:
+        return NotImplemented
+    base = LimitOf(a)
+    exponent = LimitOf(b)
+    if base is None or exponent is None:
+        num_bits = 0.0
+    else:
+        num_bits = exponent * math.log2(max(base, 1.0))
+    if num_bits > 53.0:
+        raise Untraceable("a power of whole numbers: write float()")
+    if not isinstance(y, float):
+        return Apply("pow", x, y)
+    if y in (0.0, 1.0, 2.0, 3.0, 4.0):
+        result: Any = 1.0
+        for _ in range(int(y)):
+            result = x * result
+        return result
+    if y == 0.5:
+        return Apply("sqrt", x)
+    return Apply("pow", x, y)
+
+
+def _Comparison(operation: str, a: Any, b: Any) -> Any:
+    """Returns whether a comparison holds."""
+    x = _Operand(a)
+    y = _Operand(b)
+    return NotImplemented if x is None or y is None else Apply(operation, x, y)
+
+
+def Both(a: Any, b: Any) -> Any:
+    """Returns whether both of two hold; one of them is a Number."""
+    if not (IsBoolean(a) and IsBoolean(b)):
+        return NotImplemented
+    for x, y in ((a, b), (b, a)):
+        if not isinstance(x, Number):
+            return y if x else False
+    return Apply("and", a, b)
+
+
+def Either(a: Any, b: Any) -> Any:
+    """Returns whether one of two holds; one of them is a Number."""
+    if not (IsBoolean(a) and IsBoolean(b)):
+        return NotImplemented
+    for x, y in ((a, b), (b, a)):
+        if not isinstance(x, Number):
+            return True if x else y
+    return Apply("or", a, b)
 
 
 class _Dispatched:
@@ -164,12 +256,22 @@ class Number(_Dispatched):
         graph: The tracing.Graph.
         ref: The node.
         is_boolean: Whether it is a yes or no.
+        limit: The largest magnitude of a whole number, also inf; None for others.
     """
 
-    __slots__ = ("graph", "is_boolean", "ref")
+    __slots__ = ("graph", "is_boolean", "limit", "ref")
 
-    def __init__(self, graph: Any, ref: Ref, is_boolean: bool = False):
-        self.graph, self.ref, self.is_boolean = graph, ref, is_boolean
+    def __init__(
+        self,
+        graph: Any,
+        ref: Ref,
+        is_boolean: bool = False,
+        limit: float | None = None,
+    ):
+        self.graph = graph
+        self.ref = ref
+        self.is_boolean = is_boolean
+        self.limit = limit
 
     def __bool__(self) -> bool:
         """Returns the answer on the way that is being traced."""
@@ -180,25 +282,65 @@ class Number(_Dispatched):
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __add__(self, other: Any) -> Any:
+        return _Arithmetic("add", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return _Arithmetic("add", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return _Arithmetic("sub", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return _Arithmetic("sub", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return _Arithmetic("mul", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return _Arithmetic("mul", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return _Quotient(self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _Quotient(other, self)
+
+    def __pow__(self, other: Any) -> Any:
+        return _Power(self, other)
+
+    def __rpow__(self, other: Any) -> Any:
+        return _Power(other, self)
+
+    def __lt__(self, other: Any) -> Any:
+        return _Comparison("lt", self, other)
+
+    def __le__(self, other: Any) -> Any:
+        return _Comparison("le", self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        return _Comparison("gt", self, other)
+
+    def __ge__(self, other: Any) -> Any:
+        return _Comparison("ge", self, other)
+
+    def __eq__(self, other: object) -> Any:
+        return _Comparison("eq", self, other)
+
+    def __ne__(self, other: object) -> Any:
+        return _Comparison("ne", self, other)
+
     def __and__(self, other: Any) -> Any:
-        return self._Logical("and", other)
+        return Both(self, other)
+
+    def __rand__(self, other: Any) -> Any:
+        return Both(other, self)
 
     def __or__(self, other: Any) -> Any:
-        return self._Logical("or", other)
+        return Either(self, other)
 
-    def __xor__(self, other: Any) -> Any:
-        both = IsBoolean(self) and IsBoolean(other)
-        return AsReal(self) != AsReal(other) if both else NotImplemented
-
-    __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
-
-    def _Logical(self, name: str, other: Any) -> Any:
-        if not (IsBoolean(self) and IsBoolean(other)):
-            return NotImplemented
-        if not isinstance(other, Number):
-            is_and = name == "and"
-            return self if bool(other) == is_and else bool(other)
-        return self.graph.Add(name, self, other)
+    def __ror__(self, other: Any) -> Any:
+        return Either(other, self)
 
     def __invert__(self) -> Any:
         raise Untraceable("~ of a number, which Python and numpy take for two; use not")
@@ -208,55 +350,23 @@ class Number(_Dispatched):
             raise Untraceable("the negative of a comparison: write float()")
         node = self.graph.nodes[self.ref.place]
         if node.operation == "neg":
-            return Number(self.graph, node.arguments[0])
-        return self.graph.Add("neg", self)
+            return Number(self.graph, node.arguments[0], limit=self.limit)
+        return Number(self.graph, self.graph.Add("neg", self).ref, limit=self.limit)
 
     def __pos__(self) -> "Number":
         return self
 
     def __abs__(self) -> "Number":
-        return self if IsBoolean(self) else self.graph.Add("fabs", self)
+        if self.is_boolean:
+            return self
+        return Number(self.graph, self.graph.Add("fabs", self).ref, limit=self.limit)
 
-    def __pow__(self, other: Any) -> Any:
-        power = other if isinstance(other, Number) else _Constant(other)
-        if power is None:
-            return NotImplemented
-        if isinstance(power, float) and power in (0.0, 1.0, 2.0, 3.0, 4.0):
-            result: Any = 1.0
-            for _ in range(int(power)):
-                result = AsReal(self) * result
-            return result
-        if isinstance(power, float) and power == 0.5:
-            return self.graph.Add("sqrt", self)
-        return self.graph.Add("pow", self, power)
+    def _RefuseRemainder(self, *others: Any) -> NoReturn:
+        raise Untraceable("a remainder, or a number that is rounded")
 
-    def __round__(self, decimals: int | None = None) -> Any:
-        own: Any = self
-        scale = 10.0 ** (decimals or 0)
-        whole = self.graph.Add("rint", own * scale)
-        # Whole numbers of Python's have no -0.0.
-        return whole + 0.0 if decimals is None else whole / scale
-
-    def conjugate(self) -> "Number":
-        """Returns the number itself."""
-        return self
-
-    @property
-    def size(self) -> int:
-        """One, as numpy's numbers have it."""
-        return 1
-
-
-for _name, _operation, _fold in (
-    ("add", "add", None), ("sub", "sub", None),
-    ("mul", "mul", _FoldProduct), ("truediv", "div", _FoldQuotient),
-    ("mod", "fmod", Remainder), ("floordiv", "floor", FloorQuotient),
-):  # fmt: skip
-    setattr(Number, f"__{_name}__", _Operator(_operation, _fold))
-    setattr(Number, f"__r{_name}__", _Operator(_operation, _fold, swapped=True))
-for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
-    setattr(Number, f"__{_name}__", _Operator(_name))
-setattr(Number, "__rpow__", _Operator("pow", swapped=True))  # noqa: B010
+    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _RefuseRemainder
+    __divmod__ = __rdivmod__ = _RefuseRemainder
+    __round__ = __floor__ = __ceil__ = _RefuseRemainder
 
 
 class Table(np.ndarray):
@@ -274,11 +384,17 @@ class Table(np.ndarray):
         is_number = isinstance(index, Number) and not index.is_boolean
         if not is_number:
             raise Untraceable("an index behind another one depends on numbers")
+        plain = np.asarray(self)
+        if plain.dtype.kind in "iu" and plain.dtype != np.int64:
+            raise Untraceable("an element of whole numbers of a few bits")
         rows = [self[(i, *others)] for i in range(len(self))]
-        index = Where(index < 0.0, index + len(self), index)
+        index = AsReal(index)
+        index = Where(index < 0.0, index + float(len(self)), index)
         result: Any = np.nan
         for i in reversed(range(len(rows))):
             result = Where(index == float(i), rows[i], result)
+        if plain.dtype == np.int64 and isinstance(result, Number):
+            return AsWhole(result, float(abs(plain).max()))
         return result
 
 
@@ -301,47 +417,31 @@ def _NoType(array: Any) -> Any:
 class Numbers(_Dispatched, Table):
     """An array of `Number`s."""
 
-    dtype = tobytes = data = base = property(_NoType)
-    argsort = partition = argpartition = property(_NoType)
+    dtype = astype = tobytes = data = base = property(_NoType)
+    sort = argsort = partition = argpartition = property(_NoType)
+    argmax = argmin = searchsorted = property(_NoType)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         keys = key if isinstance(key, tuple) else (key,)
         if any(isinstance(item, Number) for item in keys):
             raise Untraceable("it writes at an index that depends on numbers")
         if HasNumbers(key) and np.shape(key) == self.shape and np.ndim(value) == 0:
-            key, value = ..., Where(key, value, self)
+            value = Where(key, value, self)
+            key = ...
         key = _Masked(key)
-        # An array of yes and no stays one, and one of numbers too.
-        if any(map(IsBoolean, Objects(np.asarray(self)[key]).flat)):
-            if not all(map(IsBoolean, Objects(value).flat)):
+        old = list(Objects(np.asarray(self)[key]).flat)
+        new = list(Objects(value).flat)
+        # An array of yes and no stays one, and so do whole numbers and others.
+        if any(map(IsBoolean, old)):
+            if not all(map(IsBoolean, new)):
                 raise Untraceable("it writes numbers where yes or no was")
+        elif any(LimitOf(x) is not None for x in old):
+            if any(LimitOf(x) is None for x in new):
+                raise Untraceable("it writes numbers where whole numbers were")
         else:
             value = _REAL(Objects(value))
         super().__setitem__(key, value)
 
-    def astype(  # type: ignore[override]
-        self, kind: Any, **keywords: Any
-    ) -> Any:
-        """Returns the numbers as others of Python's."""
-        convert = FUNCTIONS.get(kind)
-        if convert is None or keywords:
-            raise Untraceable(f"astype({kind})")
-        result = AsNumbers(np.frompyfunc(convert, 1, 1)(np.asarray(self)))
-        # What is written into an array of whole numbers would be cut off.
-        result.flags.writeable = convert is FUNCTIONS[float]
-        return result
-
-    def sort(self, *arguments: Any) -> None:  # type: ignore[override]
-        """Sorts the elements in place."""
-        self[...] = FUNCTIONS[np.sort](self, *arguments)
-
-
-def _Method(name: str) -> Callable[..., Any]:
-    return lambda self, *a, **k: FUNCTIONS[getattr(np, name)](self, *a, **k)
-
-
-for _name in ("argmax", "argmin", "clip", "mean", "round"):
-    setattr(Numbers, _name, _Method(_name))
 
 _REAL = np.frompyfunc(AsReal, 1, 1)
 _BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
@@ -349,6 +449,7 @@ _BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
 
 def Objects(value: Any) -> Any:
     """Returns a value as an array that numpy takes for one of objects."""
+    CheckPrecision(value)
     if isinstance(value, np.generic):  # Else its operators call numpy's functions.
         value = value.item()
     return np.asarray(np.asarray(value, object))
@@ -356,6 +457,7 @@ def Objects(value: Any) -> Any:
 
 def AsNumbers(value: Any) -> Numbers:
     """Returns an array as one that Numbers can be written into."""
+    CheckPrecision(value)
     return np.asarray(value, object).view(Numbers)
 
 
@@ -369,12 +471,22 @@ def _Result(value: Any) -> Any:
 
 
 def Unified(array: Any) -> Any:
-    """Returns an array in which yes and no are numbers if anything else is."""
-    if not isinstance(array, Numbers) or len(set(map(IsBoolean, array.flat))) < 2:
+    """Returns an array of one kind of numbers: of yes and no, whole ones, or floats.
+
+    It is the same array where that is so.
+    """
+    if not isinstance(array, Numbers):
         return array
+    kinds = {(IsBoolean(x), LimitOf(x) is None) for x in array.flat}
+    return array if len(kinds) < 2 else AsFloats(array)
+
+
+def AsFloats(array: Any) -> Numbers:
+    """Returns a copy of an array in which yes and no and whole numbers are floats."""
     return AsNumbers(_REAL(np.asarray(array)))
 
 
+# What numpy's own code hands to a ufunc although it means nothing.
 _DEFAULTS = {"dtype": None, "where": True, "keepdims": False}
 
 
@@ -382,30 +494,47 @@ def CallUfunc(
     ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
 ) -> Any:
     """Calls a ufunc of numpy, as __array_ufunc__ has it."""
-    traced = UFUNCS.get(ufunc)
-    is_along_axis = method in ("reduce", "accumulate")
-    if is_along_axis and ufunc in (np.logical_and, np.logical_or):
-        keywords.pop("dtype", None)
-        traced = ufunc  # It asks no more elements than it has to, one by one.
-        inputs = tuple(_BOOLEAN(Objects(value)) for value in inputs)
-    keywords = {
-        k: x for k, x in keywords.items() if x is not _DEFAULTS.get(k, keywords)
-    }
-    known = {"axis", "keepdims"} if is_along_axis else set()
-    if traced is None or not keywords.keys() <= known:
-        names = ", ".join([*keywords, "..."])
-        raise Untraceable(f"np.{ufunc.__name__}({names}) is not known")
-    arrays = [Objects(value) for value in inputs]
-    if is_along_axis:
-        if ufunc in (np.add, np.multiply):  # The sum of yes and no is their number.
-            arrays = [_REAL(array) for array in arrays]
-        if keywords == {"axis": None}:
-            arrays, keywords = [arrays[0].ravel()], {}
-    result = _Result(getattr(traced, method)(*arrays, **keywords))
+    if method == "reduce":
+        result = _Reduced(ufunc, inputs[0], **keywords)
+    elif method == "__call__" and ufunc in UFUNCS and not keywords:
+        result = _Result(UFUNCS[ufunc](*map(Objects, inputs)))
+    else:
+        raise _IsUnknown(ufunc, keywords)
     if out is None:
         return result
     out[0][...] = result
     return out[0]
+
+
+def _Reduced(ufunc: Any, value: Any, **keywords: Any) -> Any:
+    """Returns what a ufunc makes of the elements along an axis."""
+    given = {
+        name: option
+        for name, option in keywords.items()
+        if name not in _DEFAULTS or option is not _DEFAULTS[name]
+    }
+    axis = given.pop("axis", 0)
+    array = Objects(value)
+    if ufunc in (np.logical_and, np.logical_or):
+        given.pop("dtype", None)
+        reduce = ufunc.reduce  # It asks no more elements than it has to, one by one.
+        array = _BOOLEAN(array)
+    elif ufunc in UFUNCS:
+        reduce = UFUNCS[ufunc].reduce
+    else:
+        raise _IsUnknown(ufunc, keywords)
+    if given:
+        raise _IsUnknown(ufunc, given)
+    if ufunc is np.add:  # The sum of yes and no is their number.
+        array = _REAL(array)
+    if axis is None:
+        return _Result(reduce(array.ravel()))
+    return _Result(reduce(array, axis=axis))
+
+
+def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
+    names = ", ".join([*keywords, "..."])
+    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
 
 
 def CallFunction(
@@ -458,7 +587,17 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
     condition = AsBoolean(condition)
     if IsBoolean(a) and IsBoolean(b):
         return (condition & a) | (Not(condition) & b)
-    return condition.graph.Add("select", condition, AsReal(a), AsReal(b))
+    result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
+    return WithLimitOf(result, a, b)
+
+
+def WithLimitOf(result: Any, a: Any, b: Any) -> Any:
+    """Returns the choice between two numbers, as a whole number if both are."""
+    first = LimitOf(a)
+    second = LimitOf(b)
+    if first is None or second is None:
+        return result
+    return AsWhole(result, max(first, second))
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)

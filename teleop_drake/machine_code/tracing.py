@@ -19,10 +19,10 @@ Python would raise an error for, such as an index that is too large, is nan.
 import functools
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import CodeType
+from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,9 +34,11 @@ from teleop_drake.machine_code.symbols import (
     IsBoolean,
     IsSame,
     Number,
+    Objects,
     Ref,
     Untraceable,
     Where,
+    WithLimitOf,
 )
 
 # Operations whose value is yes or no.
@@ -77,9 +79,30 @@ class Node(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-# One way through a function: the conditions with their answers, and what it returns and
-# writes into its arguments.
-_Leaf = tuple[list[tuple[Ref, bool]], list[Any]]
+class _Leaf(NamedTuple):
+    """One way through a function.
+
+    Attributes:
+        path: The conditions, with their answers.
+        values: The numbers that it returns, and those that it leaves in its arguments.
+    """
+
+    path: list[tuple[Ref, bool]]
+    values: list[Any]
+
+
+class _Way(NamedTuple):
+    """The way that is being traced.
+
+    Attributes:
+        answers: What is assumed, also by callers.
+        path: The conditions in the order in which they were met, with their answers.
+        forced: The answers to the first of them; to all others it is yes.
+    """
+
+    answers: dict[Ref, bool]
+    path: list[tuple[Ref, bool]]
+    forced: list[bool]
 
 
 @dataclass
@@ -105,10 +128,10 @@ class Graph:
     _booleans: set[int] = field(default_factory=set)
     _infinite: set[int] = field(default_factory=set)
     _num_merges: int = 0
-    # What is assumed, and in which order it was asked for.
-    _answers: dict[Ref, bool] = field(default_factory=dict)
-    _path: "list[tuple[Ref, bool]] | None" = None
-    _forced: list[bool] = field(default_factory=list)
+    # Whether the function that is being traced is one of the package.
+    _is_of_package: bool = True
+    # None outside of functions.
+    _way: _Way | None = None
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
         """Returns the value of an operation on numbers, also those of Python."""
@@ -140,24 +163,33 @@ class Graph:
                 self._infinite.add(place.place)
         return Number(self, place, place.place in self._booleans)
 
-    def IsFinite(self, value: Number) -> bool:
-        """Returns whether a number is finite whatever there is to work with."""
-        return value.ref.place not in self._infinite
+    def IsZeroTimes(self, value: Number) -> bool:
+        """Returns whether 0.0 times a number is taken for 0.0.
+
+        A function of a user gets what Python makes of it, also -0.0 and nan. The
+        package's own functions multiply matrices that are mostly zero, and nothing in
+        them depends on the sign of a zero.
+        """
+        return self._is_of_package and value.ref.place not in self._infinite
 
     def _IsFinite(self, operation: str, operands: Sequence[Any]) -> bool:
         if operation == "load":
             return self.is_given_finite
-        return operation in _FINITE and all(
-            operand.place not in self._infinite
-            if isinstance(operand, Ref)
-            else abs(operand) < math.inf
-            for operand in operands
+        return (
+            self._is_of_package
+            and operation in _FINITE
+            and all(
+                operand.place not in self._infinite
+                if isinstance(operand, Ref)
+                else abs(operand) < math.inf
+                for operand in operands
+            )
         )
 
     def _CheckCaller(self) -> None:
         """Refuses what works with numbers without being followed."""
         frame = sys._getframe(2)
-        while self._path is not None and frame.f_code not in self.codes:
+        while self._way is not None and frame.f_code not in self.codes:
             if not _IsOwn(frame.f_code):
                 name = frame.f_code.co_qualname
                 raise Untraceable(f"{name}() works with numbers and is not followed")
@@ -166,72 +198,99 @@ class Graph:
 
     def Decide(self, condition: Ref) -> bool:
         """Returns the answer to a condition on the way that is being traced."""
-        if condition in self._answers:
-            return self._answers[condition]
-        if self._path is None:
+        way = self._way
+        if way is not None and condition in way.answers:
+            return way.answers[condition]
+        if way is None:
             raise Untraceable("a condition stands outside of a function")
         self._CheckCaller()
-        if len(self._path) == _MAX_LEAVES:  # Each answer makes a leaf more.
+        if len(way.path) == _MAX_LEAVES:  # Each answer makes a leaf more.
             raise Untraceable(_TOO_MANY_CASES)
-        answer = True
-        if len(self._path) < len(self._forced):
-            answer = self._forced[len(self._path)]
-        self._path.append((condition, answer))
-        self._answers[condition] = answer
+        is_forced = len(way.path) < len(way.forced)
+        answer = way.forced[len(way.path)] if is_forced else True
+        way.path.append((condition, answer))
+        way.answers[condition] = answer
         return answer
 
     def Call(
         self,
-        function: Callable[..., Any],
+        function: FunctionType,
         arguments: Sequence[Any],
         keywords: dict[str, Any],
     ) -> Any:
         """Returns what a function returns, merged over all ways through it."""
-        code = getattr(function, "__code__", None)
-        if code in self.joined and self._path is not None:
-            return function(*arguments, **keywords)
+        was_of_package = self._is_of_package
+        self._is_of_package = _IsOfPackage(function)
+        try:
+            if self._way is not None and function.__code__ in self.joined:
+                return function(*arguments, **keywords)
+            return self._CallEachWay(function, arguments, keywords)
+        finally:
+            self._is_of_package = was_of_package
+
+    def _CallEachWay(
+        self,
+        function: FunctionType,
+        arguments: Sequence[Any],
+        keywords: dict[str, Any],
+    ) -> Any:
+        """Calls a function once for each way through it, and merges what it does."""
+        is_helper = self._way is not None
         before = Contents((arguments, keywords))
         arrays = [x for x in before.arrays if x.size and x.flags.writeable]
-        outer = self._answers, self._path, self._forced
-        forced: list[bool] = []
+        # What is returned to no caller is only read.
+        known = before if is_helper else None
         leaves: list[_Leaf] = []
         first: Any = None
         shape: Any = None
-        try:
-            while True:
-                self._answers, self._path, self._forced = dict(outer[0]), [], forced
-                result = function(*arguments, **keywords)
-                if not self._path and not leaves:  # There is one way only.
-                    return result
-                # What is returned to no caller is only read.
-                known = before if outer[1] is not None else None
-                shape_here, values = _Flat(result, known)
-                if not leaves:
-                    first, shape = result, shape_here
-                is_changed = before.Changed(with_numbers=False)
-                if is_changed or shape_here != shape:
-                    if outer[1] is not None:
-                        raise MustJoinCaller(code)
-                    what = "changes" if is_changed else "returns"
-                    raise Untraceable(f"what it {what} depends on its numbers")
-                values += [x for array in arrays for x in np.asarray(array).flat]
-                leaves.append((self._path, values))
-                if len(leaves) > _MAX_LEAVES:
-                    raise Untraceable(_TOO_MANY_CASES)
-                forced = [answer for _, answer in self._path]
-                while forced and not forced[-1]:
-                    forced.pop()
-                before.Restore(arrays)
-                if not forced:
-                    break
-                forced[-1] = False
-        finally:
-            self._answers, self._path, self._forced = outer
-        values = self._Merge(leaves)
-        for array in reversed(arrays):
-            values, written = values[: -array.size], values[-array.size :]
+        forced: list[bool] | None = []
+        while forced is not None:
+            result, path = self._CallOneWay(function, arguments, keywords, forced)
+            if not path and not leaves:  # There is one way only.
+                return result
+            # All ways have to do the same, but for numbers.
+            if is_helper and _HasAliases(result, before):
+                raise MustJoinCaller(function.__code__)
+            shape_here, values = _Flat(result, known)
+            if not leaves:
+                first = result
+                shape = shape_here
+            is_changed = before.Changed(with_numbers=False)
+            if is_changed or shape_here != shape:
+                if is_helper:
+                    raise MustJoinCaller(function.__code__)
+                what = "changes" if is_changed else "returns"
+                raise Untraceable(f"what it {what} depends on its numbers")
+            # Its arguments are results, too, and the next way gets them as they were.
+            values += [x for array in arrays for x in np.asarray(array).flat]
+            leaves.append(_Leaf(path, values))
+            if len(leaves) > _MAX_LEAVES:
+                raise Untraceable(_TOO_MANY_CASES)
+            before.Restore(arrays)
+            forced = _NextWay(path)
+        merged = iter(self._Merge(leaves))
+        result = _Unflat(first, shape, merged)
+        for array in arrays:
+            written = [next(merged) for _ in range(array.size)]
             np.asarray(array)[...] = Reshaped(written, array.shape)
-        return _Unflat(first, shape, iter(values))
+        return result
+
+    def _CallOneWay(
+        self,
+        function: FunctionType,
+        arguments: Sequence[Any],
+        keywords: dict[str, Any],
+        forced: list[bool],
+    ) -> tuple[Any, list[tuple[Ref, bool]]]:
+        """Returns what a function returns on one way, and the conditions of that."""
+        outer = self._way
+        answers = {} if outer is None else dict(outer.answers)
+        way = _Way(answers, [], forced)
+        self._way = way
+        try:
+            return function(*arguments, **keywords), way.path
+        finally:
+            self._way = outer
 
     def _Merge(self, leaves: list[_Leaf], depth: int = 0) -> list[Any]:
         """Returns the values of the one leaf whose conditions hold."""
@@ -239,17 +298,33 @@ class Graph:
         if len(path) == depth:
             return values
         condition = Number(self, path[depth][0], True)
-        yes, no = (
-            self._Merge([x for x in leaves if x[0][depth][1] is answer], depth + 1)
-            for answer in (True, False)
-        )
+        yes = self._Merge([x for x in leaves if x.path[depth][1]], depth + 1)
+        no = self._Merge([x for x in leaves if not x.path[depth][1]], depth + 1)
         self._num_merges += 1
-        return [
-            Where(condition, a, b)
-            if IsSame((a, b)) or (IsBoolean(a) and IsBoolean(b))
-            else self.Add("merge", self._num_merges, condition, AsReal(a), AsReal(b))
-            for a, b in zip(yes, no, strict=True)
-        ]
+        return [self._MergePair(condition, *pair) for pair in zip(yes, no, strict=True)]
+
+    def _MergePair(self, condition: Number, a: Any, b: Any) -> Any:
+        if IsSame((a, b)) or (IsBoolean(a) and IsBoolean(b)):
+            return Where(condition, a, b)
+        sides = AsReal(a), AsReal(b)
+        merge = self.Add("merge", self._num_merges, condition, *sides)
+        return WithLimitOf(merge, a, b)
+
+
+def _NextWay(path: list[tuple[Ref, bool]]) -> list[bool] | None:
+    """Returns the first answers of the way after one; None after the last."""
+    answers = [answer for _, answer in path]
+    while answers and not answers[-1]:
+        answers.pop()
+    if not answers:
+        return None
+    answers[-1] = False
+    return answers
+
+
+def _IsOfPackage(function: FunctionType) -> bool:
+    module = function.__globals__.get("__name__") or ""
+    return bool(module.partition(".")[0] == __name__.partition(".")[0])
 
 
 @functools.cache
@@ -257,6 +332,26 @@ def _IsOwn(code: CodeType) -> bool:
     """Returns whether code is of this folder or of numpy."""
     folders = Path(__file__).parent, Path(np.__file__).parent
     return any(folder in Path(code.co_filename).parents for folder in folders)
+
+
+def _HasAliases(value: Any, known: Contents) -> bool:
+    """Returns whether a new list or array is in a result twice, or parts of it are."""
+    lists: list[Any] = []
+    arrays: list[Any] = []
+    pending = [value]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, np.ndarray) and not known.Shares(item):
+            if any(AreShared(item, other) for other in arrays):
+                return True
+            arrays.append(item)
+        elif isinstance(item, (tuple, list)) and not known.Has(item):
+            if isinstance(item, list):
+                if any(item is other for other in lists):
+                    return True
+                lists.append(item)
+            pending += item
+    return False
 
 
 def _Flat(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
@@ -269,28 +364,29 @@ def _Flat(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
     if isinstance(value, (Number, int, float, np.generic)):
         return ("number", known is not None and IsBoolean(value)), [value]
     if isinstance(value, (tuple, list)) and not (known and value and known.Has(value)):
-        shapes, values = [], []
-        arrays = [item for item in value if isinstance(item, np.ndarray)]
+        shapes = []
+        values = []
         for item in value:
             shape, inner = _Flat(item, known)
-            is_array = known is not None and isinstance(item, np.ndarray)
-            if is_array and any(AreShared(item, x) for x in arrays if x is not item):
-                shape = object()  # It is like nothing else.
             shapes.append(shape)
             values += inner
         return (type(value), *shapes), values
     if isinstance(value, np.ndarray):
-        plain = np.asarray(value)
-        if known is None:
-            return ("array", plain.shape), list(plain.flat)
-        if known.Shares(value):
-            address = plain.__array_interface__["data"]
-            return ("view", address, plain.strides, plain.shape), []
-        if plain.dtype.kind in "fO":
-            is_boolean = any(map(IsBoolean, plain.flat))
-            return ("array", plain.shape, is_boolean), list(plain.flat)
-        return ("table", plain.shape, plain.dtype, plain.tobytes()), []
+        return _FlatArray(value, known)
     return ("same", id(value)), []
+
+
+def _FlatArray(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
+    plain = np.asarray(value)
+    if known is None:
+        return ("array", plain.shape), list(Objects(plain).flat)
+    if known.Shares(value):
+        address = plain.__array_interface__["data"]
+        return ("view", address, plain.strides, plain.shape), []
+    if plain.dtype.kind in "fO":
+        items = list(Objects(plain).flat)
+        return ("array", plain.shape, any(map(IsBoolean, items))), items
+    return ("table", plain.shape, plain.dtype, plain.tobytes()), []
 
 
 def _Unflat(first: Any, shape: Any, values: Any) -> Any:

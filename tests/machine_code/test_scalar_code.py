@@ -18,6 +18,7 @@ from teleop_drake.machine_code.native import (
 )
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw, TraceProgram
 from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 
@@ -25,8 +26,8 @@ TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 def matrices(x, table):
     A = x[:9].reshape(3, 3)
     S = A @ A.T
-    U, sigma, Vt = np.linalg.svd(A)
-    values, vectors = np.linalg.eigh(S)
+    U, sigma, Vt = singular_values(A)
+    values, vectors = symmetric_eigen(S)
     b = np.linalg.solve(A, x[9:]) + np.linalg.inv(A).T @ x[9:]
     return np.concatenate(
         ((U * sigma @ Vt).ravel(), sigma, (vectors * values @ vectors.T).ravel(), b)
@@ -34,7 +35,7 @@ def matrices(x, table):
 
 
 def small_matrices(x, table):
-    U, sigma, Vt = np.linalg.svd(x[:4].reshape(2, 2))
+    U, sigma, Vt = singular_values(x[:4].reshape(2, 2))
     kept = sigma > 1.0
     if not kept.any():
         return np.zeros(4)
@@ -46,7 +47,7 @@ def row_of(x, starts):
 
 
 def tables(x, table):
-    starts = np.sort(np.array([-0.5, 0.3]))
+    starts = np.array([-0.5, 0.3])
     row = min(max(row_of(x[0], starts), 0), 2)
     limits = np.clip(x, -0.2, np.abs(x[1]))
     return np.concatenate(
@@ -69,6 +70,32 @@ def branches(x, table):
     return np.tanh(result) + first**2 * (1.0 if (x[3] < 0) & (x[4] < 0) else 2.0)
 
 
+def zero_times_a_number(x, table):
+    zeros = np.concatenate((0.0 * x, np.sin(x) * -0.0, np.zeros(12) * x))
+    # It is pi for 0.0, and -pi for -0.0.
+    return np.array([np.arctan2(zero, -1.0) for zero in zeros])
+
+
+def zero_times_an_overflow(x, table):
+    large = 1e200 * (2.0 + np.sin(x))
+    return 0.0 * (large * large)
+
+
+def zero_times_an_overflow_of_a_sum(x, table):
+    large = 1.7e308 + np.sin(x)
+    return 0.0 * (large + large)
+
+
+FUNCTIONS = [
+    matrices,
+    small_matrices,
+    tables,
+    branches,
+    zero_times_a_number,
+    zero_times_an_overflow,
+    zero_times_an_overflow_of_a_sum,
+]
+
 TEXT = """
 def evaluate(t, x, m, p, q, y, dx, everything):
     put(dx[0:{size}], f0(x[0:12], q.reshape((3, 2))))
@@ -78,7 +105,8 @@ def evaluate(t, x, m, p, q, y, dx, everything):
 """
 
 
-@pytest.mark.parametrize("function", [matrices, small_matrices, tables, branches])
+@pytest.mark.parametrize("function", FUNCTIONS)
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")
 def test_machine_code_and_python_agree(function):
     rng = np.random.default_rng(1)
     size = len(function(rng.normal(size=12), TABLE))
