@@ -110,7 +110,8 @@ class Library:
             self._fault = ctypes.c_char_p.from_address(self.Address("fault"))
         place = self._fault
         if place.value is not None:
-            where, place.value = place.value.decode(), None
+            where = place.value.decode()
+            place.value = None
             raise IndexError(f"{where}: an index is outside of its array")
 
 
@@ -124,7 +125,8 @@ class Evaluate:
     """A function `evaluate` in machine code, at its address; see `source`."""
 
     def __init__(self, address: int, owner: Any, is_from_cache: bool):
-        self.address, self.is_from_cache = address, is_from_cache
+        self.address = address
+        self.is_from_cache = is_from_cache
         self._owner = owner
         self._function = _EVALUATE(address)
 
@@ -154,19 +156,17 @@ class TypedFunction:
 
     def __call__(self, *arguments: Any) -> int:
         """Calls it with numbers, named tuples of arrays and a function `evaluate`."""
-        headers = [
-            np.array(Header(x), np.int64) for x in arguments if isinstance(x, tuple)
-        ]
-        tuples = iter(headers)
-        status: int = self._function(
-            *(
-                ctypes.c_void_p(next(tuples).ctypes.data)
-                if isinstance(x, tuple)
-                else ctypes.c_void_p(x.address)
-                if isinstance(x, Evaluate)
-                else ctypes.c_double(x)
-                for x in arguments
-            )
-        )
+        headers = []  # They have to stay until it returns.
+        taken: list[Any] = []
+        for argument in arguments:
+            if isinstance(argument, tuple):
+                header = np.array(Header(argument), np.int64)
+                headers.append(header)
+                taken.append(ctypes.c_void_p(header.ctypes.data))
+            elif isinstance(argument, Evaluate):
+                taken.append(ctypes.c_void_p(argument.address))
+            else:
+                taken.append(ctypes.c_double(argument))
+        status: int = self._function(*taken)
         self._library.RaiseFault()
         return status

@@ -62,12 +62,10 @@ def TraceProgram(
     Its integers q are part of the structure.
     """
     num_y, num_x, num_m = sizes
-    x, m, p, y = (
-        _Given(graph, name, size)
-        for name, size in (
-            ("x", num_x), ("m", num_m), ("p", num_parameters), ("y", num_y)
-        )
-    )  # fmt: skip
+    x = _Given(graph, "x", num_x)
+    m = _Given(graph, "m", num_m)
+    p = _Given(graph, "p", num_parameters)
+    y = _Given(graph, "y", num_y)
     dx = _Given(graph, "dx", num_x)
     q = integers.copy().view(Table)
     arrays = {"dx": dx, "y": y}
@@ -87,12 +85,11 @@ def TraceProgram(
     traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
     if not states:
         raise Untraceable("it does not say what is wanted in any case")
-    stores, everything = states[0], _Changes(graph, arrays)
-    more = {
-        place: value
-        for place, value in everything.items()
-        if place not in stores or _Operand(stores[place]) != _Operand(value)
-    }
+    stores = states[0]
+    more = {}
+    for place, value in _Changes(graph, arrays).items():
+        if place not in stores or _Operand(stores[place]) != _Operand(value):
+            more[place] = value
     return ScalarProgram(graph, stores, more)
 
 
@@ -117,7 +114,8 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
         if IsWhole(sample):
             is_array = isinstance(sample, np.ndarray)
             return sample.view(Table) if is_array else sample
-        start, end = end, end + np.size(sample)
+        start = end
+        end += np.size(sample)
         return p[start:end].reshape(np.shape(sample))[()]
 
     arguments = [Argument(sample) for sample in samples]
@@ -278,20 +276,22 @@ class _Writer:
         # The same merge may be written again where this one's values are not known.
         self._num_names += 1
         number = self._num_names
-        labels, incoming = (f"yes_{number}", f"no_{number}"), []
-        yes, no = (f"label %{label}" for label in labels)
-        self.lines.append(f"  br i1 {self._Value(condition)}, {yes}, {no}")
+        labels = f"yes_{number}", f"no_{number}"
+        operand = self._Value(condition)
+        self.lines.append(f"  br i1 {operand}, label %{labels[0]}, label %{labels[1]}")
+        incoming = []
         for label, values in zip(labels, self._SidesOf(merge), strict=True):
             self.Begin(label)
             num_known = len(self._names)
             operands = list(map(self._Value, values))
-            incoming += [[f"[{operand}, %{self._block}]" for operand in operands]]
+            incoming.append([f"[{x}, %{self._block}]" for x in operands])
+            # What one side computes is not known on the other one, nor behind both.
             while len(self._names) > num_known:
                 self._names.popitem()
             self.lines.append(f"  br label %merged_{number}")
         self.Begin(f"merged_{number}")
-        for place, *pair in zip(self._merges[merge], *incoming, strict=True):
-            self._names[place] = self._Assign(f"phi double {', '.join(pair)}")
+        for place, yes, no in zip(self._merges[merge], *incoming, strict=True):
+            self._names[place] = self._Assign(f"phi double {yes}, {no}")
 
     def _Assign(self, instruction: str) -> str:
         self._num_names += 1

@@ -135,33 +135,42 @@ class Graph:
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
         """Returns the value of an operation on numbers, also those of Python."""
-        operands = []
+        takes_booleans = operation in _OF_BOOLEANS
+        operands: list[Any] = []
         for value in arguments:
             if isinstance(value, Number):
-                if value.graph is not self:
-                    raise Untraceable("it keeps a number from another call")
-                if value.is_boolean and operation not in _OF_BOOLEANS:
-                    value = AsReal(value)
-                value = value.ref
+                operands.append(self._RefOf(value, takes_booleans))
             elif value == 0.0 and str(value) == "-0.0" and operation != "neg":
-                value = self.Add("neg", 0.0).ref  # Else it would be taken for 0.0.
-            elif IsBoolean(value) and operation not in _OF_BOOLEANS:
-                value = float(value)
-            operands.append(value)
+                # Else it would be taken for 0.0.
+                operands.append(self.Add("neg", 0.0).ref)
+            elif IsBoolean(value) and not takes_booleans:
+                operands.append(float(value))
+            else:
+                operands.append(value)
         node = Node(operation, tuple(operands))
-        place = self._places.get(node)
-        if place is None:
+        if node not in self._places:
             self._CheckCaller()
-            if len(self.nodes) >= _MAX_NODES:
-                raise Untraceable("there are too many operations")
-            place = Ref(len(self.nodes))
-            self.nodes.append(node)
-            self._places[node] = place
-            if operation in BOOLEAN:
-                self._booleans.add(place.place)
-            elif not self._IsFinite(operation, operands):
-                self._infinite.add(place.place)
+            self._places[node] = self._Append(node)
+        place = self._places[node]
         return Number(self, place, place.place in self._booleans)
+
+    def _RefOf(self, value: Number, takes_booleans: bool) -> Ref:
+        if value.graph is not self:
+            raise Untraceable("it keeps a number from another call")
+        if value.is_boolean and not takes_booleans:
+            value = AsReal(value)
+        return value.ref
+
+    def _Append(self, node: Node) -> Ref:
+        if len(self.nodes) >= _MAX_NODES:
+            raise Untraceable("there are too many operations")
+        place = len(self.nodes)
+        self.nodes.append(node)
+        if node.operation in BOOLEAN:
+            self._booleans.add(place)
+        elif not self._IsFinite(node):
+            self._infinite.add(place)
+        return Ref(place)
 
     def IsZeroTimes(self, value: Number) -> bool:
         """Returns whether 0.0 times a number is taken for 0.0.
@@ -172,19 +181,19 @@ class Graph:
         """
         return self._is_of_package and value.ref.place not in self._infinite
 
-    def _IsFinite(self, operation: str, operands: Sequence[Any]) -> bool:
-        if operation == "load":
+    def _IsFinite(self, node: Node) -> bool:
+        """Returns whether a new operation has a finite value."""
+        if node.operation == "load":
             return self.is_given_finite
-        return (
-            self._is_of_package
-            and operation in _FINITE
-            and all(
-                operand.place not in self._infinite
-                if isinstance(operand, Ref)
-                else abs(operand) < math.inf
-                for operand in operands
-            )
-        )
+        if not self._is_of_package or node.operation not in _FINITE:
+            return False
+        for operand in node.arguments:
+            if isinstance(operand, Ref):
+                if operand.place in self._infinite:
+                    return False
+            elif not abs(operand) < math.inf:
+                return False
+        return True
 
     def _CheckCaller(self) -> None:
         """Refuses what works with numbers without being followed."""

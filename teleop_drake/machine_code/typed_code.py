@@ -195,7 +195,8 @@ class _Function(ExpressionWriter):
                 )
             case ast.AugAssign(target=ast.Subscript() as target, op=op, value=value):
                 place = self._Element(target)
-                old, by = self._Loaded(place), self._Expression(value)
+                old = self._Loaded(place)
+                by = self._Expression(value)
                 self._Store(place, self._Operate(op, old, by, node), target)
             case ast.If():
                 self._If(node)
@@ -270,22 +271,30 @@ class _Function(ExpressionWriter):
         self._Block(body)
         self._loops.pop()
 
+    def _RangeOf(self, node: ast.expr) -> tuple[Value | None, tuple[str, str, str]]:
+        """Returns the array of a loop, if it is one, and its first index, end, step."""
+        match node:
+            case ast.Call(func=ast.Name(id="range"), args=arguments):
+                limits = [self._Expression(argument).operand for argument in arguments]
+            case _:
+                array = self._Expression(node)
+                return array, ("0", array.operands[1], "1")
+        match limits:
+            case [last]:
+                return None, ("0", last, "1")
+            case [first, last]:
+                return None, (first, last, "1")
+            case [first, last, step]:
+                return None, (first, last, step)
+        raise self._Refuse("a range without limits", node)
+
     def _For(self, node: ast.For) -> None:
         """Writes a loop over a range, or over an array of one dimension."""
         assert isinstance(node.target, ast.Name)
-        array: Value | None = None
-        match node.iter:
-            case ast.Call(func=ast.Name(id="range"), args=arguments):
-                limits = [self._Expression(argument).operand for argument in arguments]
-                first = limits[0] if len(limits) > 1 else "0"
-                last = limits[min(len(limits), 2) - 1]
-                step = limits[2] if len(limits) == 3 else "1"
-            case _:
-                array = self._Expression(node.iter)
-                first, last, step = "0", array.operands[1], "1"
+        array, (first, last, step) = self._RangeOf(node.iter)
         if not step.lstrip("-").isdigit():
             raise self._Refuse("a step of a range that is no constant", node)
-        # As in Python, the body does not decide what comes next.
+        # The counter is not the variable: as in Python, the body does not change it.
         counter = self._Slot(INTEGER)
         self._Put(INTEGER, counter, Value(INTEGER, (first,)))
         head, inner, following, end = self._Names(4)

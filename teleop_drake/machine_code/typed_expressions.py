@@ -12,7 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-FLOAT, INTEGER, BOOLEAN, NOTHING = "double", "i64", "i1", "void"
+FLOAT = "double"
+INTEGER = "i64"
+BOOLEAN = "i1"
+NOTHING = "void"
 
 EVALUATE = "evaluate"
 """The type of a function `evaluate` as scalar_code makes it."""
@@ -125,7 +128,8 @@ class ExpressionWriter:
     """
 
     def __init__(self, module: Any, function: FunctionType):
-        self._module, self._function = module, function
+        self._module = module
+        self._function = function
         self._lines: list[str] = []
         self._slots: list[str] = []
         self._num_names = 0
@@ -256,7 +260,8 @@ class ExpressionWriter:
                     raise self._Refuse("the negative of a whole number", node)
                 return self._Is(FLOAT, f"fneg double {x.operand}")
             case ast.BinOp(left=left, op=op, right=right):
-                a, b = self._Expression(left), self._Expression(right)
+                a = self._Expression(left)
+                b = self._Expression(right)
                 return self._Operate(op, a, b, node)
             case ast.Compare():
                 return self._Compare(node)
@@ -287,7 +292,8 @@ class ExpressionWriter:
         if name not in kinds:
             raise self._Refuse(f"the attribute {name}", node)
         before = list(kinds.values())[: list(kinds).index(name)]
-        kind, place = kinds[name], sum(map(_NumSlots, before))
+        kind = kinds[name]
+        place = sum(map(_NumSlots, before))
         parts = PartsOf(kind)
         pointers = [
             self._Do(f"getelementptr i64, ptr {value.operand}, i64 {place + k}")
@@ -363,7 +369,8 @@ class ExpressionWriter:
 
     def _Operate(self, op: ast.operator, a: Value, b: Value, node: ast.AST) -> Value:
         if isinstance(op, (ast.Div, ast.Pow)):
-            a, b = self._As(FLOAT, a), self._As(FLOAT, b)
+            a = self._As(FLOAT, a)
+            b = self._As(FLOAT, b)
         kind, x, y = self._Same(a, b)
         if isinstance(op, ast.Pow):
             return self._Is(FLOAT, f"call double @llvm.pow.f64(double {x}, double {y})")
@@ -397,7 +404,8 @@ class ExpressionWriter:
 
     def _Logic(self, node: ast.BoolOp) -> Value:
         """Returns the result of `and` or `or`, which ask no more than they have to."""
-        slots, (end,) = self._Slot(BOOLEAN), self._Names(1)
+        slots = self._Slot(BOOLEAN)
+        (end,) = self._Names(1)
         for operand in node.values:
             truth = self._Truth(self._Expression(operand))
             self._Put(BOOLEAN, slots, Value(BOOLEAN, (truth,)))
@@ -450,8 +458,7 @@ class ExpressionWriter:
         result = values[0]
         for value in values[1:]:
             kind, y, x = self._Same(value, result)
-            pair = Value(kind, (y,)), Value(kind, (x,))
-            better = self._Holds(comparison, *pair)
+            better = self._Holds(comparison, Value(kind, (y,)), Value(kind, (x,)))
             result = self._Is(kind, f"select i1 {better}, {kind} {y}, {kind} {x}")
         return result
 
@@ -468,7 +475,8 @@ class ExpressionWriter:
             result = Value(NOTHING, ())
         else:
             result = self._Is(kind, call)
-        fault, (following,) = self._Do("load ptr, ptr @fault"), self._Names(1)
+        fault = self._Do("load ptr, ptr @fault")
+        (following,) = self._Names(1)
         bad = self._Do(f"icmp ne ptr {fault}, null")
         self._Branch(bad, "fault", following, ", !prof !2")
         self._Label(following)
