@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.arrays import Array
+from teleop_drake.compiler.block_events import CheckEvents
 from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
@@ -23,11 +24,12 @@ from teleop_drake.machine_code.symbols import Untraceable
 
 
 def KernelOf(system: System, context: Context) -> Kernel:
-    """Returns what a block computes.
+    """Returns what a block computes. Its events are not compared; see CheckEvents().
 
     Args:
         system: The block: one of a user's own, one of Drake's primitives, or a
-            MultibodyPlant.
+            MultibodyPlant. An instance of a subclass is not taken for one of its base.
+        context: Of the block.
 
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
@@ -36,11 +38,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
         own: Kernel = system.Kernel()
         _CheckIsWhole(system, own)
         return own
-    if isinstance(system, MultibodyPlant):
+    kind = type(system)
+    if kind is MultibodyPlant:
         return PlantKernel(system, context)
-    for kind, make in KERNELS_OF_PLANTS.items():
-        if isinstance(system, kind):
-            return make(system)
+    if kind in KERNELS_OF_PLANTS:
+        return KERNELS_OF_PLANTS[kind](system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")
@@ -58,7 +60,7 @@ def _CheckIsWhole(system: System, kernel: Kernel) -> None:
         if "Kernel" in vars(cls):
             return
         for name in vars(cls):
-            if name.startswith("DoCalc"):
+            if name.startswith(("DoCalc", "DoGetWitness")):
                 reason = f"{cls.__name__} has a {name}() that its kernel does not know"
                 raise UnsupportedSystem(system, reason)
 
@@ -88,6 +90,8 @@ class Evaluator:
         self.system = system
         contexts = ContextsIn(system, context)
         kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
+        for block, kernel in zip(self.blocks, kernels, strict=True):
+            CheckEvents(block.system, kernel, contexts[block.system])
         self.program = Program(self.blocks, kernels)
         compiler = CompileEvaluate if as_machine_code else _InPython
         try:

@@ -56,10 +56,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     Raises:
         UnsupportedSystem: If it is one, but not in a form that can be compiled.
     """
-    for kind, make in KERNELS.items():
-        if isinstance(system, kind):
-            return make(system, context)
-    return None
+    make = KERNELS.get(type(system))
+    return None if make is None else make(system, context)
 
 
 def _Inputs(system: System) -> list[Name]:
@@ -173,13 +171,15 @@ def _ZeroOrderHold(system: primitives.ZeroOrderHold, context: Context) -> Kernel
     )
 
 
-# A class before those it derives from.
+# Of each class its own instances only: a subclass may compute something else.
 KERNELS: dict[type[System], Callable[[Any, Context], Kernel]] = {
     primitives.Gain: _Gain,
     primitives.Adder: lambda x, _: Kernel(outputs=_Output(x, (total, *_Inputs(x)))),
     primitives.Multiplexer: lambda x, _: Kernel(outputs=_Output(x, _Inputs(x))),
     primitives.Demultiplexer: _Demultiplexer,
     primitives.AffineSystem: _AffineSystem,
+    primitives.LinearSystem: _AffineSystem,
+    primitives.MatrixGain: _AffineSystem,
     primitives.Integrator: lambda x, _: Kernel(
         outputs=_Output(x, "state"), rate=_Inputs(x)[0]
     ),

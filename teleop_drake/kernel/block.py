@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+import re
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +17,7 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DependencyTicket,
+    LeafSystem,
     LeafSystem_,
     WitnessFunction,
 )
@@ -27,6 +29,7 @@ from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.terms import WORDS, TermReader
+from teleop_drake.kernel.ticks import EndStep
 from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Choices, Refuse
 
@@ -128,6 +131,28 @@ class Duals(np.ndarray):
         return array.item() if array.ndim == 0 else array.view(Duals)
 
 
+def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
+    """Makes a block note the events that are declared besides those of its kernel."""
+    names = [x for x in dir(LeafSystem) if re.fullmatch("DeclarePer.*Event", x)]
+    for name in names:
+        setattr(cls, name, _Noting(name))
+    return cls
+
+
+def _Noting(name: str) -> Callable[..., Any]:
+    """Returns the method of LeafSystem with a name, which notes its call."""
+    declare = getattr(LeafSystem, name)
+
+    @functools.wraps(declare)
+    def Declare(block: "KernelBlock", *arguments: Any, **options: Any) -> Any:
+        if not block._is_declaring and EndStep not in arguments:
+            block.other_events = (*block.other_events, name)
+        return declare(block, *arguments, **options)
+
+    return Declare
+
+
+@_NotingEvents
 class KernelBlock(_Rated, Convertible):
     """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().
 
@@ -150,9 +175,13 @@ class KernelBlock(_Rated, Convertible):
         is_compiled: Whether the outputs and the rate call the kernel's functions as
             machine code where that is installed: worth its while for those that take
             more than a few microseconds.
+        other_events: The declarations of periodic and per-step events besides those
+            of the kernel. A block that has some runs in Drake's Simulator only.
     """
 
     dual = DualBlock
+    other_events: tuple[str, ...] = ()
+    _is_declaring = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
     longest_step = math.inf
     optional_inputs: tuple[str, ...] = ()
@@ -168,6 +197,7 @@ class KernelBlock(_Rated, Convertible):
         Args:
             sizes: Width of each port by its name, in the order of the ports.
         """
+        self._is_declaring = True
         kernel = self.Kernel()
         lines = {
             delay.output: (PacketLine if delay.shown else DelayLine)(self, delay)
@@ -183,6 +213,7 @@ class KernelBlock(_Rated, Convertible):
             return _Reader(self, kernel, place, is_compiled=False).Read(term)
 
         self._kernel_events = Events(self, kernel, Read)
+        self._is_declaring = False
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when a sample or what is delayed will jump next, s; infinity: never.

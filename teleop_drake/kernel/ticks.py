@@ -38,6 +38,11 @@ class Ticks:
         return self.offset + max(math.floor(ticks + TIE) + 1, 0) * self.period
 
 
+def EndStep(context: Context) -> EventStatus:
+    """Does nothing: it is an event for a step of the solver to end at."""
+    return EventStatus.DidNothing()
+
+
 def DeclareTicks(
     block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None] | None
 ) -> None:
@@ -57,9 +62,8 @@ def DeclareTicks(
             _ONCE, ticks.offset, Weakly(update)
         )
         return
-    block.DeclarePeriodicPublishEvent(  # It is there for a step to end at it.
-        min(ticks.period, _ONCE), ticks.offset, lambda _: EventStatus.DidNothing()
-    )
+    period = min(ticks.period, _ONCE)
+    block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
     if update is None:
         return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))

@@ -1,0 +1,179 @@
+"""Comparison of the events that a block has in Drake with those of its kernel.
+
+A compiled run executes the events of kernels and no others. A block that has more, for
+instance because a subclass declares a periodic update, is therefore refused.
+
+Drake reports the witness functions of a block but neither its periodic nor its per-step
+events. They are found in two ways:
+
+* A KernelBlock notes each event that is declared besides those of its kernel.
+* Any other block is run on its own in Drake's Simulator, from event to event. The
+  handlers of its events are the Python functions that the Simulator calls. The events
+  of Drake's own primitives have no such handler. The run ends after 1000 steps, so an
+  event that happens for the first time after 1000 others is not found.
+
+Initialization events need no comparison: they are executed before a compiled run.
+"""
+
+import math
+import sys
+from types import FrameType
+
+import numpy as np
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    InitializeParams,
+    Simulator,
+    SimulatorConfig,
+)
+from pydrake.systems.framework import (
+    Context,
+    EventStatus,
+    InputPort,
+    PortDataType,
+    System,
+    WitnessFunction,
+)
+
+from teleop_drake.arrays import Array
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.kernel import Kernel, KernelBlock, Transition
+
+# How far the run of a block goes, s: no period and no offset is longer in practice.
+_HORIZON = 1e9
+
+# The run of a block ends after so many steps, each of which ends at an event.
+_MAX_STEPS = 1000
+
+
+def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
+    """Checks that a kernel has all events of its block.
+
+    Args:
+        context: Of the block.
+
+    Raises:
+        UnsupportedSystem: If the block has events that the kernel does not have, or if
+            they cannot be determined.
+    """
+    if isinstance(system, KernelBlock):
+        if system.other_events:
+            reason = f"its kernel does not know its {system.other_events[0]}()"
+            raise UnsupportedSystem(system, reason)
+        _CheckWitnesses(system, kernel)
+        return
+    if _Witnesses(system):
+        reason = "its witness functions are not made of its kernel, as a KernelBlock's"
+        raise UnsupportedSystem(system, reason)
+    calls: dict[float, list[str]] = {}
+    try:
+        _Run(system, _OwnContext(system, context), calls)
+    except Exception as error:
+        if not calls:
+            reason = f"its events cannot be determined: {error}"
+            raise UnsupportedSystem(system, reason) from error
+    is_python = hasattr(system, "Kernel")
+    for time, handlers in calls.items():
+        num_known = _NumPeriodic(kernel, time) if is_python else 0
+        if len(handlers) > num_known:
+            reason = f"its kernel does not know the event {handlers[-1]}()"
+            raise UnsupportedSystem(system, reason)
+
+
+def _CheckWitnesses(system: System, kernel: Kernel) -> None:
+    """Refuses a block with more witness functions than its kernel has guards."""
+    guards = [x for x in kernel.transitions.values() if x.guard is not None]
+    if len(_Witnesses(system)) > len(guards):
+        raise UnsupportedSystem(system, "its kernel does not know its witness function")
+
+
+def _Witnesses(system: System) -> list[WitnessFunction]:
+    """Returns the witness functions of a block where events are located."""
+    context = system.CreateDefaultContext()
+    context.SetAccuracy(1e-4)
+    witnesses: list[WitnessFunction] = system.GetWitnessFunctions(context)
+    return witnesses
+
+
+def _NumPeriodic(kernel: Kernel, time: float) -> int:
+    """Returns how many periodic transitions a kernel has at a time in s."""
+    return sum(
+        _IsDue(transition, time)
+        for transition in kernel.transitions.values()
+        if transition.guard is None
+    )
+
+
+def _IsDue(transition: Transition, time: float) -> bool:
+    """Returns whether a periodic transition happens at a time in s."""
+    gone = time - transition.offset
+    if transition.period < math.inf:
+        gone -= max(round(gone / transition.period), 0) * transition.period
+    return abs(gone) <= 1e-9 * max(1.0, abs(time))
+
+
+def _OwnContext(system: System, context: Context) -> Context:
+    """Returns a Context of a block on its own, with the inputs that another one has."""
+    own = system.CreateDefaultContext()
+    own.SetTimeStateAndParametersFrom(context)
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        if port.get_data_type() == PortDataType.kVectorValued:
+            port.FixValue(own, _ValueOf(port, context))
+    return own
+
+
+def _ValueOf(port: InputPort, context: Context) -> Array:
+    """Returns the value of an input; zeros if it depends on an unconnected port."""
+    try:
+        value: Array = port.Eval(context)
+    except Exception:
+        return np.zeros(port.size())
+    return value
+
+
+def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> None:
+    """Runs a block in Drake's Simulator from event to event.
+
+    Args:
+        calls: Gets the names of the Python functions that handle events, by the time in
+            s of the call.
+    """
+    simulator = Simulator(system, context)
+    config = SimulatorConfig(
+        integration_scheme="explicit_euler",
+        max_step_size=_HORIZON,
+        use_error_control=False,
+    )
+    ApplySimulatorConfig(config, simulator)
+    num_steps = 0
+
+    def EndAfterSomeSteps(_: Context) -> EventStatus:
+        nonlocal num_steps
+        num_steps += 1
+        if num_steps == _MAX_STEPS:
+            return EventStatus.ReachedTermination(system, "enough events")
+        return EventStatus.DidNothing()
+
+    parameters = InitializeParams(suppress_initialization_events=True)
+    caller = sys._getframe()
+
+    def NoteCall(frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        # What Drake calls has this function for its caller.
+        is_called_by_drake = event == "call" and frame.f_back is caller
+        if not is_called_by_drake or code is EndAfterSomeSteps.__code__:
+            return
+        if code.co_name != "DoCalcTimeDerivatives":
+            calls.setdefault(context.get_time(), []).append(code.co_name)
+
+    simulator.set_monitor(EndAfterSomeSteps)
+    profiler = sys.getprofile()
+    sys.setprofile(NoteCall)
+    try:
+        simulator.Initialize(parameters)
+        simulator.AdvanceTo(context.get_time() + _HORIZON)
+        simulator.AdvancePendingEvents()
+    finally:
+        sys.setprofile(profiler)
+        simulator.clear_monitor()

@@ -1,0 +1,301 @@
+"""No event of a block is dropped: a block with more than its kernel runs in Drake."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator, SimulatorConfig
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    UnrestrictedUpdateEvent,
+    WitnessFunctionDirection,
+)
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Gain,
+    Integrator,
+    LinearSystem,
+    PassThrough,
+    Saturation,
+    ZeroOrderHold,
+)
+
+from teleop_drake.architectures import ControlLawConfig
+from teleop_drake.compiler.block_events import CheckEvents
+from teleop_drake.compiler.evaluator import KernelOf
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import MakeDiagram, simulate
+
+# In s and N.
+PERIOD, END, PUSH = 0.1, 0.95, 5e-4
+
+
+def reset(context, state):
+    state.get_mutable_continuous_state().SetFromVector([0.0])
+
+
+def reset_when_past(context, state):
+    if context.get_continuous_state_vector()[0] < 0.3:
+        return EventStatus.DidNothing()
+    reset(context, state)
+    return EventStatus.Succeeded()
+
+
+class Refilled(Integrator):
+    def __init__(self):
+        Integrator.__init__(self, 1)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, reset)
+
+
+class Filled(KernelBlock):
+    """x' = u, y = x."""
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareContinuousState(1)
+        self.DeclareOutputs(y=1)
+
+    def Kernel(self):
+        return Kernel(outputs={"y": "state"}, rate="u")
+
+
+class FilledAndReset(Filled):
+    def __init__(self):
+        Filled.__init__(self)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, reset)
+
+
+class FilledAndWatched(Filled):
+    def __init__(self):
+        Filled.__init__(self)
+        self._full = self.MakeWitnessFunction(
+            "full",
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            lambda context: context.get_continuous_state_vector()[0] - 0.3,
+            UnrestrictedUpdateEvent(
+                lambda context, event, state: reset(context, state)
+            ),
+        )
+
+    def DoGetWitnessFunctions(self, context):
+        return [self._full]
+
+
+class FilledLeaf(LeafSystem):
+    """x' = u, y = x, with callbacks of its own and an event."""
+
+    def __init__(self, declare):
+        LeafSystem.__init__(self)
+        self._u = self.DeclareVectorInputPort("u", 1)
+        self.DeclareContinuousState(1)
+        self.DeclareVectorOutputPort("y", 1, self._CalcY, {self.xc_ticket()})
+        declare(self)
+
+    def _CalcY(self, context, output):
+        output.SetFromVector(context.get_continuous_state_vector().CopyToVector())
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.SetFromVector(self._u.Eval(context))
+
+    def Kernel(self):
+        return Kernel(outputs={"y": "state"}, rate="u")
+
+
+def integrator_with_an_event():
+    block = Integrator(1)
+    block.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, reset)
+    return block
+
+
+def late_event(block):
+    block.DeclarePeriodicUnrestrictedUpdateEvent(1e6, 0.7, reset)
+
+
+def event_of_each_step(block):
+    block.DeclarePerStepUnrestrictedUpdateEvent(reset_when_past)
+
+
+BLOCKS = {
+    "instance of a primitive": integrator_with_an_event,
+    "subclass of a primitive": Refilled,
+    "subclass of a KernelBlock": FilledAndReset,
+    "witness of a KernelBlock": FilledAndWatched,
+    "late event of a LeafSystem": lambda: FilledLeaf(late_event),
+    "per-step event of a LeafSystem": lambda: FilledLeaf(event_of_each_step),
+}
+
+
+def integrated(block):
+    """Returns a diagram that integrates a constant 1."""
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
+    block = builder.AddNamedSystem("block", block)
+    builder.Connect(source.get_output_port(), block.get_input_port())
+    builder.ExportOutput(block.get_output_port(), "y")
+    return builder.Build()
+
+
+@pytest.mark.parametrize("make", BLOCKS.values(), ids=BLOCKS)
+def test_a_block_with_another_event_runs_in_drake(make):
+    config = SimulatorConfig(integration_scheme="runge_kutta5", max_step_size=1e-3)
+    recording = simulate(integrated(make()), duration=END, simulator=config)
+    assert recording.solver.engine == "drake"
+    assert any("'block' cannot be compiled" in note for note in recording.notes)
+    simulator = Simulator(integrated(make()))
+    simulator.get_mutable_integrator().set_maximum_step_size(1e-3)
+    simulator.get_mutable_context().SetAccuracy(1e-6)
+    simulator.AdvanceTo(END)
+    expected = simulator.get_context().get_continuous_state_vector()[0]
+    assert expected < 0.5
+    assert recording["y"][-1, 0] == pytest.approx(expected, abs=3e-3)
+
+
+def no_event(block):
+    pass
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: Integrator(1), Filled, lambda: FilledLeaf(no_event)]
+)
+def test_a_block_without_another_event_is_compiled(make):
+    recording = simulate(integrated(make()), duration=END)
+    assert recording.solver.engine == "compiled"
+    assert recording["y"][-1, 0] == pytest.approx(END)
+
+
+def published(context):
+    return EventStatus.DidNothing()
+
+
+def updated(context, values):
+    return EventStatus.DidNothing()
+
+
+# The declarations of events, each with its arguments.
+DECLARATIONS = {
+    "DeclarePeriodicPublishEvent": (0.1, 0.0, published),
+    "DeclarePeriodicDiscreteUpdateEvent": (0.1, 0.0, updated),
+    "DeclarePeriodicUnrestrictedUpdateEvent": (0.1, 0.0, updated),
+    "DeclarePerStepPublishEvent": (published,),
+    "DeclarePerStepDiscreteUpdateEvent": (updated,),
+    "DeclarePerStepUnrestrictedUpdateEvent": (updated,),
+}
+
+# Those that have, or may have, events of their own among them.
+RECEIVERS = {
+    "Gain": lambda: Gain(2.0, 1),
+    "Saturation": lambda: Saturation([-1.0], [1.0]),
+    "ZeroOrderHold": lambda: ZeroOrderHold(0.1, 1),
+    "LinearSystem": lambda: LinearSystem([[0.5]], [[1]], [[1]], [[0]], 0.1),
+    "KernelBlock": Filled,
+    "LeafSystem": lambda: FilledLeaf(no_event),
+}
+
+
+def Check(block):
+    context = block.CreateDefaultContext()
+    CheckEvents(block, KernelOf(block, context), context)
+
+
+@pytest.mark.parametrize("declaration", DECLARATIONS)
+@pytest.mark.parametrize("receiver", RECEIVERS)
+def test_each_kind_of_event_is_noticed(declaration, receiver):
+    block = RECEIVERS[receiver]()
+    Check(block)
+    getattr(block, declaration)(*DECLARATIONS[declaration])
+    with pytest.raises(UnsupportedSystem, match="its kernel does not know"):
+        Check(block)
+
+
+class Sampled(LeafSystem):
+    """Takes its input each 0.1 s; `extra` is called at the same instants."""
+
+    def __init__(self, *, extra):
+        LeafSystem.__init__(self)
+        self._u = self.DeclareVectorInputPort("u", 1)
+        self.DeclareStateOutputPort("y", self.DeclareDiscreteState(1))
+        self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self._Take)
+        if extra:
+            self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, updated)
+
+    def _Take(self, context, values):
+        values.set_value(0, self._u.Eval(context))
+
+    def Kernel(self):
+        takes = Transition(mode="u", period=0.1, is_discrete=True)
+        return Kernel(outputs={"y": "mode"}, transitions={"takes": takes})
+
+
+def test_a_second_event_at_the_instants_of_the_kernel_is_noticed():
+    block = Sampled(extra=False)
+    Check(block)
+    block = Sampled(extra=True)
+    with pytest.raises(UnsupportedSystem, match=r"does not know the event updated\(\)"):
+        Check(block)
+
+
+def test_an_unknown_base_is_not_taken_for_the_class():
+    class Other(PassThrough):
+        pass
+
+    block = Other(1)
+    with pytest.raises(UnsupportedSystem, match=r"Other .* offers no kernel"):
+        KernelOf(block, block.CreateDefaultContext())
+
+
+class DeadManLaw(LeafSystem):
+    """Pushes until 0.2 s, then its switch releases; its kernel lacks that."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        for name in (
+            *("haptic_force", "velocity_command", "tool_position"),
+            *("tool_velocity", "environment_force"),
+        ):
+            self.DeclareVectorInputPort(name, 1)
+        self.DeclareDiscreteState([PUSH])
+        self.DeclareVectorOutputPort(
+            "control_force", 1, self._CalcForce, {self.xd_ticket()}
+        )
+        self.DeclarePerStepDiscreteUpdateEvent(self._Release)
+
+    def _Release(self, context, values):
+        if context.get_time() < 0.2:
+            return EventStatus.DidNothing()
+        values.set_value(0, [0.0])
+        return EventStatus.Succeeded()
+
+    def _CalcForce(self, context, output):
+        output.SetFromVector(context.get_discrete_state_vector().value())
+
+    def Kernel(self):
+        inputs = [self.get_input_port(i).get_name() for i in range(5)]
+        return Kernel(outputs={"control_force": "mode"}, unused=tuple(inputs))
+
+
+@dataclass(kw_only=True, eq=False)
+class DeadMan(ControlLawConfig):
+    def MakeControlLaw(self, facts, path):
+        return DeadManLaw()
+
+
+def test_a_control_law_with_a_dead_man_switch_lets_go():
+    scenario = LoadScenario("one_dof", [f"controller.kind={__name__}:DeadMan"])
+    recording = simulate(scenario, duration=0.4)
+    assert recording.solver.engine == "drake"
+    force, time = recording["control_force"][:, 0], recording.time
+    assert (force[time < 0.2] == PUSH).all()
+    assert (force[time > 0.25] == 0.0).all()
+    simulator = Simulator(MakeDiagram(scenario))
+    simulator.get_mutable_integrator().set_maximum_step_size(1e-3)
+    simulator.AdvanceTo(0.4)
+    diagram = simulator.get_system()
+    robot = diagram.GetSubsystemByName("robot")
+    own = robot.GetMyContextFromRoot(simulator.get_context())
+    velocity = robot.GetOutputPort("tool_velocity").Eval(own)
+    np.testing.assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
