@@ -5,8 +5,7 @@ something to take; then what feeds through, one after another; at last the input
 first ones are connected, to anything. So there are loops, none of them algebraic.
 
 Signals stay of the size of 1: states relax, and what goes into a loop is limited.
-A delay takes no signal that is rough. Drake's discrete updates come after the events in
-which a delay records jumps, and nothing ends a step where a Saturation begins.
+A delay takes no signal that is rough: nothing ends a step where a Saturation begins.
 """
 
 import numpy as np
@@ -32,7 +31,7 @@ from teleop_drake.kernel import FixedBlock, Kernel, Transition, times
 
 N, END = 3, 1.0
 I, ZERO = np.eye(N), np.zeros((N, N))
-ROUGH = ZeroOrderHold, Saturation, AffineSystem
+ROUGH = (Saturation,)
 TAKES_SMOOTH = TransportDelay, VariableDelay
 
 

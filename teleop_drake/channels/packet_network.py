@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.channels.variable import DelayProfile
-from teleop_drake.integrator.problem import TIE
+from teleop_drake.integrator.problem import TIE, same_within
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -338,10 +338,9 @@ class PacketNetwork:
 
     def _Snap(self, times: Array) -> Array:
         # 0.1 + 3 * 0.1 is not 4 * 0.1.
-        periods = times / self.sample_period
-        whole = np.round(periods)
-        is_whole = np.abs(periods - whole) < TIE
-        return np.where(is_whole, whole * self.sample_period, times)
+        ticks = np.round(times / self.sample_period) * self.sample_period
+        within = same_within(float(times.max(initial=0.0)))
+        return np.where(np.abs(times - ticks) <= within, ticks, times)
 
     def _JitterOf(self, block: int) -> tuple[Array, float]:
         """Returns the jitter, and the last deviate g if it is correlated."""

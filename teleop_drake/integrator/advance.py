@@ -36,6 +36,7 @@ from teleop_drake.integrator.problem import (
     Delays,
     Memory,
     Problem,
+    same_within,
 )
 from teleop_drake.integrator.transitions import (
     change_modes,
@@ -380,7 +381,7 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
         stop = min(stop, memory.breaks[i, 0])
     for k in range(len(memory.ticks)):
         stop = min(stop, next_time(k, transitions, memory))
-    return stop
+    return t_end if stop >= t_end - same_within(t_end) else stop
 
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:

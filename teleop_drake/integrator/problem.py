@@ -10,8 +10,15 @@ SAME = 1e-12
 """Instants closer together than this, in s, are one."""
 
 TIE = 1e-6
-"""Of two periodic instants that differ by less than this share of a period, the second
-one happens with the first: 15 * 0.02 is less than 3 * 0.1."""
+"""A number of periods that differs from a whole number by less than this is whole."""
+
+
+def same_within(time: float) -> float:
+    """Returns how far from a time in s an instant may be to be the same one, s.
+
+    Rounding makes 15 * 0.02 less than 3 * 0.1, by some units in the last place.
+    """
+    return max(SAME, 2e-15 * abs(time))
 
 
 class Delays(NamedTuple):
@@ -162,7 +169,8 @@ def make_memory(
     n, width = len(x), len(problem.delays.initial_values)
     transitions, periods = problem.transitions, problem.transitions.periods
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
-    ticks = np.where(periods < np.inf, np.ceil(gone / periods - TIE), gone > SAME)
+    gone -= same_within(time)
+    ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
     return Memory(
         clock=np.array([time, first_step, time]),
         counts=np.zeros(7, np.int64),

@@ -5,7 +5,7 @@ All functions here are in the part of Python that machine_code/typed_code compil
 
 import math
 
-from teleop_drake.integrator.problem import SAME, TIE, Memory, Transitions
+from teleop_drake.integrator.problem import Memory, Transitions, same_within
 
 
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
@@ -41,12 +41,12 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
         for k in range(len(transitions.guards)):
             if transitions.are_discrete[k] != is_discrete:
                 continue
-            place, period = transitions.guards[k], transitions.periods[k]
+            place = transitions.guards[k]
             if place >= 0:
                 is_due = memory.y[place] >= 0
             else:
-                tie = max(SAME, TIE * period) if period < math.inf else SAME
-                is_due = abs(next_time(k, transitions, memory) - t) <= tie
+                time = next_time(k, transitions, memory)
+                is_due = abs(time - t) <= same_within(t)
                 if is_due:
                     memory.ticks[k] += 1
             if is_due:

@@ -224,6 +224,11 @@ class KernelBlock(_Rated, Convertible):
         times += [x.After(context.get_time()) for x in self._kernel_events.ticks]
         return min(times, default=math.inf)
 
+    @property
+    def has_guards(self) -> bool:
+        """Whether a transition of the kernel has a guard."""
+        return self._kernel_events.has_guards
+
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
         return self._kernel_events.Witnesses(context)

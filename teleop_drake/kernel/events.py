@@ -68,6 +68,11 @@ class Events:
 
             block.DeclareInitializationUnrestrictedUpdateEvent(self._Keep(Initialize))
 
+    @property
+    def has_guards(self) -> bool:
+        """Whether a transition has a guard."""
+        return bool(self._guards)
+
     def Witnesses(self, context: Context) -> list[WitnessFunction]:
         """Returns the witnesses, if events are to be located."""
         return self._witnesses if context.get_accuracy() is not None else []

@@ -10,7 +10,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from teleop_drake.arrays import Array
-from teleop_drake.integrator.problem import TIE
+from teleop_drake.integrator.problem import same_within
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
@@ -106,7 +106,6 @@ class PacketLine:
             block.time_ticket(),
             block.abstract_state_ticket(self._packets),
         }
-        self._tie = TIE * delay.period
         DeclareTicks(block, Ticks(delay.period), self._Send)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
 
@@ -123,7 +122,7 @@ class PacketLine:
         """Returns what is shown."""
         packets, time = self._PacketsIn(context).packets, context.get_time()
         # What arrives now is shown once the step has ended here.
-        i = bisect_left(packets, time - self._tie, key=_SHOWN) - 1
+        i = bisect_left(packets, time - same_within(time), key=_SHOWN) - 1
         packet = packets[max(i, 0)]
         value = packet.value.copy()
         if packet.rate is not None:
@@ -150,7 +149,8 @@ class PacketLine:
     def _Deliver(self, context: Context, state: State) -> EventStatus:
         # What is sent now may be delivered now.
         number, packets = state.get_abstract_state(self._packets).get_value()
-        now = context.get_time() + self._tie
+        time = context.get_time()
+        now = time + same_within(time)
         # The packet that is shown then.
         first = bisect_right(packets, now, key=_SHOWN) - 1
         if first == 0:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from teleop_drake.integrator.problem import TIE
+from teleop_drake.integrator.problem import same_within
 from teleop_drake.kernel.callbacks import Weakly
 
 # Longer than any simulation: an event with this period happens once.
@@ -28,14 +28,23 @@ class Ticks:
 
     def At(self, time: float) -> int | None:
         """Returns the number of the tick at a time (s), None if there is none."""
-        ticks = (time - self.offset) / self.period
-        k = round(ticks)
-        return k if k >= 0 and abs(ticks - k) <= TIE else None
+        k = self._Nearest(time)
+        is_at_tick = abs(self._TimeOf(k) - time) <= same_within(time)
+        return k if is_at_tick else None
 
     def After(self, time: float) -> float:
         """Returns when the first tick after a time (s) is, s."""
-        ticks = (time - self.offset) / self.period
-        return self.offset + max(math.floor(ticks + TIE) + 1, 0) * self.period
+        k = self._Nearest(time)
+        is_after = self._TimeOf(k) > time + same_within(time)
+        return self._TimeOf(k if is_after else k + 1)
+
+    def _Nearest(self, time: float) -> int:
+        """Returns the number of the tick that is nearest to a time, in s."""
+        return max(round((time - self.offset) / self.period), 0)
+
+    def _TimeOf(self, k: int) -> float:
+        """Returns when a tick is, s: with the rounding of Drake's."""
+        return self.offset + k * self.period
 
 
 def EndStep(context: Context) -> EventStatus:
@@ -49,8 +58,8 @@ def DeclareTicks(
     """Declares an unrestricted update at each tick.
 
     A step of the solver ends at each. The update is made at the end of the first step
-    that ends at the tick but for a share TIE of the period, such as a step that ends at
-    another block's tick: together with that one's update.
+    that ends at the tick but for rounding, such as a step that ends at another block's
+    tick: together with that one's update.
 
     Args:
         block: What is updated. The number of the last tick is an abstract state of it.

@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from teleop_drake.contexts import DiscreteState
+from teleop_drake.integrator.problem import same_within
 from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
@@ -53,9 +54,12 @@ def RunInDrake(job: Job) -> Outcome:
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
     steps, evaluations, _ = simulator.Counts()
+    series = run.recorder.Finish()
+    if termination == "completed":
+        series[0][-1] = job.duration  # The last step ends there but for rounding.
     outcome = Outcome(
         engine="drake",
-        series=run.recorder.Finish(),
+        series=series,
         steps=steps,
         derivative_evaluations=evaluations,
         wall_time=wall_time,
@@ -175,6 +179,8 @@ class _DrakeRun:
         """Records the end of a step; ends the run if it cannot go on."""
         now, time = self.recorder.Sample(), root_context.get_time()
         diagram, limit = self._job.diagram, self._job.speed_limit
+        duration = self._job.duration
+        is_at_end = time >= duration - same_within(duration)
         self._num_samples += 1
         self._pace.Check(self._num_samples + self._simulator.Counts()[2], time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
@@ -187,4 +193,6 @@ class _DrakeRun:
             progress(time)
         if self.interruption.has_come:
             return EventStatus.ReachedTermination(diagram, "interrupted")
+        if is_at_end:  # What is due now does not happen any more.
+            return EventStatus.ReachedTermination(diagram, "at the end")
         return EventStatus.DidNothing()

@@ -4,6 +4,7 @@ import math
 import weakref
 from collections.abc import Callable
 
+import numpy as np
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
@@ -13,6 +14,7 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
+from teleop_drake.contexts import DiscreteState
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
 from teleop_drake.simulation.stale_cache_guard import GuardOf, MakeGuarded, TrialStep
 from teleop_drake.simulation.stepping import LongestStep, Stepping
@@ -20,6 +22,9 @@ from teleop_drake.simulation.stepping import LongestStep, Stepping
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
 # better than a microsecond.
 EVENT_ACCURACY = 1e-4
+
+# So often one update may bring about another one at an instant.
+_MOST_UPDATES = 10
 
 _ENDS = (EventStatus.Severity.kReachedTermination, EventStatus.Severity.kFailed)
 
@@ -75,6 +80,7 @@ class TeleoperatorSimulator(Simulator):
         self._is_stopped = False
         self._is_rejected = False
         self._is_put_back = False
+        self._is_settling = False
         self._counts = 0, 0, 0
         # Neither may know the other and live: Python does not see what Drake holds.
         reference = weakref.ref(self)
@@ -125,6 +131,7 @@ class TeleoperatorSimulator(Simulator):
         integrator.set_maximum_step_size(longest_step)
         self._stepping = Stepping(self._diagram, longest_step)
         self._counts = 0, 0, 0
+        self._is_stopped = False
         context = self.get_mutable_context()
         if context.get_accuracy() is None:
             context.SetAccuracy(EVENT_ACCURACY)
@@ -150,11 +157,13 @@ class TeleoperatorSimulator(Simulator):
         """
         if self._stepping is None:
             status = self.Initialize()
-            if not status.succeeded() or self._IsEndedByOthers(status):
+            if self._IsEndedByOthers(status):
                 return status
         stepping, context = self._stepping, self.get_context()
         assert stepping is not None
         while True:
+            if stepping.IsAtDiscreteUpdate(context.get_time()):
+                self._Settle()
             if stepping.IsAtJump(context.get_time()):
                 # Both sides of a jump are seen by the monitor.
                 status = self.AdvancePendingEvents()
@@ -174,6 +183,21 @@ class TeleoperatorSimulator(Simulator):
                 continue
             if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
                 return status
+
+    def _Settle(self) -> None:
+        """Executes what is due now, until no discrete state changes any more.
+
+        The discrete updates of an instant do not see each other. So the per-step ones
+        of delays and guards see a periodic one when they are executed once more.
+        """
+        context = self.get_context()
+        self._is_settling = True
+        for _ in range(_MOST_UPDATES):
+            before = DiscreteState(context)
+            Simulator.AdvancePendingEvents(self)
+            if np.array_equal(before, DiscreteState(context)):
+                break
+        self._is_settling = False
 
     def _ShorterStep(self) -> float | None:
         """Returns the longest step to try instead of a failed one; None: none is."""
@@ -215,7 +239,7 @@ class TeleoperatorSimulator(Simulator):
     def _EndStep(self, root_context: Context) -> EventStatus:
         """Calls the monitor; ends AdvanceTo() if there is more to do."""
         self._is_stopped = False
-        if self._is_put_back:
+        if self._is_put_back or self._is_settling:
             return EventStatus.DidNothing()
         state = root_context.get_continuous_state_vector().CopyToVector()
         if not math.isfinite(state.sum()) and self._ShorterStep() is not None:

@@ -23,6 +23,7 @@ from pydrake.systems.framework import Context, Diagram, System
 from teleop_drake.environments.surface import Surface, SurfacesOf
 from teleop_drake.integrator.problem import SAME
 from teleop_drake.kernel.delay_line import DelayLine
+from teleop_drake.kernel.ticks import Ticks
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -117,6 +118,10 @@ class Stepping:
             if x.contact_surface is not None
         ]
         self._jump_times = {time for x in With("jump_times") for time in x.jump_times}
+        self._discrete_updates: list[Ticks] = []
+        has_guards = any(x.has_guards for x in With("has_guards"))
+        if self._has_delay_lines or has_guards:
+            self._discrete_updates = _DiscreteUpdates(systems)
         accelerating = [x for x in systems if x.HasOutputPort("tool_acceleration")]
         feeling = [x for x in systems if x.HasInputPort("felt_velocity")]
         self._accelerating = next(iter(accelerating), None)
@@ -166,7 +171,17 @@ class Stepping:
         """
         # It may be pending an instant before its time; see ticks.
         is_next = abs(time - self._next_jump) <= SAME
-        return is_next or time == self._crossing_time or time in self._jump_times
+        is_crossing = time == self._crossing_time
+        is_known = is_next or is_crossing or time in self._jump_times
+        return is_known or self.IsAtDiscreteUpdate(time)
+
+    def IsAtDiscreteUpdate(self, time: float) -> bool:
+        """Returns whether a delay or a guard may see a discrete update at a time.
+
+        Args:
+            time: Now, in s.
+        """
+        return any(ticks.At(time) is not None for ticks in self._discrete_updates)
 
     def NextStop(self, root_context: Context) -> float:
         """Returns where the simulator should stop next, in s; infinity: nowhere."""
@@ -265,6 +280,20 @@ def SystemsIn(diagram: Diagram) -> Iterator[System]:
         yield system
         if isinstance(system, Diagram):
             yield from SystemsIn(system)
+
+
+def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
+    """Returns when systems have periodic discrete updates.
+
+    Drake reports the period of a system that has one alone.
+    """
+    attributes = [
+        system.GetUniquePeriodicDiscreteUpdateAttribute()
+        for system in systems
+        if not isinstance(system, Diagram)
+    ]
+    ticks = {Ticks(x.period_sec(), x.offset_sec()) for x in attributes if x is not None}
+    return list(ticks)
 
 
 def _IsEnvironment(system: System) -> bool:

@@ -41,13 +41,14 @@ def test_modes_change_when_they_are_due():
         (0.2, -1.0, [0, 0, 0]),
         (0.2, 0.0, [7, 0, 0]),
         (0.5, -1.0, [0, 8, 0]),
-        (0.5 - 1e-9, 1.0, [7, 8, 0]),
+        (0.5 - 1e-13, 1.0, [7, 8, 0]),
+        (0.5 - 1e-9, 1.0, [7, 0, 0]),
     ]:
         memory = a_memory(time, guard)
         assert is_due(TRANSITIONS, memory) == (guard >= 0)
         assert change_modes(False, TRANSITIONS, memory) == any(mode)
         assert memory.m.tolist() == mode
-        is_tick = time > 0.4
+        is_tick = time > 0.5 - 1e-10
         assert next_time(1, TRANSITIONS, memory) == (1.0 if is_tick else 0.5)
         memory.y[0] = -1.0
         assert change_modes(False, TRANSITIONS, memory) == is_tick

@@ -178,8 +178,9 @@ def test_a_step_that_ends_just_before_a_tick_has_both_sides_of_the_jump():
 
 def test_ticks_near_and_after_a_time():
     ticks = Ticks(0.1, 0.05)
-    assert [ticks.At(t) for t in (0.0, 0.05, 0.35 - 1e-8, 0.35 + 1e-6)] == [
+    assert [ticks.At(t) for t in (0.0, 0.05, 0.35 - 1e-16, 0.35 + 1e-8)] == [
         None, 0, 3, None,
     ]  # fmt: skip
-    later = [ticks.After(t) for t in (-1.0, 0.05 - 1e-8, 0.1)]
-    assert later == pytest.approx([0.05, 0.15, 0.15])
+    later = [ticks.After(t) for t in (-1.0, 0.05 - 1e-16, 0.05 - 1e-8, 0.1)]
+    assert later == pytest.approx([0.05, 0.15, 0.05, 0.15])
+    assert ticks.At(9000.05 + 4e-12) == 90000

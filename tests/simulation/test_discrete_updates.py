@@ -1,0 +1,133 @@
+"""Drake's discrete updates before a delay and before a guard, against exact answers."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Integrator,
+    LinearSystem,
+    Sine,
+    ZeroOrderHold,
+)
+
+from teleop_drake.channels.network import NetworkDelay
+from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.channels.variable import DelayProfile
+from teleop_drake.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.simulation import simulate
+from teleop_drake.systems.sampled_sensor import SampledSensor
+
+ENGINES = ("drake", "compiled")
+
+
+def chain(source, *blocks):
+    """Returns a diagram of blocks in a row; its outputs are theirs: y0, y1, ..."""
+    builder = DiagramBuilder()
+    output = builder.AddNamedSystem("source", source).get_output_port(0)
+    for i, block in enumerate(blocks):
+        builder.AddNamedSystem(f"block_{i}", block)
+        builder.Connect(output, block.get_input_port(0))
+        output = block.get_output_port(0)
+        builder.ExportOutput(output, f"y{i}")
+    return builder.Build()
+
+
+def past_half(u, mode):
+    return u - 0.5 - 2 * mode
+
+
+def switched_on(mode):
+    return 0 * mode + 1
+
+
+def relay():
+    """Returns a block whose output rises from 0 to 1 once its input is 0.5."""
+    on = Transition(guard=(past_half, "u", "mode"), mode=(switched_on, "mode"))
+    kernel = Kernel(outputs={"y": "mode"}, transitions={"on": on})
+    block = FixedBlock("relay", kernel, inputs={"u": 1}, outputs={"y": 1})
+    block.DeclareDiscreteState([0.0])
+    return block
+
+
+PERIOD, DELAY, FREQUENCY = 0.05, 0.037, 3.0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("period", [PERIOD, 0.01, 0.4])
+def test_a_held_signal_is_delayed_exactly(engine, period):
+    diagram = chain(
+        Sine(1.0, FREQUENCY, 0.4, True),
+        ZeroOrderHold(period, 1),
+        TransportDelay(delay=DELAY, size=1),
+        Integrator([0.0]),
+    )
+    recording = simulate(diagram, duration=2.0, engine=engine)
+    times = np.arange(DELAY, 2.0, period)
+    samples = np.sin(FREQUENCY * period * np.arange(len(times)) + 0.4)
+    inside = np.arange(DELAY + 0.0011, 2.0, 0.0013)
+    k = np.floor((inside - DELAY) / period).astype(int)
+    delayed = recording.Interpolate("y1", inside)[:, 0]
+    np.testing.assert_allclose(delayed, samples[k], atol=1e-12)
+    exact = samples @ np.diff([*times, 2.0])
+    assert recording["y2"][-1, 0] == pytest.approx(exact, abs=1e-9)
+
+
+class Counter(LeafSystem):
+    """Counts its updates, one each 20 ms."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("unused", 1)
+        self.DeclareDiscreteState([0.0])
+        self.DeclareStateOutputPort("y", DiscreteStateIndex(0))
+        self.DeclarePeriodicDiscreteUpdateEvent(0.02, 0.0, self._Count)
+
+    def _Count(self, context, values):
+        values.set_value(0, context.get_discrete_state_vector().value() + 1)
+
+
+def test_an_own_block_counts_each_instant_once():
+    """Delays need repeated passes at one instant: they repeat no periodic event."""
+    diagram = chain(
+        ConstantVectorSource([1.0]), Counter(), TransportDelay(delay=0.015, size=1)
+    )
+    recording = simulate(diagram, duration=0.99, engine="drake")
+    assert recording["y0"][-1, 0] == 50
+    times = np.arange(0.0163, 0.99, 0.0019)
+    counts = np.floor((times - 0.015) / 0.02) + 1
+    np.testing.assert_allclose(recording.Interpolate("y1", times)[:, 0], counts)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_relay_behind_a_difference_equation_switches_with_it(engine):
+    """x_{k+1} = 0.8 x_k + 0.2 from 0 exceeds 0.5 in its fourth step, at 0.06 s."""
+    diagram = chain(
+        ConstantVectorSource([1.0]),
+        LinearSystem([[0.8]], [[0.2]], [[1.0]], [[0.0]], 0.02),
+        relay(),
+        TransportDelay(delay=DELAY, size=1),
+        Integrator([0.0]),
+    )
+    recording = simulate(diagram, duration=0.5, engine=engine)
+    (place,) = np.flatnonzero(np.diff(recording["y1"][:, 0]))
+    assert recording.time[place : place + 2] == pytest.approx([0.06, 0.06], abs=1e-12)
+    assert recording["y3"][-1, 0] == pytest.approx(0.5 - 0.06 - DELAY, abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("early", [1e-7, 1e-9])
+def test_a_packet_just_before_a_sample_is_seen_by_it(engine, early):
+    """Packet 1 is shown just before 0.3 s, packet 2 just before 0.4 s, ..."""
+    network = PacketNetwork(profile=DelayProfile(delay=0.2 - early), sample_period=0.1)
+    diagram = chain(
+        Sine(1.0, FREQUENCY, 0.4, True),
+        NetworkDelay(network=network, size=1),
+        SampledSensor(sample_period=0.1, initial_value=[0.0]),
+    )
+    recording = simulate(diagram, duration=0.95, engine=engine)
+    times = 0.05 + 0.1 * np.arange(2, 9)
+    exact = np.sin(FREQUENCY * 0.1 * np.arange(7) + 0.4)
+    seen = recording.Interpolate("y1", times)[:, 0]
+    np.testing.assert_allclose(seen, exact, atol=1e-12)
