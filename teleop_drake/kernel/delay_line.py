@@ -45,8 +45,11 @@ class DelayLine:
     both sides of the jump, and the output jumps exactly a delay later. At that very
     instant the output keeps the value before the jump until the step that ends there is
     complete: a step that ends at NextJumpTime() is integrated on one side of the jump.
-    A jump made by a discrete update is recorded at the end of the step which follows
-    it.
+    Drake executes all discrete updates of an instant together, so this block sees the
+    others when its own is executed once more at that instant. The Simulator of
+    MakeSimulator() does so where a block has periodic discrete updates of one period.
+    Otherwise a jump made by a discrete update is recorded at the end of the step which
+    follows it.
 
     The samples are kept under keys, times in s that ascend: the time of arrival if the
     delay is constant, else the time when they were taken. The delayed instants of a

@@ -17,13 +17,23 @@ from teleop_drake.simulation.failures import (
 )
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
+from teleop_drake.simulation.stepping import SystemsIn
+from teleop_drake.validation import ScenarioError
+
+# Most steps that a block may force on a run. Each takes some milliseconds.
+_MOST_FORCED_STEPS = 100_000
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
 
 def RunInDrake(job: Job) -> Outcome:
-    """Runs a diagram in Drake's Simulator."""
+    """Runs a diagram in Drake's Simulator.
+
+    Raises:
+        ScenarioError: If a block forces more than 100 000 steps.
+    """
+    _CheckSteps(job)
     simulator = MakeSimulator(job.diagram, job.config)
     run = _DrakeRun(simulator, job)
     simulator.set_monitor(run.Monitor)
@@ -69,6 +79,19 @@ def RunInDrake(job: Job) -> Outcome:
     )
     outcome.TakeStatistics(job.diagram.GetSystems())
     return outcome
+
+
+def _CheckSteps(job: Job) -> None:
+    """Refuses a run that a delay or an operator forces to take too many steps."""
+    for system in SystemsIn(job.diagram):
+        step = getattr(system, "longest_step", math.inf)
+        num_steps = job.duration / step
+        if num_steps > _MOST_FORCED_STEPS:
+            raise ScenarioError(
+                f"duration = {job.duration:g}: must be at most "
+                f"{_MOST_FORCED_STEPS * step:g} s in Drake's Simulator, where "
+                f"{system.get_name()} allows no step longer than {step:g} s"
+            )
 
 
 class Recorder:

@@ -91,6 +91,10 @@ def simulate(
     desired_position, desired_velocity, desired_acceleration and disturbance_estimate
     (n each).
 
+    What is due at the end of a run does not happen, in either engine: a packet, a
+    sample, an echo of a jump, or an event whose time is `duration`, except for rounding
+    (1e-12 s, or 2e-15 of the duration if that is more).
+
     A run ends early, as a recording that says why, if the tool's speed exceeds
     divergence_speed_ratio times the commanded speed (divergence_speed, for a
     TrackingScenario), if a joint leaves its range, if the solver finds no step that is

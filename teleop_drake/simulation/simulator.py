@@ -42,6 +42,8 @@ def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> "TeleoperatorSim
     * takes no step longer than the shortest delay, whatever the configuration says,
     * ends steps where a signal jumps, and where the echo of a jump arrives, and takes
       short ones behind it, from which a delayed signal is interpolated,
+    * where a block has periodic discrete updates, executes what is due once more until
+      nothing changes, so that delays and guards see these updates at their instant,
     * repeats a rejected step as if it were the first attempt (StaleCacheGuard),
     * under error control, tries a shorter step where numbers leave the finite within a
       step, or a block cannot compute with them (TrialStep).

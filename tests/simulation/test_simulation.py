@@ -424,3 +424,10 @@ def test_a_run_leaves_no_samples_behind(monkeypatch):
     simulate(LoadScenario("one_dof", {"duration": 0.1}), engine="drake")
     gc.collect()
     assert [recorder() for recorder in recorders] == [None]
+
+
+def test_a_delay_too_short_for_drakes_simulator_is_refused():
+    scenario = LoadScenario("one_dof", ["delay=1e-6", "duration=0.5"])
+    message = r"duration = 0.5: must be at most 0.1 s .* forward_channel allows no step"
+    with pytest.raises(ScenarioError, match=message):
+        simulate(scenario, engine="drake")
