@@ -29,7 +29,7 @@ from teleop_drake.kernel.events import Events
 from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.terms import WORDS, TermReader
-from teleop_drake.kernel.ticks import EndStep
+from teleop_drake.kernel.ticks import EndStep, Ticks
 from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Choices, Refuse
 
@@ -228,6 +228,11 @@ class KernelBlock(_Rated, Convertible):
     def has_guards(self) -> bool:
         """Whether a transition of the kernel has a guard."""
         return self._kernel_events.has_guards
+
+    @property
+    def discrete_ticks(self) -> Sequence[Ticks]:
+        """When periodic discrete updates of the kernel happen."""
+        return self._kernel_events.discrete_ticks
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""

@@ -39,6 +39,7 @@ class Events:
 
     Attributes:
         ticks: When samples are taken.
+        discrete_ticks: When periodic discrete updates happen.
 
     Args:
         block: The block, which has declared its inputs and its state.
@@ -47,6 +48,7 @@ class Events:
 
     def __init__(self, block: LeafSystem, kernel: Kernel, read: ReadTerm):
         self.ticks: list[Ticks] = []
+        self.discrete_ticks: list[Ticks] = []
         self._guards: list[tuple[Value, Value]] = []
         self._kept: list[Callable[..., Any]] = []
         self._witnesses: list[WitnessFunction] = []
@@ -91,6 +93,7 @@ class Events:
         change = partial(_Change, mode)
         weak_change = self._Keep(change)
         if transition.is_discrete:
+            self.discrete_ticks.append(ticks)
             block.DeclarePeriodicDiscreteUpdateEvent(
                 ticks.period, ticks.offset, weak_change
             )

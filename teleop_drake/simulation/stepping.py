@@ -285,14 +285,17 @@ def SystemsIn(diagram: Diagram) -> Iterator[System]:
 def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
     """Returns when systems have periodic discrete updates.
 
-    Drake reports the period of a system that has one alone.
+    A block of this package knows its own. Of any other one Drake reports the period, if
+    it has one alone.
     """
-    attributes = [
-        system.GetUniquePeriodicDiscreteUpdateAttribute()
-        for system in systems
-        if not isinstance(system, Diagram)
-    ]
-    ticks = {Ticks(x.period_sec(), x.offset_sec()) for x in attributes if x is not None}
+    ticks: set[Ticks] = set()
+    for system in systems:
+        if hasattr(system, "discrete_ticks"):
+            ticks.update(system.discrete_ticks)
+        elif not isinstance(system, Diagram):
+            found = system.GetUniquePeriodicDiscreteUpdateAttribute()
+            if found is not None:
+                ticks.add(Ticks(found.period_sec(), found.offset_sec()))
     return list(ticks)
 
 

@@ -100,6 +100,32 @@ def test_an_own_block_counts_each_instant_once():
     np.testing.assert_allclose(recording.Interpolate("y1", times)[:, 0], counts)
 
 
+def counted(mode, places):
+    return mode + places
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_block_with_two_discrete_periods_is_delayed_exactly(engine):
+    periods = {"first": 0.02, "second": 0.05}
+    places = {"first": np.array([1.0, 0.0]), "second": np.array([0.0, 1.0])}
+    transitions = {
+        name: Transition(mode=(counted, "mode", name), period=h, is_discrete=True)
+        for name, h in periods.items()
+    }
+    kernel = Kernel(
+        outputs={"y": "mode"}, parameters=places, transitions=transitions, unused=("u",)
+    )
+    counter = FixedBlock("counter", kernel, inputs={"u": 1}, outputs={"y": 2})
+    counter.DeclareDiscreteState([0.0, 0.0])
+    diagram = chain(
+        ConstantVectorSource([1.0]), counter, TransportDelay(delay=0.015, size=2)
+    )
+    recording = simulate(diagram, duration=0.6, engine=engine)
+    times = np.arange(0.0163, 0.6, 0.0019)
+    counts = [np.floor((times - 0.015) / h) + 1 for h in periods.values()]
+    np.testing.assert_allclose(recording.Interpolate("y1", times).T, counts)
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_relay_behind_a_difference_equation_switches_with_it(engine):
     """x_{k+1} = 0.8 x_k + 0.2 from 0 exceeds 0.5 in its fourth step, at 0.06 s."""
