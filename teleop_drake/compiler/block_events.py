@@ -12,7 +12,8 @@ events. They are found in two ways:
   of Drake's own primitives have no such handler. The run ends after 1000 steps, so an
   event that happens for the first time after 1000 others is not found.
 
-Initialization events need no comparison: they are executed before a compiled run.
+Initialization events need no comparison: they are executed before a compiled run. The
+handlers see a Context of their own, and are executed as in any run of Drake's.
 """
 
 import math
