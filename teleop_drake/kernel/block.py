@@ -230,6 +230,11 @@ class KernelBlock(_Rated, Convertible):
         return self._kernel_events.has_guards
 
     @property
+    def ticks(self) -> Sequence[Ticks]:
+        """When periodic transitions of the kernel happen, but for discrete updates."""
+        return self._kernel_events.ticks
+
+    @property
     def discrete_ticks(self) -> Sequence[Ticks]:
         """When periodic discrete updates of the kernel happen."""
         return self._kernel_events.discrete_ticks

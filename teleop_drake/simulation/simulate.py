@@ -21,7 +21,7 @@ from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.run import Job, Outcome
-from teleop_drake.simulation.stepping import SystemsIn
+from teleop_drake.simulation.stepping import NotesOnSamples, SystemsIn
 from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
@@ -201,7 +201,9 @@ def _Run(
         except CannotCompile as error:
             assert loop is None, "the diagram of a loop has other blocks"
             notes = [f"Run in Drake's Simulator: {error}."]
-    run = run or RunInDrake(job)
+    if run is None:
+        run = RunInDrake(job)
+        notes += NotesOnSamples(job.diagram)
     if run.termination == "diverged":
         run.series = finite_part(run.series)
         if len(run.series[0]) == 0:

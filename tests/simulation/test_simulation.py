@@ -431,3 +431,13 @@ def test_a_delay_too_short_for_drakes_simulator_is_refused():
     message = r"duration = 0.5: must be at most 0.1 s .* forward_channel allows no step"
     with pytest.raises(ScenarioError, match=message):
         simulate(scenario, engine="drake")
+
+
+@pytest.mark.parametrize(("period", "is_told"), [(0.005, True), (0.05, False)])
+def test_samples_too_dense_for_drakes_delays_are_told(period, is_told):
+    """An encoder of 5 ms before a delay of 0.1 s: settling is off by 0.2 per cent."""
+    sampled = [f"sensor.force.sample_period={period}", "duration=0.02", "delay=0.1"]
+    scenario = LoadScenario("two_dof_collision", sampled)
+    notes = simulate(scenario, engine="drake").notes
+    assert any("takes no step between samples" in note for note in notes) == is_told
+    assert simulate(scenario, engine="compiled").notes == []
