@@ -10,8 +10,9 @@ import independent_solver as oracle
 import numpy as np
 
 FOLDER = Path(__file__).parents[1] / "teleop_drake" / "references"
-# By packet: when it is sent, s; how long each way takes, ms, nothing if it is lost.
-PACKETS, PERIOD = FOLDER / "packets.txt", 0.01
+# By packet: when it is sent, s; how long it takes, ms, nothing if it is lost.
+PACKETS = {way: FOLDER / "packets" / f"{way}.csv" for way in ("forward", "return")}
+PERIOD = 0.01
 DURATIONS = {"one_dof": 18.0, "two_dof_puncture": 5.0, "two_dof_collision": 4.0}
 DURATIONS |= {"two_dof_combined": 4.0, "needle_insertion": 6.0}
 SIGNALS = {
@@ -66,10 +67,9 @@ def overrides(name):
     """Returns what makes a reference's run of its scenario, as PATH=VALUE."""
     task, _ = REFERENCES[name]
     changes = [f"duration={DURATIONS[task]}"]
-    for way in ("forward", "return") if name == NETWORK else ():
+    for way, packets in PACKETS.items() if name == NETWORK else ():
         channel = {"kind": "network", "delay": 0.0, "sample_period": PERIOD}
-        channel |= {"trace": PACKETS, "trace_columns": f"[{way}_ms]"}
-        channel["trace_is_numbered"] = "true"
+        channel["trace"] = packets
         changes += [f"{way}_channel.{key}={value}" for key, value in channel.items()]
     return changes
 
@@ -81,18 +81,20 @@ def write_packets():
     delays = random.gamma(6.0, 8.0, (count, 2)) + 52.0
     texts = np.char.mod("%.3f", delays)
     texts[random.random((count, 2)) < 0.05] = ""
-    rows = [f"{k * PERIOD:.2f},{a},{b}" for k, (a, b) in enumerate(texts)]
-    text = "\n".join(["time,forward_ms,return_ms", *rows, ""])
-    PACKETS.write_text(text, encoding="utf-8")
+    for packets, column in zip(PACKETS.values(), texts.T, strict=True):
+        rows = [f"{k * PERIOD:.2f},{delay}" for k, delay in enumerate(column)]
+        text = "\n".join(["time_s,delay_ms", *rows, ""])
+        packets.write_text(text, encoding="utf-8")
 
 
 def read_packets():
     """Returns when the packets of both ways arrive, s, inf if never."""
-    rows = [line.split(",") for line in PACKETS.read_text("utf-8").splitlines()[1:]]
-    return [
-        [float(row[0]) + float(row[way] or "inf") / 1e3 for row in rows]
-        for way in (1, 2)
-    ]
+    arrivals = []
+    for packets in PACKETS.values():
+        lines = packets.read_text("utf-8").splitlines()[1:]
+        rows = [line.split(",") for line in lines]
+        arrivals.append([float(t) + float(delay or "inf") / 1e3 for t, delay in rows])
+    return arrivals
 
 
 def run(name):

@@ -105,9 +105,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
 
     # Time between packets, s, > 0.
     sample_period: float = REQUIRED
-    # Whether entry k of the trace is that of packet k, whatever its time; a column of
-    # times may be missing then.
-    trace_is_numbered: bool = False
     jitter: Jitter = field(default_factory=Jitter)
     loss: Loss = field(default_factory=Loss)
     receiver: Receiver = field(default_factory=Receiver)
@@ -149,10 +146,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
         """Makes the block; see ChannelConfig.MakeChannel."""
         network = self.Network(duration, stream=stream)
         return NetworkDelay(network=network, receiver=self.receiver, **signal)
-
-    def EntryPeriod(self) -> float | None:
-        """Returns the sample period in s if the trace's entries are the packets."""
-        return self.sample_period if self.trace_is_numbered else None
 
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""

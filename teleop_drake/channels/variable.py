@@ -5,7 +5,7 @@ T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -18,7 +18,7 @@ from teleop_drake.channels.base import (
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.channels.trace import ENDS, UNITS, ReadTrace, Trace
+from teleop_drake.channels.trace import ENDS, ReadTrace, Trace
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -171,44 +171,19 @@ class VaryingDelayConfig(ChannelConfig):
     # Growth of the delay, s/s.
     drift: float = 0.0
     sinusoid: Sinusoid = field(default_factory=Sinusoid)
-    # A file with measured delays, which are added: CSV with the columns time and
-    # delay, or what ping printed; see channels.trace. It is interpolated linearly;
-    # null: none. In a scenario file the path is relative to that file.
+    # A file with measured delays, which are added: CSV with the header time_s,delay_s,
+    # or what ping printed; see channels.trace. It is interpolated linearly; null: none.
+    # In a scenario file the path is relative to that file.
     trace: str | None = None
-    # Unit of its delays, one of UNITS: s, ms, us; null: what the file says, else s.
-    trace_unit: str | None = None
-    # Names of its columns of time and delay; null: two columns, or those with such
-    # names.
-    trace_columns: list[str] | None = None
-    # What the delays are multiplied by, > 0; null: 0.5 for the round trips of ping and
-    # of a column rtt, of which half goes either way, else 1.
-    trace_factor: float | None = None
     # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
     trace_end: str = "refuse"
 
-    def EntryPeriod(self) -> float | None:
-        """Returns the time in s between entries of the trace that have none.
-
-        None: the file says when they were taken.
-        """
-        return None
-
     def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
         """Reads the trace, if there is one."""
-        if self.trace_unit is not None:
-            CheckChoice(f"{path}.trace_unit", self.trace_unit, UNITS)
         CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
-        if self.trace_factor is not None:
-            CheckNumber(f"{path}.trace_factor", self.trace_factor, above=0)
         if self.trace is None:
             return None
-        read = ReadTrace(
-            f"{path}.trace",
-            self.trace,
-            unit=self.trace_unit,
-            columns=self.trace_columns,
-            sample_period=self.EntryPeriod(),
-        )
+        read = ReadTrace(f"{path}.trace", self.trace)
         with Within(path):
             trace = read.Until(duration, self.trace_end)
         if trace.times[-1] < duration:
@@ -218,8 +193,7 @@ class VaryingDelayConfig(ChannelConfig):
                 "repeat"
             )
             Refuse(f"{path}.trace", self.trace, allowed)
-        factor = self.trace_factor or (0.5 if trace.is_round_trip else 1.0)
-        return replace(trace, delays=trace.delays * factor)
+        return trace
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
         """Returns how the delay varies with time, jitter apart; reads the trace."""

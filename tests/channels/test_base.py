@@ -172,7 +172,7 @@ def test_the_profile_is_that_of_the_fields(channel, tmp_path):
     channel.drift = 0.01
     channel.sinusoid = Sinusoid(amplitude=0.05, frequency=2.0, phase=1.0)
     trace = tmp_path / "trace.csv"
-    trace.write_text("5,0.1\n6,0.2\n8,0.4\n")
+    trace.write_text("time_s,delay_s\n5,0.1\n6,0.2\n8,0.4\n")
     channel.trace = str(trace)
     expected = 0.2 + 0.015 + 0.05 * math.sin(4.0) + 0.25
     assert channel.Profile(3.0)(1.5) == pytest.approx(expected, abs=1e-13)

@@ -95,7 +95,7 @@ def test_other_channels_have_no_statistics():
 
 def write_trace(path, num_rows=21, spacing=0.1):
     rows = [f"{1e6 + i * spacing},{0.05 + 0.01 * math.sin(i)}" for i in range(num_rows)]
-    path.write_text("time,delay\n# measured\n\n" + "\n".join(rows) + "\n")
+    path.write_text("time_s,delay_s\n# measured\n\n" + "\n".join(rows) + "\n")
     return path
 
 

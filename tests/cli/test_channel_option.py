@@ -32,7 +32,7 @@ def test_a_kind_has_its_own_delay_unless_another_is_given(capsys):
 def test_a_file_has_the_fields_of_both(tmp_path, capsys):
     folder = tmp_path / "there"
     folder.mkdir()
-    (folder / "t.csv").write_text("0,0.1\n9,0.1\n")
+    (folder / "t.csv").write_text("time_s,delay_s\n0,0.1\n9,0.1\n")
     (folder / "c.yaml").write_text("{kind: variable, delay: 0.05, trace: t.csv}\n")
     for channel in Channels(capsys, "--channel", "there/c.yaml"):
         assert (channel["kind"], channel["delay"]) == ("variable", 0.05)

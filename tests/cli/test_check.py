@@ -8,6 +8,7 @@ from grids import Slow
 from references import (
     FOLDER,
     NETWORK,
+    PACKETS,
     REFERENCES,
     SIGNALS,
     overrides,
@@ -66,7 +67,7 @@ def test_a_run_of_the_package_is_inside(name, engine, tmp_path, capsys):
     ("name", "change"),
     Slow(
         [
-            (NETWORK, "return_channel.trace_columns=[forward_ms]"),
+            (NETWORK, f"return_channel.trace={PACKETS['forward']}"),
             (NETWORK, "forward_channel.delay=0.001"),
             (NEEDLE, "environment.layers.bone.lateral_stiffness=4"),
             (NEEDLE, "robot.payload=0.002"),

@@ -123,7 +123,7 @@ def test_records_are_those_of_single_runs(in_this_process):
 
 def test_a_file_with_a_trace_can_be_swept(in_this_process):
     os.mkdir("mine")
-    Path("mine/lag.csv").write_text("time,delay\n0,0.01\n1,0.02\n")
+    Path("mine/lag.csv").write_text("time_s,delay_s\n0,0.01\n1,0.02\n")
     scenario = LoadScenario(
         "one_dof",
         SHORT
@@ -367,16 +367,16 @@ def test_resume_does_only_the_rest(in_this_process):
 def test_another_trace_is_another_sweep(in_this_process):
     """What a run reads is a part of what it is, also if it has the same name."""
     trace = Path("trace.csv")
-    trace.write_text("0,0.1\n1,0.1\n")
+    trace.write_text("time_s,delay_s\n0,0.1\n1,0.1\n")
     channel = {"kind": "variable", "delay": 0.0, "trace": "trace.csv"}
     grid = {"forward_channel": [{"kind": "transport"}, channel]}
     kwargs = {"overrides": SHORT, "out": "out", "resume": True}
     Sweep("one_dof", grid, **kwargs)
     before = Files("out")
-    trace.write_text("0,0.1\n1,0.2\n")
+    trace.write_text("time_s,delay_s\n0,0.1\n1,0.2\n")
     with pytest.raises(SweepError, match=r"with other parameters \(traces\), which"):
         Sweep("one_dof", grid, **kwargs)
-    trace.write_text("0,0.1\n1,0.1\n")
+    trace.write_text("time_s,delay_s\n0,0.1\n1,0.1\n")
     Sweep("one_dof", grid, **kwargs)
     assert Files("out") == before
 
