@@ -21,7 +21,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.link.packets import NewKey
-from teleop_drake.link.side import OperateRemotely
+from teleop_drake.link.remote import OperateRemotely
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.teleoperator import AddTeleoperator
 

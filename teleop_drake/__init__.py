@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import MakeReplay
     from teleop_drake.linear_model.ports import LinearizePorts
-    from teleop_drake.link.side import OperateRemotely, ServeRobot
+    from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, WritePage
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
@@ -68,7 +68,7 @@ __all__ = [
 
 # Where the names above are from.
 _PLACES = {
-    "link.side": ["OperateRemotely", "ServeRobot"],
+    "link.remote": ["OperateRemotely", "ServeRobot"],
     "linear_model.ports": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],

@@ -1,8 +1,13 @@
 """The packets of a link; docs/network.md has their layout.
 
-A packet counts if its keyed hash is right, if it is newer than those before, and if it
-names the session, a random number, of the process that it comes to: a replay of another
-session names another one.
+A packet is believed if its keyed hash is right, if it is newer than those before, and
+if it names the session of the process that it comes to. A session is a random number
+of a process, so that a packet of another run, sent again, names another session.
+
+The robot's side does not know who will call. It answers each hello, a packet that does
+not name its session yet, with one packet. Only a caller that names the session in turn
+is sent more. A caller that has another key gets a short notice instead, which is not
+authenticated and is therefore only reported.
 """
 
 import functools
@@ -12,7 +17,8 @@ import os
 import secrets
 import socket
 from collections import Counter
-from typing import Any
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,122 +28,278 @@ from teleop_drake.validation import Refuse
 NUM_USED = 32
 """A packet says what was in use at so many ticks: so many in a row may be lost."""
 
-_MAGIC, _HASH_SIZE = b"TDL\x01", 16
-_NUMBERS = "session peer sequence sent heard held agreement start tick"
+WRONG_KEY_NOTICE = b"TDL?key"
+"""What a caller is sent whose packets have another key."""
+
+Address = tuple[Any, ...]
+"""Where a socket sends to: host, port, and more with IPv6."""
+
+_MAGIC = b"TDL"
+_VERSION = 1
+_HASH_SIZE = 16
+
+
+class Reason(StrEnum):
+    """Why a datagram is not believed; they are examined in this order."""
+
+    NOTICE = "notice"
+    FOREIGN = "foreign"
+    HASH = "hash"
+    VERSION = "version"
+    OWN = "own"
+    SCENARIO = "scenario"
+    HELLO = "hello"
+    SESSION = "session"
+    OLD = "old"
+    VALUES = "values"
+
+
+class Opened(NamedTuple):
+    """A datagram that was opened.
+
+    Attributes:
+        packet: Its packet, of PacketType(); None if it is not believed.
+        reason: Why it is not believed; None if it is.
+    """
+
+    packet: Any
+    reason: Reason | None
+
+
+class State(NamedTuple):
+    """What a side tells the other one beside its signal.
+
+    Attributes:
+        start: When its tick 0 was, by its own clock, ns; 0: not yet.
+        tick: Its last tick; -1 before the start.
+        used: The tick of the packet that was in use at each of the last ticks; -1: none
+            (NUM_USED).
+        has_ended: Whether it sends no more than this.
+    """
+
+    start: int
+    tick: int
+    used: Array
+    has_ended: bool
 
 
 @functools.cache
 def PacketType(size: int) -> np.dtype[np.void]:
-    """Returns the layout of a packet with so many values."""
-    fields: Any = [("magic", "S4"), ("role", "u1"), ("ended", "u1"), ("size", "<u2")]
-    fields += [(name, "<i8") for name in _NUMBERS.split()]
-    fields += [("used", "<i4", NUM_USED), ("values", "<f8", (size,)), ("hash", "V16")]
+    """Returns the layout of a packet with a signal of some size."""
+    fields: list[Any] = [
+        ("magic", "S3"),
+        ("version", "u1"),
+        ("role", "u1"),
+        ("ended", "u1"),
+        ("size", "<u2"),
+        ("session", "<i8"),
+        ("peer", "<i8"),
+        ("sequence", "<i8"),
+        ("sent", "<i8"),
+        ("heard", "<i8"),
+        ("held", "<i8"),
+        ("agreement", "<i8"),
+        ("start", "<i8"),
+        ("tick", "<i8"),
+        ("used", "<i4", NUM_USED),
+        ("values", "<f8", (size,)),
+        ("hash", "V16"),
+    ]
     return np.dtype(fields)
 
 
 class Session:
-    """One end of a conversation: seals what it sends, believes what is fresh.
+    """One end of a conversation: seals what it sends, and opens what it receives.
 
     Args:
+        key: The key of both sides (32 bytes).
         role: 0 at the operator, 1 at the robot.
         agreement: What both sides must have in common, as a number.
         size: Width of the signal that comes in.
         address: Where the other side is; None: not known yet.
 
     Attributes:
-        refused: How many packets were not believed, by the reason.
-        round_trip: The shortest of so many `exchanges` in ns; `offset` is what to add
-            to this clock to have the other one's, if both ways took half of it.
+        refused: How many datagrams were not believed, by the reason.
+        exchanges: How many packets were believed.
+        round_trip: The shortest round trip of these, ns.
+        offset: What to add to this clock to have the other one's, ns, if both ways of
+            the shortest round trip took half of it.
     """
 
-    def __init__(self, key: bytes, role: int, agreement: int, size: int, address: Any):
-        self._key, self._role, self._agreement = key, role, agreement
-        self._type, self._session = PacketType(size), secrets.randbits(63)
-        self._peer = self._sequence = self._last = self._heard = self._arrived = 0
-        self.address, self.refused = address, Counter[str]()
-        self.round_trip, self.offset, self.exchanges = np.inf, 0.0, 0
+    def __init__(
+        self,
+        key: bytes,
+        role: int,
+        agreement: int,
+        size: int,
+        address: Address | None,
+    ):
+        self._key = key
+        self._role = role
+        self._agreement = agreement
+        self._type = PacketType(size)
+        self._session = secrets.randbits(63)
+        # The number of the last packet that was sent.
+        self._sequence = 0
+        # Of the other side: its session, and of its last packet that counts its number,
+        # when it was sent by its clock, and when it came by this clock.
+        self._peer = 0
+        self._last = 0
+        self._heard = 0
+        self._arrived = 0
+        self.address = address
+        self.refused: Counter[str] = Counter()
+        self.exchanges = 0
+        self.round_trip = np.inf
+        self.offset = 0.0
 
-    def Seal(self, now: int, ended: bool, values: Array, *state: Any) -> bytes:
-        """Returns the next packet; the state is `start`, `tick` and `used`."""
+    def Seal(self, now: int, values: Array, state: State) -> bytes:
+        """Returns the next packet.
+
+        Args:
+            now: This clock, ns.
+            values: The signal that goes out.
+        """
         self._sequence += 1
-        mine = _MAGIC, self._role, ended, len(values), self._session, self._peer
-        times = self._sequence, now, self._heard, now - self._arrived
-        packet = *mine, *times, self._agreement, *state, values, b""
-        data = np.array(packet, PacketType(len(values))).tobytes()[:-_HASH_SIZE]
+        packet = np.zeros((), PacketType(len(values)))
+        packet["magic"] = _MAGIC
+        packet["version"] = _VERSION
+        packet["role"] = self._role
+        packet["ended"] = state.has_ended
+        packet["size"] = len(values)
+        packet["session"] = self._session
+        packet["peer"] = self._peer
+        packet["sequence"] = self._sequence
+        packet["sent"] = now
+        packet["heard"] = self._heard
+        packet["held"] = now - self._arrived
+        packet["agreement"] = self._agreement
+        packet["start"] = state.start
+        packet["tick"] = state.tick
+        packet["used"] = state.used
+        packet["values"] = values
+        data = packet.tobytes()[:-_HASH_SIZE]
         return data + self._Hash(data)
 
     def _Hash(self, data: bytes) -> bytes:
         return hashlib.blake2b(data, key=self._key, digest_size=_HASH_SIZE).digest()
 
-    def Open(self, data: bytes, address: Any, now: int) -> Any:
-        """Returns a packet that came now; None if it does not count, see `refused`."""
+    def Open(self, data: bytes, address: Address, now: int) -> Opened:
+        """Opens a datagram that came now, and takes note of what is believed.
+
+        A hello proves nothing about who sent it. It is remembered only so that the
+        answer names its session.
+
+        Args:
+            address: Where it came from.
+            now: This clock, ns.
+        """
         packet, reason = self._Read(data)
-        # A hello proves nothing, but is answered with its number.
-        if not reason or (reason == "session" and not self._last):
-            self._peer, self._heard = packet["session"], packet["sent"]
-            self._arrived = now
-            self.address = address if self._role else self.address
-        if reason:
+        if reason is not None:
             self.refused[reason] += 1
-            return None
+        if packet is not None and reason in (None, Reason.HELLO):
+            self._peer = packet["session"]
+            self._heard = packet["sent"]
+            self._arrived = now
+        if packet is None or reason is not None:
+            return Opened(None, reason)
+        if self._role == 1:
+            self.address = address
         self._last = packet["sequence"]
+        self._MeasureRoundTrip(packet, now)
+        return Opened(packet, None)
+
+    def _MeasureRoundTrip(self, packet: Any, now: int) -> None:
         self.exchanges += 1
         round_trip = float(now - packet["heard"] - packet["held"])
         if round_trip <= self.round_trip:
             self.round_trip = round_trip
             self.offset = packet["sent"] + round_trip / 2 - now
-        return packet
 
-    def _Read(self, data: bytes) -> tuple[Any, str]:
-        """Returns the packet that bytes are, if any, and why it does not count."""
-        if data[:4] != _MAGIC:
-            return None, "version" if data[:3] == _MAGIC[:3] else "foreign"
+    def _Read(self, data: bytes) -> tuple[Any, Reason | None]:
+        """Returns the packet of a datagram, if it has one, and why it does not count.
+
+        Nothing of it is looked at before its hash, but for its first letters.
+        """
+        if data == WRONG_KEY_NOTICE:
+            return None, Reason.NOTICE
+        if not data.startswith(_MAGIC):
+            return None, Reason.FOREIGN
         if not hmac.compare_digest(data[-_HASH_SIZE:], self._Hash(data[:-_HASH_SIZE])):
-            return None, "hash"
+            return None, Reason.HASH
+        if data[3] != _VERSION:
+            return None, Reason.VERSION
         if data[4] == self._role:
-            return None, "own"
-        fits = len(data) == self._type.itemsize
-        packet = np.frombuffer(data, self._type)[0] if fits else None
-        if packet is None or packet["agreement"] != self._agreement:
-            return None, "scenario"
-        is_other = self._last and packet["session"] != self._peer
-        if packet["peer"] != self._session or is_other:
-            return packet, "session"
+            return None, Reason.OWN
+        if len(data) != self._type.itemsize:
+            return None, Reason.SCENARIO
+        packet = np.frombuffer(data, self._type)[0]
+        return packet, self._WhyNotBelieved(packet)
+
+    def _WhyNotBelieved(self, packet: Any) -> Reason | None:
+        """Returns why a packet of somebody who has the key is not believed."""
+        has_peer = self._last > 0
+        if packet["agreement"] != self._agreement:
+            return Reason.SCENARIO
+        if has_peer and packet["session"] != self._peer:
+            return Reason.SESSION
+        if packet["peer"] != self._session:
+            return Reason.SESSION if has_peer else Reason.HELLO
         if packet["sequence"] <= self._last:
-            return packet, "old"
-        return packet, "" if np.isfinite(packet["values"]).all() else "values"
+            return Reason.OLD
+        if not np.isfinite(packet["values"]).all():
+            return Reason.VALUES
+        return None
 
 
 def NewKey(file: str) -> None:
-    """Writes a random key to a new file that only its owner can read."""
-    with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as key:
-        key.write(secrets.token_hex(32) + "\n")
+    """Writes a random key to a new file that only its owner can read.
+
+    Raises:
+        FileExistsError: If there is such a file.
+    """
+    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with open(descriptor, "w") as stream:
+        stream.write(secrets.token_hex(32) + "\n")
 
 
 def ReadKey(file: str) -> bytes:
     """Returns the key in a file; refuses one that others can read."""
+    allowed = "of `serve --new-key FILE`, for its owner alone"
     try:
         with open(file, encoding="ascii") as stream:
-            mode, text = os.fstat(stream.fileno()).st_mode & 0o777, stream.read(100)
-        if mode & 0o077 == 0 and len(key := bytes.fromhex(text)) == 32:
-            return key
-        raise ValueError(f"its mode is {mode:o}, its length {len(text)}")
+            mode = os.fstat(stream.fileno()).st_mode & 0o777
+            text = stream.read(100)
+        key = bytes.fromhex(text)
     except (OSError, ValueError) as error:
-        Refuse("key", file, f"of `serve --new-key FILE`, for its owner alone ({error})")
+        Refuse("key", file, f"{allowed} ({error})")
+    if mode & 0o077:
+        Refuse("key", file, f"{allowed} (its mode is {mode:o})")
+    if len(key) != 32:
+        Refuse("key", file, f"{allowed} (it has {len(key)} bytes, not 32)")
+    return key
 
 
-def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Any]:
-    """Returns a UDP socket that never waits, and HOST:PORT, at which it may listen."""
+def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Address]:
+    """Returns a UDP socket that never waits, and what HOST:PORT means.
+
+    Args:
+        address: HOST:PORT.
+        listens: Whether the socket listens there.
+    """
+    option = "listen" if listens else "connect"
     host, _, port = address.rpartition(":")
+    if not port.isdecimal() or int(port) > 65535:
+        Refuse(option, address, "HOST:PORT (a port is 0 to 65535)")
     try:
-        number = range(65536).index(int(port))  # Larger ones would be cut.
-        places = socket.getaddrinfo(host.strip("[]"), number, type=socket.SOCK_DGRAM)
-        end = socket.socket(places[0][0], socket.SOCK_DGRAM)
+        places = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)
+        family, *_, place = places[0]
+        end = socket.socket(family, socket.SOCK_DGRAM)
         # A burst of others' datagrams pushes nothing out.
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         if listens:
-            end.bind(places[0][4])
-    except (OSError, ValueError) as error:
-        Refuse("listen" if listens else "connect", address, f"HOST:PORT ({error})")
+            end.bind(place)
+    except OSError as error:
+        Refuse(option, address, f"HOST:PORT ({error})")
     end.setblocking(False)
-    return end, places[0][4]
+    return end, place

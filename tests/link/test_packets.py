@@ -9,7 +9,15 @@ import pytest
 from documentation import ROOT
 from grids import Slow
 
-from teleop_drake.link.packets import NewKey, OpenSocket, ReadKey, Session
+from teleop_drake.link import packets
+from teleop_drake.link.packets import (
+    NewKey,
+    OpenSocket,
+    ReadKey,
+    Reason,
+    Session,
+    State,
+)
 from teleop_drake.validation import ScenarioError
 
 KEY = bytes(range(32))
@@ -23,14 +31,14 @@ def Sessions(agreement=7):
 def Seal(session, now, tick=-1):
     values = np.arange(2.0 if session.address == "robot" else 3.0)
     used = np.arange(tick - 31, tick + 1).clip(-1)
-    return session.Seal(now, False, values, 100, tick, used)
+    return session.Seal(now, values, State(100, tick, used, has_ended=False))
 
 
 def Introduced(operator, robot):
     """The same after they have proved to hear each other; the robot is 1000 ahead."""
-    assert robot.Open(Seal(operator, 0), "operator", 1010) is None
-    assert operator.Open(Seal(robot, 1030), "robot", 40) is not None
-    assert robot.Open(Seal(operator, 50), "operator", 1060) is not None
+    assert robot.Open(Seal(operator, 0), "operator", 1010).reason == Reason.HELLO
+    assert operator.Open(Seal(robot, 1030), "robot", 40).reason is None
+    assert robot.Open(Seal(operator, 50), "operator", 1060).reason is None
     assert operator.offset == -robot.offset == 1000
     return operator, robot
 
@@ -43,16 +51,16 @@ def test_the_layout_is_the_documented_one():
     ends = [int(begin) + int(size) for begin, size, _, _ in rows]
     assert [int(begin) for begin, *_ in rows] == [0, *ends[:-1]]
     assert ends[-1] + 8 * 2 + 16 == len(data)
-    formats = {"bytes": "4s", "u8": "B", "u16": "H", "u64": "Q", "i64": "q"}
+    formats = {"bytes": "3s", "u8": "B", "u16": "H", "u64": "Q", "i64": "q"}
     fields = [
         struct.unpack_from("<" + formats.get(kind, "32i"), data, int(begin))
         for begin, _, kind, _ in rows
     ]
-    assert fields[0] == (b"TDL\x01",)
-    assert [x[0] for x in fields[1:4]] == [0, 0, 2]
-    assert [x[0] for x in fields[6:13]] == [3, 70, 1030, 30, 7, 100, 4]
-    assert fields[13] == (*[-1] * 27, 0, 1, 2, 3, 4)
-    packet = robot.Open(data, "operator", 80)
+    assert fields[0] == (b"TDL",)
+    assert [x[0] for x in fields[1:5]] == [1, 0, 0, 2]
+    assert [x[0] for x in fields[7:14]] == [3, 70, 1030, 30, 7, 100, 4]
+    assert fields[14] == (*[-1] * 27, 0, 1, 2, 3, 4)
+    packet = robot.Open(data, "operator", 80).packet
     assert packet["values"].tolist() == [0, 1]
     assert packet["tick"] == 4
 
@@ -64,7 +72,7 @@ def test_packets_that_are_not_meant_change_nothing(num):
     random = np.random.default_rng(1)
     seen = [Seal(operator, 100 + k, tick=k) for k in range(100)]
     for k, data in enumerate(seen):
-        assert robot.Open(data, "operator", 200 + k)["tick"] == k
+        assert robot.Open(data, "operator", 200 + k).packet["tick"] == k
     other = Introduced(*Sessions())[0]  # The same key, another session.
     seen += [Seal(other, 100 + k, tick=k) for k in range(100)]
     seen += [Seal(robot, 100)]  # Sent back.
@@ -77,10 +85,11 @@ def test_packets_that_are_not_meant_change_nothing(num):
             del data[random.integers(len(data)) :]
         elif k % 4 == 2:
             data = random.bytes(int(random.integers(400)))
-        assert robot.Open(bytes(data), "anybody", 1000) is None
+        assert robot.Open(bytes(data), "anybody", 1000).packet is None
     assert vars(robot) | {"refused": None} == before
-    assert set(robot.refused) >= {"hash", "foreign", "version", "old", "session", "own"}
-    assert robot.Open(Seal(operator, 300, tick=100), "operator", 400)["tick"] == 100
+    assert set(robot.refused) >= {"hash", "foreign", "old", "session", "own"}
+    opened = robot.Open(Seal(operator, 300, tick=100), "operator", 400)
+    assert opened.packet["tick"] == 100
 
 
 def test_a_replay_to_a_process_that_was_started_anew():
@@ -88,8 +97,9 @@ def test_a_replay_to_a_process_that_was_started_anew():
     seen = [Seal(operator, k, tick=k) for k in range(100)]
     operator, robot = Sessions()
     for data in seen:
-        assert robot.Open(data, "anybody", 1) is None
+        assert robot.Open(data, "anybody", 1).reason == Reason.HELLO
     assert robot.exchanges == 0
+    assert robot.address is None
     # The true one is heard all the same.
     Introduced(operator, robot)
     assert robot.address == "operator"
@@ -97,12 +107,24 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    data = operator.Seal(70, False, np.array([np.nan, 1.0]), 100, 0, [0] * 32)
-    assert robot.Open(data, "operator", 80) is None
-    assert robot.refused["values"] == 1
+    state = State(100, 0, np.zeros(32, int), has_ended=False)
+    data = operator.Seal(70, np.array([np.nan, 1.0]), state)
+    assert robot.Open(data, "operator", 80).reason == Reason.VALUES
     operator, robot = Sessions(agreement=8)
-    assert robot.Open(Seal(operator, 10), "operator", 20) is None
+    assert robot.Open(Seal(operator, 10), "operator", 20).reason == Reason.SCENARIO
     assert robot.refused == {"scenario": 1}
+
+
+def test_the_version_is_looked_at_after_the_hash(monkeypatch):
+    """Nobody without the key can make a side report another version."""
+    operator, robot = Sessions()
+    forged = bytearray(Seal(operator, 10))
+    forged[3] += 1
+    assert robot.Open(bytes(forged), "anybody", 20).reason == Reason.HASH
+    monkeypatch.setattr(packets, "_VERSION", packets._VERSION + 1)
+    newer = Seal(operator, 30)
+    monkeypatch.undo()
+    assert robot.Open(newer, "operator", 40).reason == Reason.VERSION
 
 
 def test_keys(tmp_path):
@@ -115,7 +137,7 @@ def test_keys(tmp_path):
     NewKey(str(tmp_path / "other"))
     assert ReadKey(str(file)) != ReadKey(str(tmp_path / "other"))
     file.chmod(0o640)
-    with pytest.raises(ScenarioError, match=r"for its owner alone \(its mode is 640"):
+    with pytest.raises(ScenarioError, match=r"for its owner alone \(its mode is 640\)"):
         ReadKey(str(file))
     file.chmod(0o600)
     for text in ("", "0" * 63, "x" * 64):

@@ -70,7 +70,8 @@ def test_bad_input(arguments, message, tmp_path, capsys):
     assert main([key if x == "KEY" else x for x in arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
-    assert main(["serve", "--new-key", key]) == 1
+    assert main(["serve", "--new-key", key]) == 2
+    assert "must be a new file that can be written (File ex" in capsys.readouterr().err
 
 
 class Loop:

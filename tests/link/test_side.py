@@ -256,8 +256,6 @@ def test_a_driver_of_ones_own():
         assert "must send 2 finite numbers" in sides[0].reason
     with pytest.raises(ScenarioError, match=r"period = 0\.0: must be"):
         network.MakeSides(Scenario(), period=0.0)
-    with pytest.raises(ScenarioError, match="return_channel = 3: must be left out"):
-        network.MakeSides(Scenario(), return_channel=3)
 
 
 def test_files_and_a_prediction_that_is_wrong(tmp_path):

@@ -1,36 +1,58 @@
 """The commands `teleop-drake serve` and `teleop-drake operate`."""
 
 import argparse
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options, output
+from teleop_drake.cli.exit_codes import BadInput
+
+if TYPE_CHECKING:
+    from teleop_drake.link.side import Side
+    from teleop_drake.scenario import AnyScenario
 
 
 class _MakeKey(argparse.Action):
     """Writes a key instead of serving."""
 
-    def __call__(self, parser: Any, namespace: Any, file: Any, *_: Any) -> None:
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        file: Any,
+        option: str | None = None,
+    ) -> None:
         from teleop_drake.link.packets import NewKey
 
-        NewKey(file)
+        try:
+            NewKey(file)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            allowed = f"a new file that can be written ({reason})"
+            raise BadInput(f"--new-key = {file!r}: must be {allowed}") from None
         parser.exit(message=f"Written: {file}\n")
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     options.AddScenarioOptions(parser)
-    add, is_robot = parser.add_argument, parser.prog.endswith("serve")
-    if is_robot:
+    add = parser.add_argument
+    if parser.prog.endswith("serve"):
         add("--new-key", action=_MakeKey, metavar="FILE", help="write a key, and end")
-    name, where = ("--listen", "this") if is_robot else ("--connect", "the robot's")
-    add(name, metavar="HOST:PORT", required=True, help=f"address of {where} side")
+        place = "--listen"
+        place_help = "address of this side"
+    else:
+        place = "--connect"
+        place_help = "address of the robot's side"
+    add(place, metavar="HOST:PORT", required=True, help=place_help)
     add("--key", metavar="FILE", required=True, help="the key of both sides")
     add("--period", type=float, metavar="S", default=0.001, help="between packets, s")
     add("--limit", type=float, metavar="S", default=0.5, help="most round trip, s")
     options.AddRunOptions(
         parser,
         json_help="write what was measured as JSON there; `-`, default: to stdout",
-        out_help="write recording, traces, prediction, figure and JSON there",
+        out_help="write recording, traces, prediction, figure and JSON there, and a "
+        "log from the first tick on, which is there even if the side is killed",
         out_default=None,
     )
 
@@ -39,18 +61,47 @@ def Execute(args: argparse.Namespace) -> int:
     """Runs a side of the loop, and checks the prediction against it."""
     scenario = options.Load(args, is_run=True)
     output.CheckJson(args.json)
-    is_robot = args.command_name == "serve"
-    name = "robot" if is_robot else "operator"
-    (summary,) = output.PrepareFolder(args.out, f"{name}.json")
+    name = "robot" if args.command_name == "serve" else "operator"
+    summary, log = output.PrepareFolder(args.out, f"{name}.json", f"{name}_log.csv")
+    has_folder = args.out is not None
+    side = _Run(args, scenario, log if has_folder else None)
 
     from teleop_drake.link.prediction import SaveRun
-    from teleop_drake.link.side import OperateRemotely, Say, ServeRobot
 
-    run, place = (ServeRobot, "listen") if is_robot else (OperateRemotely, "connect")
-    given: Any = {x: getattr(args, x) for x in (place, "key", "period", "limit")}
-    side = run(scenario, say=(lambda line: None) if args.quiet else Say, **given)
-    report = side.Report() if args.out is None else SaveRun(side, summary.parent)
-    if args.out is not None:
+    report = SaveRun(side, summary.parent) if has_folder else side.Report()
+    if has_folder:
         output.WriteText(summary, output.ToJson(report))
     output.WriteJson(args.json or "-", report)
     return 0 if report["termination"] == "completed" else 1
+
+
+def _Run(
+    args: argparse.Namespace, scenario: "AnyScenario", log_file: Path | None
+) -> "Side":
+    """Returns the side after its end."""
+    from teleop_drake.link.remote import OperateRemotely, ServeRobot
+    from teleop_drake.link.side import Say
+
+    def SayNothing(line: str) -> None:
+        """Takes the place of Say."""
+
+    say = SayNothing if args.quiet else Say
+    if args.command_name == "serve":
+        return ServeRobot(
+            scenario,
+            listen=args.listen,
+            key=args.key,
+            period=args.period,
+            limit=args.limit,
+            say=say,
+            log_file=log_file,
+        )
+    return OperateRemotely(
+        scenario,
+        connect=args.connect,
+        key=args.key,
+        period=args.period,
+        limit=args.limit,
+        say=say,
+        log_file=log_file,
+    )

@@ -1,0 +1,244 @@
+"""One half of the loop: it is simulated, and fed with what the other half sends."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import Adder
+
+from teleop_drake.arrays import Array
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.laws.task_space import displacement
+from teleop_drake.robots.facts import FactsOfRobot
+from teleop_drake.scenario import Scenario
+from teleop_drake.simulation.compiled_run import StartFed
+from teleop_drake.teleoperator import AddTeleoperator
+from teleop_drake.validation import Refuse
+
+Driver = Callable[[float, Array], Any]
+"""Takes the time in s and the packet that is in use; returns what to send."""
+
+# Parts of a packet that are held where nothing is heard: positions and energies.
+_HELD_PARTS = ("p", "x", "E")
+
+# How fast the tool is held in its place, rad/s at most.
+_HOLD_RATE = 20.0
+
+
+class Ways(NamedTuple):
+    """The directions in which a side hears and speaks."""
+
+    heard: str
+    spoken: str
+
+
+WAYS = {"operator": Ways("return", "forward"), "robot": Ways("forward", "return")}
+"""The directions of each side."""
+
+
+class Turn(IntEnum):
+    """What trust does in a period; in one that is missed, nothing is fed."""
+
+    COMES_BACK = -1
+    MISSED = 0
+    FALLS = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnSystems:
+    """Systems of your own in the place of the scenario's; see MakeTeleoperator()."""
+
+    control_law: System | None = None
+    robot: System | None = None
+    environment: System | None = None
+    operator: System | None = None
+    haptic_device: System | None = None
+
+
+class _Row(NamedTuple):
+    """What is recorded of a step: what was fed before it, and the signals."""
+
+    fed: Array
+    signals: Array
+
+
+class Half:
+    """A side that is simulated, and fed with what is heard as far as that is trusted.
+
+    As trust falls, so do forces, velocities, accelerations and waves, and positions are
+    held; as it comes back, they all go to what is heard. Meanwhile a spring and a
+    damper hold the tool of the robot in its place. With its inertia at the start they
+    are critically damped.
+
+    Args:
+        scenario: Of the whole loop.
+        side: One of WAYS.
+        period: Between steps, s.
+        fade: In which time trust falls from 1 to 0, and comes back, s.
+        step: A driver in the place of a simulation.
+        systems: Systems of your own.
+
+    Attributes:
+        heard: The direction in which the side hears.
+        spoken: The direction in which it speaks.
+        fed: The packet that is in use.
+        sent: Those that were sent; the first ones are the architecture's, as `fed` is.
+        trust: 0 to 1.
+        model: The scenario, the side's diagram and the config of the solver.
+        run: The compiled run; None where there is a driver.
+
+    Raises:
+        CannotCompile: If a system cannot be compiled; it is named.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        side: str,
+        period: float,
+        fade: float,
+        *,
+        step: Driver | None = None,
+        systems: OwnSystems | None = None,
+    ):
+        self.scenario = scenario
+        self.side = side
+        self.period = period
+        self.fade = fade
+        self.heard = WAYS[side].heard
+        self.spoken = WAYS[side].spoken
+        builder = DiagramBuilder()
+        systems = systems or OwnSystems()
+        own = {item.name: getattr(systems, item.name) for item in fields(systems)}
+        architecture = AddTeleoperator(builder, scenario, side=side, **own)
+        initial = {
+            "forward": np.array(architecture.initial_forward_packet, float),
+            "return": np.array(architecture.initial_return_packet, float),
+        }
+        self.fed = initial[self.heard]
+        self.sent = [initial[self.spoken]]
+        self.trust = 1.0
+        # Periods in which trust has fallen, and in which it falls from 1 to 0.
+        self._faded = 0
+        self._num_fades = int(np.ceil(fade / period))
+        self._falls = self._PartsThatFall()
+        self._rows: list[_Row] = []
+        # What the inputs of the diagram are fed with at first.
+        inputs = {"packet": self.fed}
+        channel = builder.GetSubsystemByName(f"{self.heard}_channel")
+        builder.ExportInput(channel.get_input_port(), "packet")
+        if side == "robot":
+            inputs["force"] = self._AddHold(builder)
+        diagram = builder.Build()
+        self.model = (scenario, diagram, scenario.simulator)
+        # A driver has one signal only, and feeds itself.
+        self._driver = step
+        self.run: CompiledRun | None = None
+        self._places = {f"{self.spoken}_packet_sent": slice(None)}
+        self._inputs: dict[str, slice] = {}
+        if step is None:
+            self.run, self._places, self._inputs = StartFed(
+                diagram, scenario.simulator, scenario.duration, **inputs
+            )
+
+    def _PartsThatFall(self) -> Array:
+        """Returns which numbers of the packet fall with trust; the others are held."""
+        controller = self.scenario.controller
+        parts = getattr(controller.Chosen(), f"{self.heard}_parts")
+        names = np.repeat(parts, self.scenario.num_axes)[: self.fed.size]
+        if len(names) < self.fed.size:
+            allowed = f"one that has {self.heard}_parts, so that its forces can fall"
+            Refuse("controller.kind", controller.kind, allowed)
+        return np.array([not name.startswith(_HELD_PARTS) for name in names])
+
+    def _AddHold(self, builder: DiagramBuilder) -> Array:
+        """Adds the force that holds the tool to that of the law.
+
+        Returns:
+            The force at first, which the exported input `force` is fed with.
+        """
+        robot = builder.GetSubsystemByName("robot")
+        inertia = FactsOfRobot(robot).inertia
+        if inertia is None:
+            Refuse("robot", robot.get_name(), "one that tells its inertia")
+        num_axes = len(inertia)
+        rate = min(_HOLD_RATE, 0.2 / self.period)
+        self._stiffness = rate**2 * inertia
+        self._lead = 2 / rate
+        # Between the law and the robot.
+        law = builder.GetSubsystemByName("controller").GetOutputPort("control_force")
+        target = robot.GetInputPort("control_force")
+        hold = builder.AddNamedSystem("hold", Adder(2, num_axes))
+        builder.Disconnect(law, target)
+        builder.Connect(law, hold.get_input_port(0))
+        builder.Connect(hold.get_output_port(), target)
+        builder.ExportInput(hold.get_input_port(1), "force")
+        return np.zeros(num_axes)
+
+    def Step(self, t: float, heard: Array, turn: Turn) -> None:
+        """Goes on to t in s; sends what there is then, and is fed from then on.
+
+        Args:
+            heard: The packet that is in use.
+            turn: What trust does.
+
+        Raises:
+            ArithmeticError: If what is sent is not as many finite numbers as it was.
+        """
+        before = self.fed
+        if turn != Turn.MISSED:
+            self._Fade(heard, turn)
+        signals = self._Sample(t)
+        sent = signals[self._places[f"{self.spoken}_packet_sent"]]
+        if sent.shape != self.sent[0].shape or not np.isfinite(sent).all():
+            wanted = f"must send {self.sent[0].size} finite numbers"
+            raise ArithmeticError(f"{wanted}, not {sent}")
+        self.sent.append(sent)
+        self._rows.append(_Row(before, signals))
+        if turn == Turn.MISSED or self.run is None:
+            return
+        self.run.Feed(self._inputs[f"{self.heard}_channel"], self.fed)
+        if self.side == "robot":
+            self.run.Feed(self._inputs["hold"], self._HoldingForce(signals))
+
+    def _Fade(self, heard: Array, turn: Turn) -> None:
+        """Changes trust by a period, and goes to what is heard, or to what is safe."""
+        self._faded = min(max(self._faded + turn, 0), self._num_fades)
+        self.trust = 1 - self._faded / self._num_fades
+        if turn == Turn.FALLS:
+            target = np.where(self._falls, 0.0, self.fed)
+            num_left = self._num_fades - self._faded
+        else:
+            target = heard
+            num_left = self._faded
+        if num_left == 0:
+            self.fed = target
+        else:
+            self.fed = self.fed + (target - self.fed) / (num_left + 1)
+
+    def _Sample(self, t: float) -> Array:
+        """Returns the signals at t in s."""
+        if self._driver is not None:
+            return np.array(self._driver(t, self.fed))
+        assert self.run is not None
+        return np.array(self.run.Sample(t))
+
+    def _HoldingForce(self, signals: Array) -> Array:
+        """Returns the force of the spring and the damper; 0 as long as trust is 1."""
+        p = signals[self._places["tool_position"]]
+        v = signals[self._places["tool_velocity"]]
+        if self.trust == 1 or len(self._rows) == 1:
+            self._place = p
+        apart = displacement(self._place, p) if self.trust < 1 else 0 * p
+        force: Array = (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
+        return force
+
+    def Signals(self, num: int) -> dict[str, Array]:
+        """Returns the signals (N, k) of the first steps, by their names."""
+        rows = self._rows[:num]
+        signals = np.array([row.signals for row in rows])
+        received = {f"{self.heard}_packet_received": np.array([x.fed for x in rows])}
+        return received | {name: signals[:, at] for name, at in self._places.items()}

@@ -1,0 +1,104 @@
+"""Runs one side of a loop over a real network in this process."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from teleop_drake.link.half import Driver, OwnSystems
+from teleop_drake.link.packets import OpenSocket, ReadKey
+from teleop_drake.link.side import Say, Side
+from teleop_drake.scenario import ScenarioLike
+
+
+def OperateRemotely(
+    scenario: ScenarioLike,
+    *,
+    connect: str,
+    key: str,
+    period: float = 0.001,
+    limit: float = 0.5,
+    fade: float = 0.1,
+    patience: float = 5.0,
+    say: Callable[[str], None] = Say,
+    step: Driver | None = None,
+    systems: OwnSystems | None = None,
+    log_file: Path | None = None,
+) -> Side:
+    """Runs the operator's side: the operator, the device and the master side.
+
+    Args:
+        scenario: Of the whole loop.
+        connect: HOST:PORT of the robot's side.
+        key: A file that `serve --new-key FILE` wrote, the same on both sides.
+        period: See Side, as for those that follow.
+
+    Returns:
+        The side after its end: its Recording(), Delays() and Report().
+
+    Raises:
+        ConnectionError: If the two sides have not met.
+    """
+    end, address = OpenSocket(connect, listens=False)
+    side = Side(
+        scenario,
+        "operator",
+        ReadKey(key),
+        end,
+        address,
+        period=period,
+        limit=limit,
+        fade=fade,
+        patience=patience,
+        say=say,
+        step=step,
+        systems=systems,
+        log_file=log_file,
+    )
+    return side.Run()
+
+
+def ServeRobot(
+    scenario: ScenarioLike,
+    *,
+    listen: str,
+    key: str,
+    period: float = 0.001,
+    limit: float = 0.5,
+    fade: float = 0.1,
+    patience: float = 5.0,
+    say: Callable[[str], None] = Say,
+    step: Driver | None = None,
+    systems: OwnSystems | None = None,
+    log_file: Path | None = None,
+) -> Side:
+    """Runs the robot's side; waits until OperateRemotely() calls.
+
+    Args:
+        scenario: Of the whole loop.
+        listen: HOST:PORT at which it is called.
+        key: A file that `serve --new-key FILE` wrote, the same on both sides.
+        period: See Side, as for those that follow.
+
+    Returns:
+        The side after its end: its Recording(), Delays() and Report().
+
+    Raises:
+        ConnectionError: If the two sides have not met.
+    """
+    end, _ = OpenSocket(listen, listens=True)
+    side = Side(
+        scenario,
+        "robot",
+        ReadKey(key),
+        end,
+        period=period,
+        limit=limit,
+        fade=fade,
+        patience=patience,
+        say=say,
+        step=step,
+        systems=systems,
+        log_file=log_file,
+    )
+    host, port = end.getsockname()[:2]
+    side.Say(f"listening at {host}:{port}")
+    return side.Run()
