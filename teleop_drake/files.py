@@ -10,6 +10,9 @@ from teleop_drake.validation import ScenarioError
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats in which figures are written: known without Matplotlib's import."""
 
+# Enough for a trace of ten million packets. A device such as /dev/zero has no end.
+_MAX_CHARACTERS = 300_000_000
+
 
 @contextmanager
 def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -67,7 +70,11 @@ def ReadText(path: str | os.PathLike[str], origin: str) -> str:
         ScenarioError: If it cannot be read; `origin` says whose file it is.
     """
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        with open(path, encoding="utf-8-sig") as stream:
+            text = stream.read(_MAX_CHARACTERS + 1)
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    if len(text) > _MAX_CHARACTERS:
+        raise ScenarioError(f"{origin}: must have at most {_MAX_CHARACTERS} characters")
+    return text

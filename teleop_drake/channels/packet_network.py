@@ -256,10 +256,13 @@ class PacketNetwork:
         most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
             loss.burst_length / (1 + loss.burst_length)
         )
-        if not loss.good_loss <= loss.probability <= most:
+        # A chain that is always in the bad state cannot leave it and come back.
+        bad_share = loss.probability - loss.good_loss
+        is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
+        if is_always_bad or not loss.good_loss <= loss.probability <= most:
             allowed = (
-                f">= {loss.good_loss:g} and <= {most:g}, with this burst_length, "
-                "good_loss and bad_loss"
+                f">= {loss.good_loss:g} and <= {most:g}, and less than bad_loss, with "
+                "this burst_length, good_loss and bad_loss"
             )
             Refuse("loss.probability", loss.probability, allowed)
 

@@ -7,6 +7,7 @@ help and bad options cost no second.
 
 import argparse
 import importlib
+import io
 import os
 import sys
 import typing
@@ -32,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Matrices are small here: BLAS's threads would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _ReplaceWhatCannotBeWritten()
     try:
         parser = MakeParser()
         if "_ARGCOMPLETE" in os.environ:  # A shell asks at the tab key.
@@ -47,6 +49,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return exit_code
     except (Exception, KeyboardInterrupt) as e:
         return _ExitCodeOf(e)
+
+
+def _ReplaceWhatCannotBeWritten() -> None:
+    """Makes stdout replace letters that its encoding lacks, such as the sign ±."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def _ExitCodeOf(error: BaseException) -> int:

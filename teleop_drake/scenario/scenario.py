@@ -27,6 +27,7 @@ from pydrake.systems.framework import System
 from teleop_drake.architectures import Facts
 from teleop_drake.arrays import Array
 from teleop_drake.channels import ChannelConfig, ConstantDelay, TransportChannelConfig
+from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.environments import (
     CONTACT,
     EnvironmentConfig,
@@ -82,6 +83,9 @@ from teleop_drake.validation import (
 MAX_STEPS = 1_000_000
 """Most steps that a simulation may be forced to take."""
 
+# Farther away, a small motion is lost in the rounding of the position, m.
+_FARTHEST_START = 1e6
+
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
 
@@ -98,7 +102,7 @@ class _ScenarioBase(FixedFields):
     # `module:Class` of a task of one's own, which derives from tasks.Task; null: the
     # task of this class of scenarios.
     task: str | None = None
-    # Simulated time, s, > 0.
+    # Simulated time, s, >= SHORTEST_TIME.
     duration: float = REQUIRED
     robot: RobotConfig = REQUIRED
 
@@ -146,7 +150,7 @@ class _ScenarioBase(FixedFields):
         """
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
-        CheckNumber("duration", self.duration, "s", above=0)
+        CheckNumber("duration", self.duration, "s", minimum=SHORTEST_TIME)
         if self.robot is None:
             ROBOT_KINDS.Find(None, "robot.model")
         if reads_files or not _Files(self.robot):
@@ -519,7 +523,7 @@ def _SchemaOf(tree: Any) -> type[AnyScenario]:
 
 
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
-    """Refuses a tool that starts behind the contact surface.
+    """Refuses a tool that starts behind the contact surface, or too far away.
 
     Args:
         start: p_WT at time 0 in m (n).
@@ -534,6 +538,8 @@ def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
                 surface.point_W,
                 f"a list of {np.size(start)} numbers (m)",
             )
+    if np.abs(start).max() > _FARTHEST_START:
+        Refuse("robot.start", start, f"within {_FARTHEST_START:g} m of the origin")
     contact = FindSurface(surfaces, CONTACT)
     if contact is None or contact.Depth(start) < 0:
         return

@@ -3,7 +3,6 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
-import contextlib
 import copy
 import copyreg
 import dataclasses
@@ -86,6 +85,24 @@ class _Loader(_SafeLoader):
         return mapping
 
 
+def _ConstructInteger(loader: Any, node: Any) -> Any:
+    """Returns a whole number; text such as 1:30, which YAML 1.1 takes for 90."""
+    if ":" in node.value:
+        return node.value
+    return loader.construct_yaml_int(node)
+
+
+def _ConstructFloat(loader: Any, node: Any) -> Any:
+    """Returns a number; text such as 1:30.5, which YAML 1.1 takes for 90.5."""
+    if ":" in node.value:
+        return node.value
+    return loader.construct_yaml_float(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _ConstructInteger)
+_Loader.add_constructor("tag:yaml.org,2002:float", _ConstructFloat)
+
+
 class _Dumper(yaml.SafeDumper):
     """YAML's safe dumper, which puts text that _Loader takes for a number in quotes."""
 
@@ -102,8 +119,8 @@ def DumpYaml(tree: Any, **options: Any) -> str:
 def ParseYaml(text: str, origin: str) -> Any:
     """Returns the tree of a YAML text.
 
-    It is YAML 1.1, in which 1_000 and 0x10 are numbers, and so are 1e-2, +1e3 and -.5,
-    which YAML 1.1 takes for text.
+    It is YAML 1.1, in which 1_000 and 0x10 are numbers, with two differences: 1e-2,
+    +1e3 and -.5 are numbers, and 1:30 is text.
 
     Raises:
         ScenarioError: if it is not YAML, or a key stands twice.
@@ -424,13 +441,24 @@ def _BuildBool(value: Any, path: str) -> bool:
 
 
 def _BuildNumber(value: Any, path: str, allowed: str = "a number") -> float:
-    if type(value) is float:  # Most are.
-        return value
-    # Text as well: a number in quotes is one.
-    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        with contextlib.suppress(ValueError, OverflowError):
-            return float(value)
-    Refuse(path, value, allowed)
+    """Returns a number, which may stand in quotes; its size has to be usable."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        Refuse(path, value, allowed)
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        Refuse(path, value, allowed)
+    # Infinity and NaN are left for the checks of the field.
+    is_usable = number == 0 or _SMALLEST <= abs(number) <= _LARGEST
+    if math.isfinite(number) and not is_usable:
+        size = f"0, or {_SMALLEST:g} to {_LARGEST:g} in size"
+        Refuse(path, value, f"{allowed} ({size})")
+    return number
+
+
+# Products and powers of numbers within these bounds neither overflow nor vanish.
+_SMALLEST = 1e-30
+_LARGEST = 1e30
 
 
 def _BuildCount(value: Any, path: str) -> int:

@@ -10,7 +10,6 @@ from teleop_drake.channels import NetworkChannelConfig, VariableChannelConfig
 from teleop_drake.channels.trace import ReadTrace
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
-
 HEADER = "time_s,delay_s\n"
 
 

@@ -110,7 +110,7 @@ def test_bad_input(tmp_path, capsys):
 
 def test_a_file_that_is_not_there(tmp_path, capsys):
     code, (_, error) = Check(tmp_path / "none.csv", capsys)
-    assert code == 2 and "must be a file of text (No such file" in error
+    assert code == 2 and "must be readable (No such file" in error
 
 
 @pytest.mark.parametrize(

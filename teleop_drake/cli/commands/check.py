@@ -74,11 +74,9 @@ def _Read(path: Path) -> _Run:
     """
     import numpy as np
 
-    try:
-        lines = path.read_text("utf-8-sig").splitlines()  # Of Excel, too.
-    except (OSError, UnicodeDecodeError) as e:
-        reason = getattr(e, "strerror", None) or "no text"
-        raise BadInput(f"{path}: must be a file of text ({reason})") from None
+    from teleop_drake.files import ReadText
+
+    lines = ReadText(path, str(path)).splitlines()
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
     rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"]
     header = [name.strip() for name in rows[0]] if rows else []
