@@ -190,6 +190,11 @@ def test_kills_at_random_times(tmp_path):
         elif number == signal.SIGKILL:
             assert left["outages"]
             assert process.wait(60) == -signal.SIGKILL
+            name = {"serve": "robot", "operate": "operator"}[victim]
+            log = np.genfromtxt(
+                folder / victim / f"{name}_log.csv", delimiter=",", names=True
+            )
+            assert np.all(np.diff(log["time_s"]) > 0)
         else:
             assert left["reason"] == "the other side has ended"
             killed = loop.Report(victim)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from grids import Slow
-from link_networks import Fates, Network
+from link_networks import KEY, Fates, Network
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.link.prediction import Compare, Predict, SaveRun
+from teleop_drake.link.side import Side
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -277,3 +278,154 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     apart = Compare(recording, predicted)
     assert apart["return_packet_received"] == 0
     assert apart["forward_packet_sent"] == pytest.approx(2 / 3)
+
+
+class Wire:
+    """A socket of a test: datagrams that come, and those that were sent."""
+
+    def __init__(self):
+        self.inbox = []
+        self.sent = []
+
+    def recvfrom(self, size):
+        if not self.inbox:
+            raise BlockingIOError
+        return self.inbox.pop(0)
+
+    def sendto(self, data, address):
+        self.sent.append((data, address))
+
+    def close(self):
+        pass
+
+
+class Clock:
+    """A clock that a test sets, ns."""
+
+    def __init__(self):
+        self.now = 1
+
+    def __call__(self):
+        return self.now
+
+
+OPERATOR, ROBOT, VICTIM = ("10.0.0.1", 1), ("10.0.0.2", 2), ("10.0.0.3", 3)
+
+
+class Pair:
+    """An operator's and a robot's side, whose datagrams a test delivers."""
+
+    def __init__(self, *, robot_key=KEY, patience=5.0):
+        self.clock = Clock()
+        self.wires = Wire(), Wire()
+        self.lines = [], []
+        keys = KEY, robot_key
+        self.operator, self.robot = (
+            Side(
+                Scenario(),
+                name,
+                keys[i],
+                self.wires[i],
+                ROBOT if name == "operator" else None,
+                clock=self.clock,
+                say=self.lines[i].append,
+                patience=patience,
+            )
+            for i, name in enumerate(("operator", "robot"))
+        )
+
+    def Deliver(self):
+        """Carries what the operator has sent, and then what the robot answers."""
+        caller, called = self.wires
+        self.operator.Tick()
+        called.inbox += [(data, OPERATOR) for data, _ in caller.sent]
+        caller.sent.clear()
+        self.robot.Tick()
+        caller.inbox += [(data, ROBOT) for data, to in called.sent if to == OPERATOR]
+        called.sent.clear()
+        self.clock.now += 1_000_000
+
+
+def test_a_hello_gets_one_answer():
+    """Whoever sends it again from another's address has one packet sent there."""
+    pair = Pair()
+    pair.operator.Tick()
+    ((hello, _),) = pair.wires[0].sent
+    for _ in range(3):
+        pair.wires[1].inbox.append((hello, VICTIM))
+        for _ in range(100):
+            pair.robot.Tick()
+            pair.clock.now += 1_000_000
+    assert [address for _, address in pair.wires[1].sent] == [VICTIM] * 3
+    # The true one is heard all the same.
+    pair.wires[1].sent.clear()
+    for _ in range(15):
+        pair.Deliver()
+    assert "connected" in pair.lines[0][-1]
+    assert "connected" in pair.lines[1][-1]
+
+
+def test_a_wrong_key_is_reported_on_both_sides():
+    pair = Pair(robot_key=bytes(32), patience=0.5)
+    num_answers = 0
+    while pair.operator.reason is None:
+        pair.Deliver()
+        num_answers += len(pair.wires[0].inbox)
+    line = "not heard: the robot's side has another key"
+    assert pair.lines == ([line], ["not heard: 10.0.0.1:1 has another key"])
+    reason = "nothing was heard for 0.5 s (the robot's side has another key)"
+    assert pair.operator.reason == reason
+    # Half a second: one notice, shorter than what it answers.
+    assert num_answers == 1
+    assert pair.robot._session.refused["hash"] > 400
+
+
+def test_a_caller_who_falls_silent_before_the_start_is_given_up():
+    pair = Pair(patience=0.5)
+    for _ in range(3):
+        pair.Deliver()
+    assert pair.robot._session.exchanges > 0
+    for _ in range(600):
+        if pair.robot.reason is None:
+            pair.robot.Tick()
+        pair.clock.now += 1_000_000
+    assert pair.robot.reason == "nothing was heard for 0.5 s"
+
+
+def test_the_log_has_every_tick_while_the_side_runs(tmp_path):
+    """It is complete although the side never ended, as if it had been killed."""
+    files = [tmp_path / f"{name}.csv" for name in ("operator", "robot")]
+    options = [{"log_file": file} for file in files]
+    network, sides = Made(options, duration=1.0)
+    network.Run(sides, until=0.4)
+    for side, file in zip(sides, files, strict=True):
+        assert side.reason is None
+        log = np.genfromtxt(file, delimiter=",", names=True)
+        recording = side.Recording()
+        np.testing.assert_allclose(log["time_s"], recording.time, atol=1e-9)
+        for name in ("packet_age", "round_trip", "period", "lateness"):
+            measured = recording[name][:, 0]
+            np.testing.assert_allclose(log[f"{name}_s"], measured, rtol=1e-8)
+        sent = recording[f"{side.spoken}_packet_sent"]
+        for i in range(2):
+            np.testing.assert_allclose(log[f"sent_{i}"], sent[:, i], rtol=1e-8)
+        ticks = [tick.tick for tick in side.measured.ticks]
+        in_use = side.measured.used[side.heard][ticks]
+        assert log["tick_of_packet_in_use"].tolist() == in_use.tolist()
+    network.Run(sides)
+
+
+class FullDisk:
+    def Append(self, tick, packet_tick):
+        raise OSError("no space left")
+
+    def Close(self):
+        pass
+
+
+def test_a_log_that_cannot_be_written_does_not_stop_the_loop():
+    network, sides = Made(duration=0.3)
+    sides[1]._log = FullDisk()
+    network.Run(sides)
+    assert [side.reason for side in sides] == ["", ""]
+    assert "the log ends here: no space left" in network.lines[1]
