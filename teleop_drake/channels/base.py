@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -156,6 +156,9 @@ class ChannelBlock(KernelBlock):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
+    Attributes:
+        initial_value: What is delivered at first (size).
+
     Args:
         delay: In s, finite and >= 0.
         size: Width of the signal, >= 1.
@@ -173,21 +176,22 @@ class ChannelBlock(KernelBlock):
         CheckNumber("size", size, minimum=1)
         if initial_value is not None and len(initial_value) != size:
             Refuse("initial_value", initial_value, f"{size} numbers or null")
-        self._initial_value = [0.0] * size if initial_value is None else initial_value
+        self.initial_value = [0.0] * size if initial_value is None else initial_value
         self.DeclareVectorInputPort("signal", size)
 
-    def DeclareDelay(self, **how: Any) -> None:
-        """Declares the output.
+    def DeclarePassThrough(self) -> None:
+        """Declares the output, which is the signal itself."""
+        self._kernel = Kernel(outputs={"delayed_signal": "signal"})
+        self.DeclareOutputs(delayed_signal=len(self.initial_value))
+
+    def DeclareDelay(self, delay: Delay) -> None:
+        """Declares the output, which is delayed.
 
         Args:
-            how: Fields of Delay; none: the signal passes through.
+            delay: From `signal` to `delayed_signal`, with the block's `initial_value`.
         """
-        self._kernel = Kernel(outputs={"delayed_signal": "signal"})
-        if how:
-            names: Any = {"signal": "signal", "output": "delayed_signal"}
-            delay = Delay(**names, initial_value=self._initial_value, **how)
-            self._kernel = Kernel(delays=[delay])
-        self.DeclareOutputs(delayed_signal=len(self._initial_value))
+        self._kernel = Kernel(delays=[delay])
+        self.DeclareOutputs(delayed_signal=len(self.initial_value))
 
     def Kernel(self) -> Kernel:
         """Returns what the block computes; see kernel."""

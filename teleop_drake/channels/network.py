@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from teleop_drake.channels.packet_network import (
 )
 from teleop_drake.channels.sampled import CheckSamplePeriod
 from teleop_drake.channels.variable import VaryingDelayConfig
+from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -80,13 +81,18 @@ class NetworkDelay(ChannelBlock):
             self, delay=network.profile.delay, size=size, initial_value=initial_value
         )
         receiver.Check()
-        self._network, self._receiver = network, receiver
-        self.DeclareDelay(
+        self._network = network
+        self._receiver = receiver
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
             period=network.sample_period,
             shown=lambda k: network.Shown(k, receiver),
             extrapolates=receiver.policy == "extrapolate",
             end=network.profile.duration,
         )
+        self.DeclareDelay(delay_line)
 
     def Statistics(self, context: Context) -> PacketStatistics:
         """Returns what has become of the packets sent before now."""
@@ -141,11 +147,21 @@ class NetworkChannelConfig(VaryingDelayConfig):
             )
 
     def MakeChannel(
-        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
     ) -> NetworkDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
         network = self.Network(duration, stream=stream)
-        return NetworkDelay(network=network, receiver=self.receiver, **signal)
+        return NetworkDelay(
+            network=network,
+            receiver=self.receiver,
+            size=size,
+            initial_value=initial_value,
+        )
 
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""

@@ -64,7 +64,8 @@ class PacketConfig(FixedFields):
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
-        path, choice = type(self).__name__.lower(), getattr(self, self.choice)
+        path = type(self).__name__.lower()
+        choice = getattr(self, self.choice)
         CheckChoice(f"{path}.{self.choice}", choice, self.used)
         self.CheckNumbers(path)
         for item in fields(self):
@@ -208,9 +209,13 @@ class PacketNetwork:
         seed: int = 0,
         stream: str = "",
     ):
-        self.profile, self.sample_period = profile, float(sample_period)
-        self._jitter, self._loss = jitter or Jitter(), loss or Loss()
-        self._is_lost, self._seed, self._stream = is_lost, seed, stream
+        self.profile = profile
+        self.sample_period = float(sample_period)
+        self._jitter = jitter or Jitter()
+        self._loss = loss or Loss()
+        self._is_lost = is_lost
+        self._seed = seed
+        self._stream = stream
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
             allowed = f"a finite number > 0 and <= {profile.duration:g} (s)"
             Refuse("sample_period", sample_period, allowed)
@@ -222,7 +227,8 @@ class PacketNetwork:
         self._blocks: list[_Block] = []
 
     def _CheckJitter(self) -> None:
-        jitter, mean = self._jitter, self.profile.delay
+        jitter = self._jitter
+        mean = self.profile.delay
         jitter.Check()
         least = 0.0
         if jitter.kind == "uniform":
@@ -347,20 +353,24 @@ class PacketNetwork:
 
     def _JitterOf(self, block: int) -> tuple[Array, float]:
         """Returns the jitter, and the last deviate g if it is correlated."""
-        jitter, deviate = self._jitter, 0.0
-        if jitter.kind == "none" or jitter.std == 0:
-            return np.zeros(_BLOCK), deviate
-        random, std = self._Random("jitter", block), jitter.std
+        jitter = self._jitter
+        std = jitter.std
+        if jitter.kind == "none" or std == 0:
+            return np.zeros(_BLOCK), 0.0
+        random = self._Random("jitter", block)
         excess = self.profile.delay - jitter.minimum
         if jitter.kind == "gamma" and not jitter.correlation_time:
             scale = std**2 / excess
-            return random.gamma((excess / std) ** 2, scale, _BLOCK) - excess, deviate
+            return random.gamma((excess / std) ** 2, scale, _BLOCK) - excess, 0.0
 
         from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
 
+        # Where each packet is in the distribution of the jitter, 0 to 1.
+        deviate = 0.0
         if jitter.correlation_time:
             deviates = self._Deviates(block, random.standard_normal(_BLOCK).tolist())
-            u, deviate = ndtr(deviates), deviates[-1]
+            deviate = deviates[-1]
+            u = ndtr(deviates)
         else:
             u = random.random(_BLOCK)
         u = np.clip(u, 2.0**-53, 1 - 2.0**-53)

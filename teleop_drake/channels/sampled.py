@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
@@ -12,6 +11,7 @@ from teleop_drake.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.integrator.problem import TIE
+from teleop_drake.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
@@ -63,18 +63,22 @@ class SampledDelay(ChannelBlock):
         if 0 < delay < sample_period:
             Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
         if delay == 0:
-            self.DeclareDelay()
+            self.DeclarePassThrough()
             return
         # The margin keeps 0.1 / 0.01 at ten whole periods.
         num_periods = math.floor(delay / sample_period + TIE)
         offset = delay - num_periods * sample_period
         offset = offset if offset > TIE * sample_period else 0.0
         DeclareTicks(self, Ticks(sample_period, offset), None)
-        self.DeclareDelay(
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
             period=sample_period,
             # As Drake counts ticks.
             shown=lambda k: offset + (k + num_periods) * sample_period,
         )
+        self.DeclareDelay(delay_line)
 
 
 MAX_PACKETS = 100_000
@@ -117,11 +121,19 @@ class SampledChannelConfig(ChannelConfig):
             Refuse(f"{path}.sample_period", self.sample_period, allowed)
 
     def MakeChannel(
-        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
     ) -> SampledDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
         return SampledDelay(
-            delay=self.delay, sample_period=self.sample_period, **signal
+            delay=self.delay,
+            sample_period=self.sample_period,
+            size=size,
+            initial_value=initial_value,
         )
 
     def IsPassThrough(self) -> bool:

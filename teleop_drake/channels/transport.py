@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from teleop_drake.arrays import Array
 from teleop_drake.channels.base import ChannelBlock, ChannelConfig
+from teleop_drake.kernel import Delay
 from teleop_drake.kernel.linear_part import LinearPart
 
 
@@ -63,8 +63,17 @@ class TransportDelay(ChannelBlock):
     ):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         self.delay = float(delay)
-        how = {"time": self.delay, "max_sample_interval": max_sample_interval}
-        self.DeclareDelay(**(how if delay > 0 else {}))
+        if delay == 0:
+            self.DeclarePassThrough()
+            return
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            time=self.delay,
+            max_sample_interval=max_sample_interval,
+        )
+        self.DeclareDelay(delay_line)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay."""
@@ -78,12 +87,21 @@ class TransportChannelConfig(ChannelConfig):
     kind = "transport"
 
     def MakeChannel(
-        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
     ) -> TransportDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        # LongestStep says how the solver has to step.
-        signal["max_sample_interval"] = math.inf
-        return TransportDelay(delay=self.delay, **signal)
+        return TransportDelay(
+            delay=self.delay,
+            size=size,
+            initial_value=initial_value,
+            # LongestStep says how the solver has to step.
+            max_sample_interval=math.inf,
+        )
 
     def LongestStep(self, duration: float) -> float:
         """Returns the delay in s: what arrives in a step was sent before it."""

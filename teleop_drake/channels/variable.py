@@ -19,6 +19,7 @@ from teleop_drake.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.channels.trace import ENDS, ReadTrace, Trace
+from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -88,7 +89,8 @@ class DelayProfile:
         CheckNumber("delay", delay, "s", minimum=0)
         CheckNumber("drift", drift, "s/s")
         sinusoid.CheckNumbers("sinusoid")
-        self.delay, self._drift = float(delay), float(drift)
+        self.delay = float(delay)
+        self._drift = float(drift)
         self._times = self._delays = np.zeros(0)
         if trace is not None:
             self._times, self._delays = (np.array(part, dtype=float) for part in trace)
@@ -282,13 +284,17 @@ class VariableDelay(ChannelBlock):
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
         )
-        self.DeclareDelay(
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
             time=profile,
             shortest=profile.minimum,
             nonsmooth_times=profile.nonsmooth_times,
             end=profile.duration,
             max_sample_interval=max_sample_interval,
         )
+        self.DeclareDelay(delay_line)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -312,12 +318,21 @@ class VariableChannelConfig(VaryingDelayConfig):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 
     def MakeChannel(
-        self, *, duration: float = math.inf, stream: str = "", **signal: Any
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
     ) -> VariableDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        # LongestStep says how the solver has to step.
-        signal["max_sample_interval"] = math.inf
-        return VariableDelay(profile=self.Profile(duration), **signal)
+        return VariableDelay(
+            profile=self.Profile(duration),
+            size=size,
+            initial_value=initial_value,
+            # LongestStep says how the solver has to step.
+            max_sample_interval=math.inf,
+        )
 
     def LongestStep(self, duration: float) -> float:
         """Returns a lower bound of the delay in s."""
