@@ -15,7 +15,7 @@ from teleop_drake.cli import main
 from teleop_drake.kinds import KindConfig, KindTable
 from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
-from teleop_drake.scenario.scenario import ScenarioFromYaml
+from teleop_drake.scenario.loading import ScenarioFromYaml
 from teleop_drake.simulation import simulate
 from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.teleoperator import MakeTeleoperator

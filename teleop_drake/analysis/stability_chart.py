@@ -16,7 +16,7 @@ from teleop_drake.analysis.stability import (
 from teleop_drake.arrays import Array
 from teleop_drake.linear_model.operating_point import POSITION, OperatingPointAt
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.scenario.tree import ParseOverrides
+from teleop_drake.scenario.overrides import ParseOverrides
 from teleop_drake.validation import Refuse
 
 

@@ -75,7 +75,7 @@ class _SetFields(argparse.Action):
     ) -> None:
         fields = [text]
         if "=" not in text and Path(text).suffix in (".yaml", ".yml"):
-            from teleop_drake.scenario.tree import OverridesOfFile
+            from teleop_drake.scenario.overrides import OverridesOfFile
 
             fields = OverridesOfFile(Path(text))
         setattr(args, self.dest, [*getattr(args, self.dest), *fields])
@@ -314,7 +314,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
         return []
     from teleop_drake.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
-    from teleop_drake.scenario.tree import DumpYaml, ParseFile, ReadText
+    from teleop_drake.scenario.yaml_text import DumpYaml, ParseFile, ReadText
 
     def FileFields(kind: str) -> tuple[str, ...]:
         may_look = imports or not IsOwn(kind)

@@ -32,13 +32,9 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioFromYaml,
 )
-from teleop_drake.scenario.tree import (
-    DumpYaml,
-    GetPath,
-    ParseOverrides,
-    SetPath,
-    ToTree,
-)
+from teleop_drake.scenario.overrides import GetPath, ParseOverrides, SetPath
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion import FirstNormal

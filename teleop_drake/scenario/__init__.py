@@ -7,23 +7,25 @@ from teleop_drake.scenario.config import (
     ControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.scaling import ScaleForces
-from teleop_drake.scenario.scenario import (
-    AnyScenario,
+from teleop_drake.scenario.loading import (
     AsScenario,
     AsTeleoperation,
-    CheckStart,
     CheckSteps,
     LoadOverridden,
     LoadScenario,
-    Scenario,
     ScenarioFromYaml,
-    ScenarioLike,
     ScenarioNames,
+)
+from teleop_drake.scenario.overrides import DELAYS
+from teleop_drake.scenario.scaling import ScaleForces
+from teleop_drake.scenario.scenario import (
+    AnyScenario,
+    CheckStart,
+    Scenario,
+    ScenarioLike,
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.scenario.tree import DELAYS
 from teleop_drake.validation import ScenarioError
 
 __all__ = [

@@ -11,12 +11,9 @@ not state is marked "assumed" or "fitted" in the scenario files.
 """
 
 import dataclasses
-import functools
-import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +33,7 @@ from teleop_drake.environments import (
     Surface,
 )
 from teleop_drake.environments.base import StiffnessAndDamping
-from teleop_drake.kinds import KIND_KEYS, IsOwn, KindConfig
+from teleop_drake.kinds import KindConfig
 from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
 from teleop_drake.robots import (
     ROBOT_KINDS,
@@ -53,18 +50,8 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.tree import (
-    DELAYS,
-    DumpYaml,
-    FromTree,
-    Given,
-    ParseFile,
-    ParseOverrides,
-    ParseYaml,
-    ReadText,
-    SetPath,
-    ToTree,
-)
+from teleop_drake.scenario.tree import FromTree, ToTree
+from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.systems.actuator import ActuatorConfig
 from teleop_drake.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.systems.sampled_sensor import SensorConfig
@@ -75,18 +62,12 @@ from teleop_drake.validation import (
     Choices,
     FixedFields,
     Refuse,
-    ScenarioError,
     Show,
     Within,
 )
 
-MAX_STEPS = 1_000_000
-"""Most steps that a simulation may be forced to take."""
-
 # Farther away, a small motion is lost in the rounding of the position, m.
 _FARTHEST_START = 1e6
-
-_SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
 
 @dataclass(kw_only=True, eq=False)
@@ -304,166 +285,6 @@ ScenarioLike = AnyScenario | str | os.PathLike[str]
 """A scenario, or what LoadScenario() loads one from; simulate() and others take it."""
 
 
-def ScenarioNames() -> list[str]:
-    """Returns the names of the built-in scenarios in alphabetical order."""
-    return sorted(path.stem for path in _SCENARIO_DIR.glob("*.yaml"))
-
-
-def LoadScenario(
-    name_or_path: str | os.PathLike[str],
-    overrides: Mapping[str, Any] | Iterable[str] = (),
-) -> AnyScenario:
-    """Loads a scenario, applies overrides and validates the result.
-
-    Args:
-        name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. What the
-            file leaves out has the default of its dataclass, if there is one.
-        overrides: Either a mapping such as {"delay": 0.05} or strings "PATH=VALUE"
-            with a YAML value. A path is dotted; an element of a list is addressed by
-            its number or its `name` ("environment.layers.bone.stiffness",
-            "surgeon.velocity.0"). `delay` is that of both channels. Later ones win.
-
-    Returns:
-        A TrackingScenario if the file has a key `trajectory`, else a Scenario.
-
-    Raises:
-        ScenarioError: if the file cannot be read or anything in it is not allowed.
-    """
-    return LoadOverridden(name_or_path, overrides)[0]
-
-
-def LoadOverridden(
-    name_or_path: str | os.PathLike[str], overrides: Mapping[str, Any] | Iterable[str]
-) -> tuple[AnyScenario, list[str]]:
-    """Returns what LoadScenario() does, and what the overrides replace.
-
-    These are dotted paths with the numbers of elements, never their names: the same for
-    all names of a field, and two for `delay`.
-    """
-    path = _FindScenario(name_or_path)
-    tree = ToTree(_CompleteTree(path, ReadText(path)))
-    pairs = ParseOverrides(overrides)
-    replaced = [SetPath(tree, dotted, value) for dotted, value in pairs]
-    scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check()
-    scenario._Remember(ToTree(scenario))
-    return scenario, replaced
-
-
-def ReadScenario(
-    name_or_path: str | os.PathLike[str], overrides: Iterable[str] = ()
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Returns what a scenario file and overrides say, without running any of it.
-
-    Nothing is checked, and nothing that is left out is filled in: a kind of a user's
-    own does both when it is imported.
-
-    Args:
-        name_or_path: As LoadScenario() takes it.
-
-    Returns:
-        The tree, and the kinds and the task of a user's own in it by their fields.
-
-    Raises:
-        ScenarioError: If the file or an override cannot be read.
-    """
-    path = _FindScenario(name_or_path)
-    tree = Given(ParseScenario(path, ReadText(path)))
-    for dotted, value in ParseOverrides(overrides):
-        SetPath(tree, dotted, value)
-    own = {
-        f"{name}.{key}": section[key]
-        for name, section in tree.items()
-        if isinstance(section, dict)
-        for key in KIND_KEYS
-        if IsOwn(section.get(key))
-    }
-    if tree.get("task") is not None:
-        own["task"] = tree["task"]
-    return tree, own
-
-
-def AsScenario(scenario: ScenarioLike) -> AnyScenario:
-    """Returns the scenario, loaded if it is a name or a file."""
-    if isinstance(scenario, (str, os.PathLike)):
-        return LoadScenario(scenario)
-    return scenario
-
-
-def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
-    """Returns the scenario, loaded if need be, and refuses one of another task.
-
-    Args:
-        reason: Why no other task will do, for the message.
-    """
-    scenario = AsScenario(scenario)
-    if not isinstance(scenario, Scenario):
-        allowed = f"a teleoperation; {reason}" if reason else "a teleoperation"
-        Refuse("scenario", scenario.name, allowed)
-    return scenario
-
-
-def CheckSteps(scenario: AnyScenario) -> None:
-    """Refuses a valid scenario whose simulation takes more than MAX_STEPS.
-
-    It would take very long and fill the memory.
-    """
-    steps: dict[str, float] = {}
-    if isinstance(scenario, Scenario):
-        for path in ("forward_channel", "return_channel"):
-            channel = getattr(scenario, path)
-            steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
-            steps[f"{path}.sample_period"] = channel.PacketPeriod()
-        steps["surgeon"] = scenario.surgeon.LongestStep()
-        for name, config in scenario.sensor.sampled.items():
-            steps[f"sensor.{name}.sample_period"] = config.sample_period or math.inf
-    steps["simulator.max_step_size"] = scenario.simulator.max_step_size
-    field, shortest = min(steps.items(), key=lambda item: item[1])
-    num_steps = scenario.duration / shortest
-    if num_steps > MAX_STEPS:
-        raise ScenarioError(
-            f"duration = {scenario.duration:g}: must be at most "
-            f"{MAX_STEPS * shortest:g} s with {field} = {shortest:g} s, which makes "
-            f"{num_steps:.2g} steps"
-        )
-
-
-def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
-    """Returns the tree of a scenario file; `delay` has become that of both channels.
-
-    A text that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
-    """
-    tree = ParseFile(path, text)
-    if "delay" not in tree or _SchemaOf(tree) is not Scenario:
-        return tree
-    delay = tree.pop("delay")
-    for dotted in DELAYS:
-        channel = tree.setdefault(dotted.partition(".")[0], {})
-        if isinstance(channel, dict) and channel.setdefault("delay", delay) != delay:
-            Refuse("delay", delay, f"left out, or the same as {dotted}")
-    return tree
-
-
-@functools.lru_cache(maxsize=16)
-def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
-    """Returns the tree of a scenario file.
-
-    What the file leaves out has its default. A sweep comes here once for each run.
-    """
-    tree = ParseScenario(path, text)
-    tree.setdefault("name", path.stem)
-    ResolveFiles(tree, path.parent)
-    complete: dict[str, Any] = ToTree(FromTree(tree, _SchemaOf(tree)))
-    return complete
-
-
-def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
-    """Makes the paths of files in a scenario's tree relative to its file's folder."""
-    for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
-        section, key = dotted.split(".")
-        tree[section][key] = str(folder / file)
-
-
 def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
     """Returns the files that a scenario names, by their dotted fields."""
     return {
@@ -481,20 +302,6 @@ def _Files(config: Any) -> dict[str, str]:
     return {name: file for name, file in files.items() if file is not None}
 
 
-def ScenarioFromYaml(text: str) -> AnyScenario:
-    """Returns the scenario that `ScenarioToYaml` wrote.
-
-    Files that it names are not read, so a recording can be loaded without them.
-
-    Raises:
-        ScenarioError: if the text is not YAML or anything in it is not allowed.
-    """
-    tree = ParseYaml(text, "scenario")
-    scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check(reads_files=False)
-    return scenario
-
-
 def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     """Returns YAML text of which `LoadScenario` or `ScenarioFromYaml` makes its equal.
 
@@ -502,24 +309,6 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     """
     tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
     return DumpYaml(tree, sort_keys=False, default_flow_style=None)
-
-
-def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:
-    """Returns the file to read."""
-    text = os.fspath(name_or_path)
-    built_in, path = _SCENARIO_DIR / f"{text}.yaml", Path(text)
-    if text.isidentifier() and built_in.is_file():
-        return built_in
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):
-        return path
-    allowed = Choices(text, ScenarioNames())
-    Refuse("scenario", text, f"{allowed} or a YAML file")
-
-
-def _SchemaOf(tree: Any) -> type[AnyScenario]:
-    """Returns the class that a tree describes."""
-    is_tracking = isinstance(tree, dict) and "trajectory" in tree
-    return TrackingScenario if is_tracking else Scenario
 
 
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:

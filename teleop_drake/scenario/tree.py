@@ -1,4 +1,4 @@
-"""Plain data behind scenarios: YAML, overrides and types.
+"""The types of scenarios: configs made of plain data, and the reverse.
 
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
@@ -8,26 +8,19 @@ import copyreg
 import dataclasses
 import functools
 import math
-import re
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterable
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
-import yaml
 from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake.arrays import Array
-from teleop_drake.files import ReadText as ReadFile
-from teleop_drake.kinds import KIND_KEYS, KindConfig, KindTable, TableOf
+from teleop_drake.kinds import KindConfig, KindTable, TableOf
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
 _T = TypeVar("_T")
-
-DELAYS = ("forward_channel.delay", "return_channel.delay")
-"""What the key `delay` stands for, in files and overrides."""
 
 # The fields of SimulatorConfig that every supported Drake has, so that a scenario
 # written by one version can be read by another.
@@ -48,222 +41,6 @@ def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
 
 # Drake's own cannot be pickled.
 copyreg.pickle(SimulatorConfig, _ReduceSimulator)
-
-
-# Reading and writing.
-
-# Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
-# of the exponent, and for a digit between sign and dot. 1e-2, 1.5e3, -.5
-_FLOAT = re.compile(
-    r"^[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$"
-    r"|^[-+]\.[0-9][0-9_]*$"
-)
-
-
-# libyaml's, where PyYAML was built with it, is several times as fast. Where a text is
-# nested too deep, it ends the process.
-_MAX_DEPTH = 100
-_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _Loader(_SafeLoader):
-    """YAML's safe loader with the numbers that people write, and strict about keys.
-
-    PyYAML's own lets the last of equal keys win.
-    """
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        keys = set()
-        for key_node, _ in node.value:
-            if key_node.value in keys and isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"duplicate key {key_node.value!r}", key_node.start_mark
-                )
-            if isinstance(key_node, yaml.ScalarNode):
-                keys.add(key_node.value)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping
-
-
-def _ConstructInteger(loader: Any, node: Any) -> Any:
-    """Returns a whole number; text such as 1:30, which YAML 1.1 takes for 90."""
-    if ":" in node.value:
-        return node.value
-    return loader.construct_yaml_int(node)
-
-
-def _ConstructFloat(loader: Any, node: Any) -> Any:
-    """Returns a number; text such as 1:30.5, which YAML 1.1 takes for 90.5."""
-    if ":" in node.value:
-        return node.value
-    return loader.construct_yaml_float(node)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _ConstructInteger)
-_Loader.add_constructor("tag:yaml.org,2002:float", _ConstructFloat)
-
-
-class _Dumper(yaml.SafeDumper):
-    """YAML's safe dumper, which puts text that _Loader takes for a number in quotes."""
-
-
-for _class in (_Loader, _Dumper):
-    _class.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, [*"-+.0123456789"])
-
-
-def DumpYaml(tree: Any, **options: Any) -> str:
-    """Returns a YAML text of which ParseYaml() makes the tree; see yaml.dump()."""
-    return str(yaml.dump(tree, Dumper=_Dumper, **options))
-
-
-def ParseYaml(text: str, origin: str) -> Any:
-    """Returns the tree of a YAML text.
-
-    It is YAML 1.1, in which 1_000 and 0x10 are numbers, with two differences: 1e-2,
-    +1e3 and -.5 are numbers, and 1:30 is text.
-
-    Raises:
-        ScenarioError: if it is not YAML, or a key stands twice.
-    """
-    depth = 0
-    try:
-        for event in yaml.parse(text, Loader=_Loader):
-            depth += isinstance(event, yaml.CollectionStartEvent)
-            depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > _MAX_DEPTH:
-                raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} deep")
-        return yaml.load(text, Loader=_Loader)
-    except Exception as e:
-        # PyYAML's constructors also let ValueError, KeyError and more escape, for
-        # example on `2020-13-01`.
-        reason = getattr(e, "problem", None) or e
-        mark = getattr(e, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        message = " ".join(f"{origin}{where}: must be valid YAML ({reason})".split())
-        raise ScenarioError(message) from None
-
-
-def _Origin(path: Path) -> str:
-    return f"scenario file {str(path)!r}"
-
-
-def ReadText(path: Path) -> str:
-    """Returns the text of a scenario file, or refuses one that cannot be read."""
-    return ReadFile(path, _Origin(path))
-
-
-def ParseFile(path: Path, text: str) -> dict[Any, Any]:
-    """Returns the tree of a scenario file with this text, which must be a mapping."""
-    origin = _Origin(path)
-    tree = ParseYaml(text, origin)
-    if not isinstance(tree, dict):
-        raise ScenarioError(
-            f"{origin}: must hold a mapping of scenario fields, not {Show(tree)}"
-        )
-    return tree
-
-
-def ParseOverrides(
-    overrides: Mapping[str, Any] | Iterable[str],
-) -> list[tuple[str, Any]]:
-    """Returns the dotted paths of fields and their new values, trees.
-
-    Args:
-        overrides: A mapping of dotted paths to values, or strings PATH=VALUE with a
-            YAML value. `delay` is that of both channels.
-    """
-    if isinstance(overrides, Mapping):
-        pairs = [(str(path), ToTree(value)) for path, value in overrides.items()]
-    else:
-        texts = [overrides] if isinstance(overrides, str) else overrides
-        pairs = [_ParseOverride(text) for text in texts]
-    return [
-        (path, value)
-        for key, value in pairs
-        for path in (DELAYS if key == "delay" else (key,))
-    ]
-
-
-def OverridesOfFile(path: Path) -> list[str]:
-    """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    # In brackets, a number needs no end of document, and none is broken into lines.
-    texts = {
-        key: DumpYaml([value], default_flow_style=True, width=math.inf).strip()
-        for key, value in ParseFile(path, ReadText(path)).items()
-    }
-    return [f"{key}={text[1:-1]}" for key, text in texts.items()]
-
-
-def _ParseOverride(item: str) -> tuple[str, Any]:
-    path, equals, text = item.partition("=")
-    path = path.strip()
-    if not equals or not path:
-        raise ScenarioError(f"override {Show(item)}: must be PATH=VALUE")
-    return path, ParseYaml(text, f"override of {Show(path)}")
-
-
-class Given(dict[Any, Any]):
-    """A mapping that is not complete, for example the value of an override."""
-
-
-_Dumper.add_representer(Given, _Dumper.represent_dict)
-
-
-def GetPath(tree: Any, dotted: str) -> Any:
-    """Returns one value in a tree of dicts and lists, or refuses the path."""
-    for part in dotted.split("."):
-        tree = tree[_FindKey(tree, part, dotted)]
-    return tree
-
-
-def SetPath(tree: Any, dotted: str, value: Any) -> str:
-    """Replaces one value in a tree of dicts and lists, or refuses the path.
-
-    Returns:
-        The path with the numbers of elements instead of their names: the same for all
-        names of a value.
-    """
-    shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
-    keys: list[str | int] = []
-    is_open = False
-    for part in dotted.split("."):
-        if keys:
-            tree = tree[keys[-1]]
-        # The kind decides which keys a mapping has, and FromTree() checks them. What
-        # an override leaves out of a mapping has its default, and may be set as well.
-        is_open |= isinstance(tree, Given) or (
-            isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
-        )
-        if is_open and isinstance(tree, dict):
-            keys.append(part)
-            tree.setdefault(part, {})
-        else:
-            keys.append(_FindKey(tree, part, shown))
-    tree[keys[-1]] = Given(value) if isinstance(value, dict) else value
-    return ".".join(map(str, keys))
-
-
-def _FindKey(tree: Any, part: str, shown: str) -> str | int:
-    """Returns the key or index that `part` of a path means in `tree`."""
-    if isinstance(tree, dict):
-        if part in tree:
-            return part
-        known = list(tree)
-    elif isinstance(tree, list):
-        names = [item.get("name") if isinstance(item, dict) else None for item in tree]
-        if part in names:
-            return names.index(part)
-        if part.isdecimal() and int(part) < len(tree):
-            return int(part)
-        known = [name for name in names if isinstance(name, str)]
-        known += [str(i) for i in range(len(tree))]
-    else:
-        known = []
-    allowed = f"must be {Choices(part, known)}" if known else "there is nothing below"
-    raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")
-
-
-# Types.
 
 
 def _FieldTypes(schema: Any) -> dict[str, Any]:

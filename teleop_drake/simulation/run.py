@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import PacketStatistics
 from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.scenario.scenario import MAX_STEPS
+from teleop_drake.scenario.loading import MAX_STEPS
 from teleop_drake.tasks.base import SpeedLimit
 from teleop_drake.validation import ScenarioError
 

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
-from teleop_drake.scenario.tree import ParseFile, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile, ReadText
 from teleop_drake.sweep.folder import SweepFolder
 from teleop_drake.sweep.plan import MAX_RUNS, ParseValues, PlanSweep, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult

@@ -38,7 +38,9 @@ from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.arrays import Array
 from teleop_drake.files import Replacing
 from teleop_drake.scenario import AsTeleoperation, Scenario
-from teleop_drake.scenario.tree import DumpYaml, GetPath, ToTree
+from teleop_drake.scenario.overrides import GetPath
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.folder import WriteCsv
 from teleop_drake.sweep.plan import PlanSweep, PointOverrides, SweepPlan

@@ -26,7 +26,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.scenario.tree import DumpYaml, ParseYaml
+from teleop_drake.scenario.yaml_text import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]

@@ -14,8 +14,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Prints the scenario with all overrides; of one with own kinds, what is given."""
     from teleop_drake.scenario import ScenarioToYaml
-    from teleop_drake.scenario.scenario import ReadScenario
-    from teleop_drake.scenario.tree import DumpYaml
+    from teleop_drake.scenario.loading import ReadScenario
+    from teleop_drake.scenario.yaml_text import DumpYaml
 
     tree, own = ReadScenario(args.scenario, OverridesOf(args, imports=False))
     if not own:

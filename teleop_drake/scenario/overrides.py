@@ -1,0 +1,120 @@
+"""Overrides: dotted paths of fields in a tree, and their new values."""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from teleop_drake.kinds import KIND_KEYS
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.scenario.yaml_text import (
+    Dumper,
+    DumpYaml,
+    ParseFile,
+    ParseYaml,
+    ReadText,
+)
+from teleop_drake.validation import Choices, ScenarioError, Show
+
+DELAYS = ("forward_channel.delay", "return_channel.delay")
+"""What the key `delay` stands for, in files and overrides."""
+
+
+def ParseOverrides(
+    overrides: Mapping[str, Any] | Iterable[str],
+) -> list[tuple[str, Any]]:
+    """Returns the dotted paths of fields and their new values, trees.
+
+    Args:
+        overrides: A mapping of dotted paths to values, or strings PATH=VALUE with a
+            YAML value. `delay` is that of both channels.
+    """
+    if isinstance(overrides, Mapping):
+        pairs = [(str(path), ToTree(value)) for path, value in overrides.items()]
+    else:
+        texts = [overrides] if isinstance(overrides, str) else overrides
+        pairs = [_ParseOverride(text) for text in texts]
+    return [
+        (path, value)
+        for key, value in pairs
+        for path in (DELAYS if key == "delay" else (key,))
+    ]
+
+
+def OverridesOfFile(path: Path) -> list[str]:
+    """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
+    # In brackets, a number needs no end of document, and none is broken into lines.
+    texts = {
+        key: DumpYaml([value], default_flow_style=True, width=math.inf).strip()
+        for key, value in ParseFile(path, ReadText(path)).items()
+    }
+    return [f"{key}={text[1:-1]}" for key, text in texts.items()]
+
+
+def _ParseOverride(item: str) -> tuple[str, Any]:
+    path, equals, text = item.partition("=")
+    path = path.strip()
+    if not equals or not path:
+        raise ScenarioError(f"override {Show(item)}: must be PATH=VALUE")
+    return path, ParseYaml(text, f"override of {Show(path)}")
+
+
+class Given(dict[Any, Any]):
+    """A mapping that is not complete, for example the value of an override."""
+
+
+Dumper.add_representer(Given, Dumper.represent_dict)
+
+
+def GetPath(tree: Any, dotted: str) -> Any:
+    """Returns one value in a tree of dicts and lists, or refuses the path."""
+    for part in dotted.split("."):
+        tree = tree[_FindKey(tree, part, dotted)]
+    return tree
+
+
+def SetPath(tree: Any, dotted: str, value: Any) -> str:
+    """Replaces one value in a tree of dicts and lists, or refuses the path.
+
+    Returns:
+        The path with the numbers of elements instead of their names: the same for all
+        names of a value.
+    """
+    shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
+    keys: list[str | int] = []
+    is_open = False
+    for part in dotted.split("."):
+        if keys:
+            tree = tree[keys[-1]]
+        # The kind decides which keys a mapping has, and FromTree() checks them. What
+        # an override leaves out of a mapping has its default, and may be set as well.
+        is_open |= isinstance(tree, Given) or (
+            isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
+        )
+        if is_open and isinstance(tree, dict):
+            keys.append(part)
+            tree.setdefault(part, {})
+        else:
+            keys.append(_FindKey(tree, part, shown))
+    tree[keys[-1]] = Given(value) if isinstance(value, dict) else value
+    return ".".join(map(str, keys))
+
+
+def _FindKey(tree: Any, part: str, shown: str) -> str | int:
+    """Returns the key or index that `part` of a path means in `tree`."""
+    if isinstance(tree, dict):
+        if part in tree:
+            return part
+        known = list(tree)
+    elif isinstance(tree, list):
+        names = [item.get("name") if isinstance(item, dict) else None for item in tree]
+        if part in names:
+            return names.index(part)
+        if part.isdecimal() and int(part) < len(tree):
+            return int(part)
+        known = [name for name in names if isinstance(name, str)]
+        known += [str(i) for i in range(len(tree))]
+    else:
+        known = []
+    allowed = f"must be {Choices(part, known)}" if known else "there is nothing below"
+    raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")

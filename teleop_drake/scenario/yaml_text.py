@@ -1,0 +1,123 @@
+"""Text in YAML, and the trees that it describes.
+
+A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from teleop_drake.files import ReadText as ReadFile
+from teleop_drake.validation import ScenarioError, Show
+
+# Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
+# of the exponent, and for a digit between sign and dot. 1e-2, 1.5e3, -.5
+_FLOAT = re.compile(
+    r"^[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$"
+    r"|^[-+]\.[0-9][0-9_]*$"
+)
+
+
+# libyaml's, where PyYAML was built with it, is several times as fast. Where a text is
+# nested too deep, it ends the process.
+_MAX_DEPTH = 100
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):
+    """YAML's safe loader with the numbers that people write, and strict about keys.
+
+    PyYAML's own lets the last of equal keys win.
+    """
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        keys = set()
+        for key_node, _ in node.value:
+            if key_node.value in keys and isinstance(key_node, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"duplicate key {key_node.value!r}", key_node.start_mark
+                )
+            if isinstance(key_node, yaml.ScalarNode):
+                keys.add(key_node.value)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+def _ConstructInteger(loader: Any, node: Any) -> Any:
+    """Returns a whole number; text such as 1:30, which YAML 1.1 takes for 90."""
+    if ":" in node.value:
+        return node.value
+    return loader.construct_yaml_int(node)
+
+
+def _ConstructFloat(loader: Any, node: Any) -> Any:
+    """Returns a number; text such as 1:30.5, which YAML 1.1 takes for 90.5."""
+    if ":" in node.value:
+        return node.value
+    return loader.construct_yaml_float(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _ConstructInteger)
+_Loader.add_constructor("tag:yaml.org,2002:float", _ConstructFloat)
+
+
+class Dumper(yaml.SafeDumper):
+    """YAML's safe dumper, which puts text that _Loader takes for a number in quotes."""
+
+
+for _class in (_Loader, Dumper):
+    _class.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, [*"-+.0123456789"])
+
+
+def DumpYaml(tree: Any, **options: Any) -> str:
+    """Returns a YAML text of which ParseYaml() makes the tree; see yaml.dump()."""
+    return str(yaml.dump(tree, Dumper=Dumper, **options))
+
+
+def ParseYaml(text: str, origin: str) -> Any:
+    """Returns the tree of a YAML text.
+
+    It is YAML 1.1, in which 1_000 and 0x10 are numbers, with two differences: 1e-2,
+    +1e3 and -.5 are numbers, and 1:30 is text.
+
+    Raises:
+        ScenarioError: if it is not YAML, or a key stands twice.
+    """
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > _MAX_DEPTH:
+                raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} deep")
+        return yaml.load(text, Loader=_Loader)
+    except Exception as e:
+        # PyYAML's constructors also let ValueError, KeyError and more escape, for
+        # example on `2020-13-01`.
+        reason = getattr(e, "problem", None) or e
+        mark = getattr(e, "problem_mark", None)
+        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        message = " ".join(f"{origin}{where}: must be valid YAML ({reason})".split())
+        raise ScenarioError(message) from None
+
+
+def _Origin(path: Path) -> str:
+    return f"scenario file {str(path)!r}"
+
+
+def ReadText(path: Path) -> str:
+    """Returns the text of a scenario file, or refuses one that cannot be read."""
+    return ReadFile(path, _Origin(path))
+
+
+def ParseFile(path: Path, text: str) -> dict[Any, Any]:
+    """Returns the tree of a scenario file with this text, which must be a mapping."""
+    origin = _Origin(path)
+    tree = ParseYaml(text, origin)
+    if not isinstance(tree, dict):
+        raise ScenarioError(
+            f"{origin}: must hold a mapping of scenario fields, not {Show(tree)}"
+        )
+    return tree
