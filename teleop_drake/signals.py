@@ -136,7 +136,8 @@ def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
     signals: dict[str, OutputPort] = {}
     for system in systems:
         for port in _VectorOutputs(system):
-            block, own = system.get_name(), port.get_name()
+            block = system.get_name()
+            own = port.get_name()
             name = _NAMES.get((block, own), own)
             owner = _OWNERS.get(name, block)
             if name in signals:

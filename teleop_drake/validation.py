@@ -35,7 +35,8 @@ def GainField(default: float | None, *, may_be_zero: bool = False) -> Any:
     return field(default=default, metadata={_GAIN: {"may_be_zero": may_be_zero}})
 
 
-_NUMBER, _GAIN = "number", "gain"
+_NUMBER = "number"
+_GAIN = "gain"
 
 
 class FixedFields:

@@ -129,7 +129,8 @@ def ReadTrace(path: str, file: str) -> Trace:
     """
     origin = f"{path} = {Show(file)}"
     rows = ReadRows(file, origin)
-    answers = [match for _, line in rows if (match := _PING.match(line))]
+    matches = [_PING.match(line) for _, line in rows]
+    answers = [match for match in matches if match]
     entries = _EntriesOfPing(answers) if answers else _EntriesOfCsv(rows, origin)
     if len(entries) < 2:
         raise ScenarioError(f"{origin}: must have two packets, and has {len(entries)}")

@@ -44,8 +44,8 @@ class Sinusoid(FixedFields):
     amplitude: float = Number(0.0, "s", minimum=0)
     # rad/s, >= 0.
     frequency: float = Number(1.0, "rad/s", minimum=0)
-    # rad.
-    phase: float = Number(0.0, "rad")
+    # rad, -1000 to 1000: of a larger one, too few digits are left.
+    phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
 
 
 class DelayProfile:

@@ -198,7 +198,8 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     """
     from teleop_drake.scenario import ARCHITECTURES
 
-    one, several = getattr(args, "controller", None), args.controllers
+    one = getattr(args, "controller", None)
+    several = args.controllers
     if several is None:
         return [] if one is None else [one]
     if one is not None:
@@ -314,7 +315,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
         return []
     from teleop_drake.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
-    from teleop_drake.scenario.yaml_text import DumpYaml, ParseFile, ReadText
+    from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseFile, ReadText
 
     def FileFields(kind: str) -> tuple[str, ...]:
         may_look = imports or not IsOwn(kind)
@@ -337,7 +338,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
         raise BadInput(
             f"--channel = {given!r}: must be a YAML file, a trace ({e})"
         ) from None
-    text = DumpYaml(fields, default_flow_style=True, width=float("inf")).strip()
+    text = DumpOnOneLine(fields)
     return [f"{direction}_channel={text}" for direction in ("forward", "return")]
 
 

@@ -101,5 +101,6 @@ def Tell(
         WriteJson(args.json, record)
     if args.json != "-":
         print(*texts, sep="\n")
-        if files := ", ".join(map(str, written)):
+        files = ", ".join(map(str, written))
+        if files:
             print("Written:", files)

@@ -28,7 +28,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
 
     try:
         name = f"{scenario.name}, {scenario.controller.kind}: "
-        with _Notes(), _Bar(is_quiet, "s", scenario.duration, desc=name) as bar:
+        with _Notes(), _Bar(is_quiet, "s", scenario.duration, title=name) as bar:
             recording = simulate(
                 scenario,
                 progress=lambda time: bar.update(time - bar.n),
@@ -74,7 +74,9 @@ def SweepProgress(
         yield Report
 
 
-def _Bar(is_quiet: bool, unit: str, total: float, **options: Any) -> Any:
+def _Bar(
+    is_quiet: bool, unit: str, total: float, *, title: str = "", initial: int = 0
+) -> Any:
     """Returns a bar of tqdm on stderr.
 
     A terminal has it while the work goes on; a file gets a line every 10 s.
@@ -96,5 +98,6 @@ def _Bar(is_quiet: bool, unit: str, total: float, **options: Any) -> Any:
         leave=False,
         dynamic_ncols=True,
         bar_format=text + (" {bar}" if is_terminal else "\n"),
-        **options,
+        desc=title,
+        initial=initial,
     )

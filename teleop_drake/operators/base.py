@@ -13,6 +13,9 @@ from teleop_drake.environments import Surface
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
 
+# Of each axis, m/s; it leaves every hand far behind.
+_MOST_VELOCITY = 1000.0
+
 
 @dataclass(kw_only=True, eq=False)
 class OperatorConfig(KindConfig, ABC):
@@ -36,6 +39,9 @@ class OperatorConfig(KindConfig, ABC):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; refuses the first bad one by a ScenarioError."""
         CheckVector(f"{path}.velocity", self.velocity, num_axes, "m/s")
+        if np.abs(self.velocity).max() > _MOST_VELOCITY:
+            allowed = f"at most {_MOST_VELOCITY:g} m/s on each axis"
+            Refuse(f"{path}.velocity", self.velocity, allowed)
         if not np.any(self.velocity):
             Refuse(f"{path}.velocity", self.velocity, "non-zero on at least one axis")
         if self.contact_force is not None:

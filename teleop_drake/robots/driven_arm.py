@@ -78,8 +78,9 @@ class DrivenArmConfig(PlantRobotConfig):
         with Within(path):
             CheckChoice("hold", self.hold, HOLDS)
             self.CheckNumbers()
-            error, payload = self.payload_error, self.payload
-            CheckNumber("payload_error", error, "kg", minimum=-payload)
+            error = self.payload_error
+            payload = self.payload
+            CheckNumber("payload_error", error, "kg", minimum=-payload, maximum=1000)
             if error and not self.gravity_compensation:
                 Refuse("payload_error", error, "0, as nothing compensates")
         super().Check(path)

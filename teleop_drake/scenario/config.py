@@ -159,8 +159,8 @@ class TrajectoryConfig(FixedFields):
     amplitude: np.ndarray = REQUIRED
     # rad/s, 0 to MAX_FREQUENCY.
     frequency: float = Number(1.0, "rad/s", minimum=0, maximum=MAX_FREQUENCY)
-    # rad.
-    phase: float = Number(0.0, "rad")
+    # rad, -1000 to 1000: of a larger one, too few digits are left.
+    phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
 
     def Check(self, robot: RobotConfig) -> None:
         """Checks every field, and whether the robot reaches the whole line."""
@@ -250,7 +250,8 @@ def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
     CheckChoice("simulator.integration_scheme", scheme, INTEGRATION_SCHEMES)
     # Below 1e-14 no step passes the error test.
     CheckNumber("simulator.accuracy", simulator.accuracy, minimum=1e-14)
-    step, rate = simulator.max_step_size, simulator.target_realtime_rate
+    step = simulator.max_step_size
+    rate = simulator.target_realtime_rate
     CheckNumber("simulator.max_step_size", step, "s", minimum=SHORTEST_TIME)
     if simulator.start_time != 0:
         Refuse("simulator.start_time", simulator.start_time, "0 s")

@@ -203,7 +203,8 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
 def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:
     """Returns the file to read."""
     text = os.fspath(name_or_path)
-    built_in, path = _SCENARIO_DIR / f"{text}.yaml", Path(text)
+    built_in = _SCENARIO_DIR / f"{text}.yaml"
+    path = Path(text)
     if text.isidentifier() and built_in.is_file():
         return built_in
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or os.path.isfile(text):

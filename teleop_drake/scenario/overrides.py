@@ -1,6 +1,5 @@
 """Overrides: dotted paths of fields in a tree, and their new values."""
 
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ from teleop_drake.kinds import KIND_KEYS
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.scenario.yaml_text import (
     Dumper,
-    DumpYaml,
+    DumpOnOneLine,
     ParseFile,
     ParseYaml,
     ReadText,
@@ -43,12 +42,8 @@ def ParseOverrides(
 
 def OverridesOfFile(path: Path) -> list[str]:
     """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    # In brackets, a number needs no end of document, and none is broken into lines.
-    texts = {
-        key: DumpYaml([value], default_flow_style=True, width=math.inf).strip()
-        for key, value in ParseFile(path, ReadText(path)).items()
-    }
-    return [f"{key}={text[1:-1]}" for key, text in texts.items()]
+    items = ParseFile(path, ReadText(path)).items()
+    return [f"{key}={DumpOnOneLine(value)}" for key, value in items]
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:

@@ -66,6 +66,9 @@ from teleop_drake.validation import (
     Within,
 )
 
+# With more, joints move faster than any step of the solver, m/s^2.
+_MOST_GRAVITY = 1000.0
+
 # Farther away, a small motion is lost in the rounding of the position, m.
 _FARTHEST_START = 1e6
 
@@ -211,7 +214,8 @@ class Scenario(_ScenarioBase):
 
     def _Check(self, *, reads_files: bool = True) -> None:
         super()._Check(reads_files=reads_files)
-        ratio, n = self.divergence_speed_ratio, self.num_axes
+        ratio = self.divergence_speed_ratio
+        n = self.num_axes
         CheckNumber("divergence_speed_ratio", ratio, above=1, maximum=1000)
         if reads_files or not _Files(self.surgeon):
             self.surgeon.Check("surgeon", n)
@@ -226,8 +230,9 @@ class Scenario(_ScenarioBase):
         self.actuator.CheckNumbers("actuator")
         self.sensor.Check("sensor")
         if n == 6:
-            ideal = "null with six axes: the rate of a rotation is not its velocity"
-            if (period := self.sensor.encoder.sample_period) is not None:
+            period = self.sensor.encoder.sample_period
+            if period is not None:
+                ideal = "null with six axes: the rate of a rotation is not its velocity"
                 Refuse("sensor.encoder.sample_period", period, ideal)
             if not self.actuator.is_ideal:
                 Refuse("actuator", ToTree(self.actuator), "ideal with six axes")
@@ -264,13 +269,16 @@ class TrackingScenario(_ScenarioBase):
     def _Check(self, *, reads_files: bool = True) -> None:
         super()._Check(reads_files=reads_files)
         # The controller's model has no friction, and a slider does.
-        robot, n = self.robot, self.num_axes
+        robot = self.robot
+        n = self.num_axes
         if not isinstance(robot, PlantRobotConfig) or not robot.is_frictionless:
             possible = [
                 x.kind for x in ROBOT_KINDS.kinds if getattr(x, "is_frictionless", 0)
             ]
             Refuse("robot.model", robot.kind, Choices(robot.kind, possible))
         CheckVector("gravity", self.gravity, n, "m/s^2")
+        if np.abs(self.gravity).max() > _MOST_GRAVITY:
+            Refuse("gravity", self.gravity, f"at most {_MOST_GRAVITY:g} m/s^2 in size")
         self.trajectory.Check(robot)
         self.disturbance.Check(n)
         self.controller.Check(n)
@@ -308,7 +316,7 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     The text is plain ASCII, has every field, and depends on nothing but their values.
     """
     tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
-    return DumpYaml(tree, sort_keys=False, default_flow_style=None)
+    return DumpYaml(tree, is_compact=True)
 
 
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:

@@ -76,7 +76,8 @@ def ToTree(value: Any) -> Any:
 
 def _KindToTree(value: Any, schema: Any) -> Any:
     """Returns the tree of a field, which says its kind if its type does not."""
-    table, tree = TableOf(schema), ToTree(value)
+    table = TableOf(schema)
+    tree = ToTree(value)
     if table is None or value is None:
         return tree
     return {table.key: value.kind, **tree}

@@ -3,6 +3,7 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -71,9 +72,28 @@ for _class in (_Loader, Dumper):
     _class.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, [*"-+.0123456789"])
 
 
-def DumpYaml(tree: Any, **options: Any) -> str:
-    """Returns a YAML text of which ParseYaml() makes the tree; see yaml.dump()."""
-    return str(yaml.dump(tree, Dumper=Dumper, **options))
+def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
+    """Returns a YAML text of which ParseYaml() makes the tree, keys in their order.
+
+    Args:
+        is_compact: Whether the innermost mappings and lists are on one line each.
+    """
+    style = None if is_compact else False
+    text = yaml.dump(tree, Dumper=Dumper, sort_keys=False, default_flow_style=style)
+    return str(text)
+
+
+def DumpOnOneLine(value: Any) -> str:
+    """Returns a value as YAML on one line."""
+    # In brackets, a number needs no end of document.
+    text: str = yaml.dump(
+        [value],
+        Dumper=Dumper,
+        sort_keys=False,
+        default_flow_style=True,
+        width=math.inf,
+    )
+    return text.strip()[1:-1]
 
 
 def ParseYaml(text: str, origin: str) -> Any:

@@ -26,7 +26,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.scenario.loading import ParseScenario, ResolveFiles
 from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.scenario.yaml_text import DumpYaml, ParseYaml, ReadText
+from teleop_drake.scenario.yaml_text import DumpOnOneLine, DumpYaml, ParseYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.tasks import TaskOf
@@ -209,7 +209,7 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
         return Source(name=path.name, text=None)
     tree = ParseScenario(path, ReadText(path))
     ResolveFiles(tree, path.parent.resolve())  # The scenario file will be elsewhere.
-    return Source(name=path.name, text=DumpYaml(tree, sort_keys=False))
+    return Source(name=path.name, text=DumpYaml(tree))
 
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
@@ -319,9 +319,7 @@ def _ToPlain(value: Any, **options: Any) -> Any:
 def _YamlOf(value: Any) -> str:
     if isinstance(value, float) and math.isfinite(value):
         return repr(value)
-    # In brackets, a number needs no end of document, and none is broken into lines.
-    text = DumpYaml([value], default_flow_style=True, width=math.inf)
-    return text.strip()[1:-1]
+    return DumpOnOneLine(value)
 
 
 def PointOverrides(point: Mapping[str, Any]) -> list[str]:

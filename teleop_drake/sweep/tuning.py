@@ -194,7 +194,7 @@ class TuningResult:
             trials |= {f"front-{i + 1}": trial for i, trial in enumerate(self.front)}
         kind = next(iter(self.plan.training.values())).scenario.controller.kind
         for name, trial in trials.items():
-            text = DumpYaml({"controller.kind": kind} | trial.gains, sort_keys=False)
+            text = DumpYaml({"controller.kind": kind} | trial.gains)
             with Replacing(folder / f"{name}.yaml") as temporary:
                 temporary.write_text(text, encoding="utf-8")
         files = [folder / f"{name}.yaml" for name in trials]

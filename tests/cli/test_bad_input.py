@@ -4,15 +4,18 @@ import contextlib
 import functools
 import io
 import string
+import sys
 import tempfile
 import warnings
 from pathlib import Path
 
 import pytest
 import yaml
+from grids import Slow
 from hypothesis import given
 from hypothesis import strategies as st
 
+import teleop_drake.files
 import teleop_drake.scenario
 import teleop_drake.simulation
 from teleop_drake.cli import main
@@ -212,3 +215,93 @@ def test_files(content):
             AssertOneLine(error)
         else:
             scenario.Validate()
+
+
+ONE_LINE = [
+    ("robot.mass=1e308", "robot.mass = 1e+308: must be a number (0, or 1e-30 to 1e+30"),
+    ("robot.mass=1e-308", "robot.mass = 1e-308: must be a number (0, or 1e-30 to 1e+"),
+    (
+        "forward_channel={kind: network, sample_period: 0.01, "
+        "loss: {kind: burst, probability: 1, burst_length: 1e300}}",
+        "forward_channel.loss.burst_length = 1e+300: must be a number (0, or 1e-30",
+    ),
+    (
+        "forward_channel={kind: network, sample_period: 0.01, "
+        "loss: {kind: burst, probability: 1, burst_length: 1e20}}",
+        "forward_channel.loss.probability = 1.0: must be >= 0 and <= 1, and less than",
+    ),
+    (
+        "surgeon.velocity=[1e308]",
+        "surgeon.velocity = 1e+308: must be a list of num",
+    ),
+    ("surgeon.velocity=[1e30]", "surgeon.velocity = [1e+30]: must be at most 1000 m/s"),
+    ("forward_channel.delay=1:30", "forward_channel.delay = '1:30': must be a number"),
+    ("duration=1:30.5", "duration = '1:30.5': must be a number"),
+    ("duration=1e-30", "duration = 1e-30: must be a finite number >= 1e-06 (s)"),
+    ("robot.start=[-1e30]", "robot.start = [-1e+30]: must be within 1e+06 m of the"),
+]
+
+
+@pytest.mark.parametrize(("override", "message"), ONE_LINE)
+def test_what_ended_in_a_traceback_is_one_line(override, message):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        code, out, err = RunMain(["run", "one_dof", "--quiet", f"--set={override}"])
+    AssertBadInput(code, out, err)
+    assert f"error: {message}" in err
+
+
+@pytest.mark.parametrize("number", ["1:30", "190:20:30", "1:30.5"])
+def test_base_60_is_no_number_in_a_file(number, tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text(f"duration: {number}\nrobot: {{model: slider}}\n")
+    with pytest.raises(ScenarioError, match=f"duration = '{number}': must be a number"):
+        LoadScenario(path)
+
+
+def test_a_file_without_an_end_is_refused(monkeypatch):
+    monkeypatch.setattr(teleop_drake.files, "_MAX_CHARACTERS", 1000)
+    for command in ("show", "check"):
+        code, out, err = RunMain([command, "/dev/zero"])
+        AssertBadInput(code, out, err)
+        assert "must have at most 1000 characters" in err
+
+
+def test_what_cannot_be_written_is_replaced(monkeypatch):
+    """The sign of `analyze` in ASCII."""
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert main(["analyze", "one_dof"]) == 0
+    stream.flush()
+    assert b"?" in stream.buffer.getvalue()
+
+
+def Numbers(tree, prefix=""):
+    """The dotted paths of the numbers of a scenario, and of what may be one."""
+    items = enumerate(tree) if isinstance(tree, list) else tree.items()
+    for key, value in items:
+        if isinstance(value, (dict, list)):
+            yield from Numbers(value, f"{prefix}{key}.")
+        elif value is None or type(value) in (int, float):
+            yield f"{prefix}{key}"
+
+
+def CasesOf(name):
+    """Each number of a scenario with values that are huge, tiny, or of no such type."""
+    values = ["1e30", "-1e30", "1e-30", "1e300", "1e-300", ".inf", ".nan", "-1", "0"]
+    values += ["1e-9", "1e9", "true", "text", "[]", "[1, 2, 3]", "{}", "null", "[[1]]"]
+    tree = yaml.safe_load(ScenarioToYaml(LoadScenario(name)))
+    return [f"{path}={value}" for path in Numbers(tree) for value in values]
+
+
+@pytest.mark.parametrize("name", Slow(ScenarioNames(), but=()))
+def test_each_number_of_a_scenario(name, subtests):
+    """One line or a start; no warning."""
+    for override in CasesOf(name):
+        with subtests.test(override=override), warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                result = RunMain(["run", name, "--quiet", f"--set={override}"])
+            except Started:
+                continue
+            AssertBadInput(*result)

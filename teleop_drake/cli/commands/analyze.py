@@ -178,7 +178,8 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
             for begin, end in point["stable_delays"]
         ]
         intervals[_MAX_INTERVALS:] = ["..."] * (len(intervals) > _MAX_INTERVALS)
-        phase, root = point["phase_margin"], point["rightmost_root"]
+        phase = point["phase_margin"]
+        root = point["rightmost_root"]
         lines.append(
             [
                 point["name"],

@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from teleop_drake.arrays import Array
 
 _FOLDER = Path(__file__).parents[2] / "references"
-_TITLE, _TUBES, _TIME = "reference", "tubes", "time"
+_TITLE = "reference"
+_TUBES = "tubes"
+_TIME = "time"
 
 
 class _Run(NamedTuple):
@@ -42,10 +44,12 @@ def Execute(args: argparse.Namespace) -> int:
             f"{args.file}: # {_TITLE} = {name!r}: must be one of {', '.join(names)}"
         )
     reference = _Read(_FOLDER / f"{name}.csv")
-    if missing := [column for column in reference.columns if column not in run.columns]:
+    missing = [column for column in reference.columns if column not in run.columns]
+    if missing:
         allowed = ", ".join(reference.columns)
         raise BadInput(f"{args.file}: column {missing[0]!r}: must be there: {allowed}")
-    own, times = run.columns[_TIME], reference.columns[_TIME]
+    own = run.columns[_TIME]
+    times = reference.columns[_TIME]
     if (np.diff(own) < 0).any() or own[0] > times[0] or own[-1] < times[-1]:
         raise BadInput(
             f"{args.file}: time = {own[0]:g} to {own[-1]:g} s: must ascend and cover "

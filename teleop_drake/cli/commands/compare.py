@@ -68,7 +68,8 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates each point of the grid once and puts the runs side by side."""
     from teleop_drake.sweep.plan import PointOverrides
 
-    formats, drawing = options.FormatsOf(args), options.FigureOptionsOf(args)
+    formats = options.FormatsOf(args)
+    drawing = options.FigureOptionsOf(args)
     names = _Names(plan)
     scenarios = [
         options.Load(args, *PointOverrides(point), is_run=True) for point in plan.points
@@ -81,7 +82,8 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
         *(f"{name}_comparison.{suffix}" for suffix in formats),
         *(f"{name}_{stem}.npz" for stem in names),
     )
-    figure_paths, recording_paths = paths[: len(formats)], paths[len(formats) :]
+    figure_paths = paths[: len(formats)]
+    recording_paths = paths[len(formats) :]
 
     from teleop_drake.figures.runs import PlotComparison, SaveFigure
     from teleop_drake.tasks.metrics import RunSummary
@@ -124,7 +126,8 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}
     for point in plan.points:
-        stems, labels = [], []
+        stems = []
+        labels = []
         for key, value in point.items():
             if key == "controller":
                 stems.append(value)

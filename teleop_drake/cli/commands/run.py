@@ -34,7 +34,8 @@ def Execute(args: argparse.Namespace) -> int:
     stem = f"{scenario.name}_{scenario.controller.kind}"
     output.CheckJson(args.json)
     output.CheckHtml(args.html)
-    formats, drawing = options.FormatsOf(args), options.FigureOptionsOf(args)
+    formats = options.FormatsOf(args)
+    drawing = options.FigureOptionsOf(args)
     recording_path, summary_path, *figure_paths = output.PrepareFolder(
         args.out,
         *(f"{stem}.npz", f"{stem}.json"),

@@ -21,7 +21,7 @@ def Execute(args: argparse.Namespace) -> int:
     if not own:
         print(ScenarioToYaml(Load(args)), end="")
         return 0
-    print(DumpYaml(tree, sort_keys=False, default_flow_style=None), end="")
+    print(DumpYaml(tree, is_compact=True), end="")
     programs = ", ".join(f"{field} = {name}" for field, name in own.items())
     print(
         f"teleop-drake: {programs}: a program of the scenario's own, which `show` does "
