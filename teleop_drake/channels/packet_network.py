@@ -227,6 +227,7 @@ class PacketNetwork:
         self._blocks: list[_Block] = []
 
     def _CheckJitter(self) -> None:
+        """Checks the jitter, and that no delay is negative."""
         jitter = self._jitter
         mean = self.profile.delay
         jitter.Check()
@@ -252,6 +253,7 @@ class PacketNetwork:
             Refuse("jitter.minimum", jitter.minimum, allowed)
 
     def _CheckLoss(self) -> None:
+        """Checks the loss, and that the chain of bursts exists."""
         loss = self._loss
         loss.Check()
         if loss.kind != "burst":
@@ -327,6 +329,7 @@ class PacketNetwork:
         return np.random.Generator(np.random.Philox(key=key, counter=block << 128))
 
     def _MakeBlock(self, block: int) -> _Block:
+        """Returns the fates of a block's packets; the block before it is made."""
         jitter, deviate = self._JitterOf(block)
         is_lost, is_bad = self._LossOf(block)
         sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period

@@ -213,6 +213,7 @@ class Scenario(_ScenarioBase):
         return self.controller.InitialPsi(self.Facts())
 
     def _Check(self, *, reads_files: bool = True) -> None:
+        """Checks the values; see _ScenarioBase."""
         super()._Check(reads_files=reads_files)
         ratio = self.divergence_speed_ratio
         n = self.num_axes
@@ -220,10 +221,12 @@ class Scenario(_ScenarioBase):
         if reads_files or not _Files(self.surgeon):
             self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
+        # The channels, which need the duration.
         for path in ("forward_channel", "return_channel"):
             channel = getattr(self, path)
             if reads_files or not _Files(channel):
                 channel.Check(path, self.duration)
+        # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
         CheckStart(self.robot.start, self.Surfaces())
@@ -236,6 +239,7 @@ class Scenario(_ScenarioBase):
                 Refuse("sensor.encoder.sample_period", period, ideal)
             if not self.actuator.is_ideal:
                 Refuse("actuator", ToTree(self.actuator), "ideal with six axes")
+        # The controller, whose defaults derive from what has been checked.
         controller = self.controller
         controller.Check(n)
         is_given = not isinstance(controller.initial_psi, str)
@@ -267,6 +271,7 @@ class TrackingScenario(_ScenarioBase):
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
     def _Check(self, *, reads_files: bool = True) -> None:
+        """Checks the values; see _ScenarioBase."""
         super()._Check(reads_files=reads_files)
         # The controller's model has no friction, and a slider does.
         robot = self.robot

@@ -107,6 +107,7 @@ def Execute(args: argparse.Namespace) -> int:
         ]
     except ValueError as e:
         raise BadInput(e) from None
+    # What is printed, drawn and written.
     record = analysis.ToRecord()
     record["transparency"] = [point.ToRecord() for point in transparency]
     texts = [_AnalysisTable(record)]
@@ -247,6 +248,7 @@ def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
 def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     """Returns sentences: where the loop fails first and why, and what it does now."""
     text = []
+    # Where it fails without any delay.
     failing = [
         point["name"]
         for point in points
@@ -254,6 +256,7 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     ]
     if failing:
         text.append(f"Not stable even without delay: {', '.join(failing)}.")
+    # Where it fails first as the delay grows.
     limits = [point for point in points if point["delay_margin"] is not None]
     if limits:
         least = min(limits, key=lambda point: point["delay_margin"])
@@ -265,6 +268,7 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
             f"the phase at {frequency:.4g} rad/s by all of its margin, "
             f"{math.degrees(least['phase_margin']):.1f} deg."
         )
+    # How it moves where it is not stable at the scenario's delay.
     for point in points:
         root = point["rightmost_root"]
         if point["stable"] or root is None:

@@ -43,6 +43,7 @@ def Execute(args: argparse.Namespace) -> int:
         raise BadInput(
             f"{args.file}: # {_TITLE} = {name!r}: must be one of {', '.join(names)}"
         )
+    # The run has to have the reference's signals at its times.
     reference = _Read(_FOLDER / f"{name}.csv")
     missing = [column for column in reference.columns if column not in run.columns]
     if missing:
@@ -55,6 +56,7 @@ def Execute(args: argparse.Namespace) -> int:
             f"{args.file}: time = {own[0]:g} to {own[-1]:g} s: must ascend and cover "
             f"{times[0]:g} to {times[-1]:g} s"
         )
+    # The largest difference of each signal is compared with the tube.
     tubes = [float(tube) for tube in reference.notes[_TUBES].split(",")]
     signals = [column for column in reference.columns if column != _TIME]
     is_inside = True

@@ -76,6 +76,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     ]
     for scenario in scenarios:
         options.CheckSignals(args, scenario)
+    # Where the files go, before anything is simulated.
     name = scenarios[0].name
     paths = output.PrepareFolder(
         args.out,
@@ -96,6 +97,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
         recordings[label].Save(path)
         if recordings[label].termination == "interrupted":
             break
+    # The figure, the page and the table, of the runs until an interruption.
     records = [RunSummary(recording) for recording in recordings.values()]
     shown = {label.replace("_", " "): x for label, x in recordings.items()}
     try:
