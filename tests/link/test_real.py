@@ -48,7 +48,8 @@ def test_over_loopback(tmp_path, unrendered):
     for side in sides:
         assert side.reason == "", lines
         report = SaveRun(side, tmp_path)
-        assert max(report["prediction"].values()) < 1e-6
+        # The solver's steps are others where a busy machine misses many periods.
+        assert max(report["prediction"].values()) < 5e-6
         assert not report["outages"]  # The end of a complete run is none.
 
 
