@@ -133,6 +133,7 @@ class Side(Half):
         self._newest = _Newest(tick=-1, echo=-1, start=0, values=self.fed)
         self._peer_has_ended = False
         self._why_not_heard = ""
+        self._told: set[Reason] = set()
         self._next_notice = 0
         # Time, by the clock. Tick 0 is at _start; 0: it is not known yet.
         self._ns = round(period * 1e9)
@@ -248,20 +249,22 @@ class Side(Half):
         if reason == Reason.HELLO and is_robot:
             self._SendTo(address)
         elif reason in (Reason.VERSION, Reason.SCENARIO):
-            self._TellWhyNotHeard(
-                "the other side's version, scenario or options differ"
-            )
+            why = "the other side's version, scenario or options differ"
+            self._TellWhyNotHeard(reason, why)
         elif self._session.exchanges > 0:
             return
         elif reason == Reason.HASH and is_robot:
-            self._TellWhyNotHeard(f"{address[0]}:{address[1]} has another key")
+            why = f"packets of {address[0]}:{address[1]} have another key"
+            self._TellWhyNotHeard(reason, why)
             self._SendNotice(address, now)
-        elif reason in (Reason.HASH, Reason.NOTICE) and not is_robot:
-            self._TellWhyNotHeard("the robot's side has another key")
+        elif reason == Reason.NOTICE and not is_robot:
+            why = f"{address[0]}:{address[1]} reports that it has another key"
+            self._TellWhyNotHeard(reason, why)
 
-    def _TellWhyNotHeard(self, why: str) -> None:
-        """Tells the user why the two sides cannot meet; only once."""
-        if not self._why_not_heard:
+    def _TellWhyNotHeard(self, reason: Reason, why: str) -> None:
+        """Tells the user why the two sides cannot meet; once for each reason."""
+        if reason not in self._told:
+            self._told.add(reason)
             self._why_not_heard = why
             self.Say(f"not heard: {why}")
 

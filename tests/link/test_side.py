@@ -371,10 +371,10 @@ def test_a_wrong_key_is_reported_on_both_sides():
     while pair.operator.reason is None:
         pair.Deliver()
         num_answers += len(pair.wires[0].inbox)
-    line = "not heard: the robot's side has another key"
-    assert pair.lines == ([line], ["not heard: 10.0.0.1:1 has another key"])
-    reason = "nothing was heard for 0.5 s (the robot's side has another key)"
-    assert pair.operator.reason == reason
+    why = "10.0.0.2:2 reports that it has another key"
+    line = "not heard: packets of 10.0.0.1:1 have another key"
+    assert pair.lines == ([f"not heard: {why}"], [line])
+    assert pair.operator.reason == f"nothing was heard for 0.5 s ({why})"
     # Half a second: one notice, shorter than what it answers.
     assert num_answers == 1
     assert pair.robot._session.refused["hash"] > 400
